@@ -1,0 +1,53 @@
+# Everything needs only Python 3.11 or newer and make: the first target that is made sets up .venv.
+#   make PYTHON=python3.12 test    takes another interpreter        make WORKERS=8 test    uses more cores
+PYTHON ?= python3
+WORKERS ?= 2
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.DEFAULT_GOAL := help
+.PHONY: help setup plan test lint format types units bench clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: $(READY) ## the virtual environment with jaxplan and its tools in .venv
+
+plan: $(READY) ## plan case 2 of the paper; figures and plan.json in out/
+	$(BIN)/jaxplan plan case-2 -o out
+
+test: lint types units ## every check, as continuous integration runs them
+
+lint: $(READY) ## format, style and layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-logo
+
+format: $(READY) ## rewrite the sources in the house format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+types: $(READY) ## type hints
+	$(BIN)/mypy
+
+units: $(READY) ## tests and notebooks; one file stays on one worker, which compiles its kernels once
+	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --durations 10
+
+bench: $(READY) ## measure speed, one script after the other; leave the machine alone meanwhile
+	@set -e; for script in bench/[a-z]*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
+
+clean: ## remove all that was made, .venv too
+	rm -rf $(VENV) out build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Made anew when the dependencies change. Debian splits venv from Python, hence the second question.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo 'jaxplan needs Python 3.11 or newer, and $(PYTHON) is not: name one with make PYTHON=...' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo '$(PYTHON) cannot make virtual environments; on Debian: apt-get install python3-venv' >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,notebooks]'
+	@touch $@

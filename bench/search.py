@@ -1,0 +1,106 @@
+"""Speed and success of step 2 on the paper's cases, warm.
+
+Prints the time of one expansion of 384 children, all told and the kernel alone, beside that of an empty
+jitted call with the same arguments (which tells how fast the machine is), and the searches of the four cases.
+
+    python bench/search.py [--repeats 300]
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import numpy as np
+from _machine import print_machine
+
+from jaxplan.cases import paper_case
+from jaxplan.planner.check import start_attitude
+from jaxplan.planner.goals import find_goals
+from jaxplan.search import PLANNERS, kernels, make_scene, mha
+from jaxplan.search.multi_heuristic import Rules, _Search
+from jaxplan.search.tree import make_root
+
+
+def median_us(call: Callable[[], object], repeats: int) -> float:
+    call()
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - begin)
+    return 1e6 * float(np.median(seconds))
+
+
+def expansion_times(repeats: int) -> None:
+    scenario = paper_case(2)
+    attitude = start_attitude(scenario)
+    scene = make_scene(scenario, find_goals(scenario, attitude)[0], attitude)
+    with jax.enable_x64(True):
+        node, rng = make_root(scene), np.random.default_rng(0)
+        moves = mha.propose(scene, node, rng, scenario.search)
+        clearance = np.zeros(kernels.STRAIGHT_INTERVALS + 1)
+        arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance)
+        device = jax.device_put(scene)
+        empty = jax.jit(lambda scene, packed, *rest: packed[:3] + rest[0].sum())
+        print(f"children an expansion          {moves.allowed.size:10d}")
+        nothing = median_us(lambda: np.asarray(empty(device, *arguments)), repeats)
+        print(f"an empty jitted call           {nothing:10.0f} us")
+        kernel = median_us(lambda: kernels.expand(device, *arguments, edges=True), repeats)
+        print(f"the expansion kernel           {kernel:10.0f} us")
+        whole = []
+        rules = mha.rules(scene)
+        without_shortcut = replace(rules, direct=False)
+        for seed in range(max(repeats // 20, 5)):
+            whole += _times_of_expansions(scene, replace(scenario.search, seed=seed), without_shortcut)
+        print(f"an expansion all told          {1e6 * np.median(whole):10.0f} us")
+
+
+def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[float]:
+    """Seconds of each of 20 expansions: queues, moves, kernel, prices and the new block."""
+    search = _Search(scene, settings, rules)
+    search._expand(make_root(scene), 0)
+    seconds = []
+    for count in range(20):
+        queue = 1 + count % 3
+        begin = time.perf_counter()
+        search.queues[queue].min_key()
+        node = search._next(queue)
+        if node is not None:
+            search._expand(node, queue)
+        seconds.append(time.perf_counter() - begin)
+    return seconds
+
+
+def case_searches(repeats: int) -> None:
+    print("\ncase  planner    steps (needed)  expansions  median ms over seeds")
+    for number in (1, 2, 3, 4):
+        scenario = paper_case(number)
+        attitude = start_attitude(scenario)
+        goal = find_goals(scenario, attitude)[0]
+        scene = make_scene(scenario, goal, attitude)
+        joint = np.max(np.abs(scene.goal_joints - scene.start_joints) / scene.joint_steps)
+        needed = max(goal.slew_angle / scene.attitude_step, joint)
+        for method, search in PLANNERS.items():
+            search(scene, scenario.search)
+            seconds, lengths, expansions = [], [], []
+            for seed in range(max(repeats // 15, 5)):
+                begin = time.perf_counter()
+                result = search(scene, replace(scenario.search, seed=seed))
+                seconds.append(time.perf_counter() - begin)
+                lengths.append(result.path.length if result.path else np.nan)
+                expansions.append(result.expansions)
+            print(
+                f"{number:4d}  {method:9s}  {np.median(lengths):6.2f} ({needed:5.2f})"
+                f"  {np.median(expansions):10.0f}  {1e3 * np.median(seconds):8.1f}"
+            )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=300)
+    options = parser.parse_args()
+    print_machine()
+    expansion_times(options.repeats)
+    case_searches(options.repeats)

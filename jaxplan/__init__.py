@@ -1,0 +1,69 @@
+"""Attitude planning for spacecraft with several moving pointing devices: differentiable, certified, in JAX.
+
+    >>> import jaxplan as jp
+    >>> plan = jp.plan(jp.paper_case(2))
+    >>> print(plan)
+
+A scenario (`load_scenario`, `paper_case`) goes through goal, path, trajectory and certificate and comes back
+as a `Plan`. Radians, seconds, body to inertial everywhere; files have the unit in the key. Names are loaded
+when they are first used, so that importing the package is quick.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxplan import plotting as plot
+    from jaxplan.cases import paper_case
+    from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan
+    from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
+    from jaxplan.status import Status
+    from jaxplan.trajectory import Trajectory
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Plan": "jaxplan.planner",
+    "PlanFileError": "jaxplan.planner",
+    "PlanningError": "jaxplan.planner",
+    "Scenario": "jaxplan.scenario",
+    "ScenarioError": "jaxplan.scenario",
+    "Status": "jaxplan.status",
+    "Trajectory": "jaxplan.trajectory",
+    "load_plan": "jaxplan.planner",
+    "load_scenario": "jaxplan.scenario",
+    "paper_case": "jaxplan.cases",
+    "plan": "jaxplan.planner",
+    "save_scenario": "jaxplan.scenario",
+}
+
+__all__ = [
+    "Plan",
+    "PlanFileError",
+    "PlanningError",
+    "Scenario",
+    "ScenarioError",
+    "Status",
+    "Trajectory",
+    "load_plan",
+    "load_scenario",
+    "paper_case",
+    "plan",
+    "plot",
+    "save_scenario",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "plot":
+        value: Any = import_module("jaxplan.plotting")
+    elif name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module 'jaxplan' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,192 @@
+"""How far the polynomials through samples are off, and intervals on which that is next to nothing.
+
+Interpolation. The polynomial of degree K through the samples at `motion.NODES` of an interval of half width
+h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives are bounded by majorants (see
+`jets`). Let ``g`` be one of ``eta`` without its constant term. Then ``exp(g)`` is one of ``exp(eta^)``: in
+the expansion around the constant every factor is a rotation, of norm one, or is bounded by ``g``. So with
+``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular velocity, which is
+``R^T R'``, the majorant ``exp(2 m) m'``. A boresight has the exponential of ``m`` and the majorants of its
+yaw and its pitch together.
+
+Rounding. Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
+the rest follows from the same majorants, to first order; other steps are taken to err by a few units too.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb, perm
+
+import numpy as np
+
+from jaxplan.certificate import jets
+from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples
+from jaxplan.certificate.pieces import ROUNDING
+
+# What a polynomial may be off, relative to what it is compared with: a hundredth of the allowances.
+NEGLIGIBLE = 1e-11
+_MOST_INTERVALS = 4000
+_MOST_PARTS = 16
+_ROUNDS = 12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Errors:
+    """Bounds of errors on intervals.
+
+    Attributes:
+        direction: (D, n) of the boresights.
+        spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
+        joints: (3, 2T, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
+    """
+
+    direction: np.ndarray
+    spin: np.ndarray
+    joints: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Majorants:
+    """Bounds of Taylor coefficients about any point of intervals, in the unit of their half widths h.
+
+    Attributes:
+        turning: (orders, n) ``m`` above, rad; zero at order zero.
+        direction: (orders, D, n) of the boresights.
+        spin: (orders, n) of h times the angular velocity.
+        joints: (orders, 2T, n) rad.
+    """
+
+    turning: np.ndarray
+    direction: np.ndarray
+    spin: np.ndarray
+    joints: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """A motion's samples with all that is needed to speak for the time between them.
+
+    Attributes:
+        on: intervals that cover all time, in its order.
+        samples: of the motion at `motion.NODES` of each.
+        majorants: of the motion on them.
+        left_out: what the polynomials through the samples leave out.
+        rounding: size of the samples' rounding errors.
+    """
+
+    on: Intervals
+    samples: Samples
+    majorants: Majorants
+    left_out: Errors
+    rounding: Errors
+
+
+@lru_cache
+def _binomials(orders: int, length: int) -> np.ndarray:
+    return np.array([[comb(j, k) for j in range(length)] for k in range(orders)], dtype=float)
+
+
+def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
+    """Majorant of a polynomial from the sizes of its coefficients about the centre, in the unit h.
+
+    Args:
+        sizes: (p + 1, ...) lengths of the Taylor coefficients.
+        orders: how many orders to return.
+
+    Returns:
+        (orders, ...).
+    """
+    return np.einsum("kj,j...->k...", _binomials(orders, len(sizes)), sizes)
+
+
+def _of_devices(motion: Motion, joints: np.ndarray) -> np.ndarray:
+    """Yaw and pitch added for each terminal, zero for an instrument: (..., 2T, n) to (..., D, n)."""
+    yaw, pitch = np.split(joints, 2, axis=-2)
+    still = np.zeros((*yaw.shape[:-2], len(motion.fixed_boresights), yaw.shape[-1]))
+    return np.concatenate([yaw + pitch, still], axis=-2)
+
+
+def majorants(motion: Motion, on: Intervals) -> Majorants:
+    """Majorants of everything that moves, on some intervals."""
+    orders = DEGREE + 5
+    centre = on.centre[:, None]
+    unit = on.half ** np.arange(max(motion.platform.length, motion.joints.length, 2))[:, None]
+    eta = motion.turn(on, centre, max(motion.platform.length, 2))[..., 0]
+    turning = majorant(np.linalg.norm(eta, axis=1) * unit[: len(eta)], orders)
+    turning[1] += on.half * np.linalg.norm(motion.chart_rate[on.piece], axis=-1)
+    turning[0] = 0
+    joints = motion.joints.taylor(on.joint_piece, centre, motion.joints.length)[..., 0]
+    moving = majorant(np.abs(joints) * unit[: len(joints), None], orders)
+    sweeping = turning[:, None] + _of_devices(motion, moving)
+    sweeping[0] = 0
+    direction = jets.exponential(sweeping)
+    spinning = jets.product("n,n->n", jets.exponential(2 * turning), jets.slope(turning))
+    return Majorants(turning=turning, direction=direction, spin=spinning, joints=moving)
+
+
+def interpolation(on: Intervals, bounds: Majorants) -> Errors:
+    """What the polynomials through samples leave out."""
+    factor = 2.0 ** (1 - DEGREE)
+    order, unit = DEGREE + 1, on.half ** -np.arange(3.0)[:, None]
+    spin = np.stack([perm(order + d, d) * bounds.spin[order + d] for d in range(3)])
+    joints = np.stack([perm(order + d, d) * bounds.joints[order + d] for d in range(3)])
+    return Errors(
+        direction=factor * bounds.direction[order],
+        spin=factor * spin * unit / on.half,
+        joints=factor * joints * unit[:, None],
+    )
+
+
+def rounding(motion: Motion, on: Intervals, bounds: Majorants) -> Errors:
+    """Sizes of the rounding errors of samples."""
+    unit = on.half ** np.arange(4)[:, None]
+    eta = np.linalg.norm(motion.platform.rounding(on.piece, 4), axis=1) * unit
+    eta[0] += ROUNDING
+    lever = jets.slope(eta) + 2 * jets.product("n,n->n", jets.slope(bounds.turning[:4]), eta)
+    spin = jets.product("n,n->n", jets.exponential(2 * bounds.turning[:3]), lever)
+    joints = motion.joints.rounding(on.joint_piece, 3) + ROUNDING * bounds.joints[:3] / unit[:3, None]
+    factorial = np.array([1, 1, 2])[:, None]
+    return Errors(
+        direction=eta[0] + _of_devices(motion, joints[0]),
+        spin=factorial * (spin + ROUNDING * bounds.spin[:3]) / (unit[:3] * on.half),
+        joints=factorial[:, None] * joints,
+    )
+
+
+def gather(motion: Motion, wanted: Errors) -> Evidence:
+    """Samples a motion on intervals so short that the polynomials leave out at most as much as wanted.
+
+    Args:
+        motion: the motion.
+        wanted: the errors that may remain, without the axis n. Where that takes too many intervals,
+            larger ones do.
+    """
+    edges = np.union1d(motion.platform.breaks, motion.joints.breaks)
+    for _ in range(_ROUNDS):
+        on = motion.between(edges)
+        bounds = majorants(motion, on)
+        left_out = interpolation(on, bounds)
+        # An error shrinks with the interval's power DEGREE + 1 at the least, so this rarely cuts too finely.
+        parts = np.ceil(np.minimum(_excess(left_out, wanted) ** (1 / (DEGREE + 1)), _MOST_PARTS)).astype(int)
+        if np.all(parts == 1) or parts.sum() > max(_MOST_INTERVALS, 2 * len(edges)):
+            break
+        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        fraction = number / np.repeat(parts, parts)
+        cuts = np.repeat(edges[:-1], parts) + fraction * np.repeat(np.diff(edges), parts)
+        edges = np.append(cuts, edges[-1])
+    return Evidence(
+        on=on,
+        samples=motion.sample(on),
+        majorants=bounds,
+        left_out=left_out,
+        rounding=rounding(motion, on, bounds),
+    )
+
+
+def _excess(errors: Errors, wanted: Errors) -> np.ndarray:
+    """The worst ratio of an error to the one wanted on each interval, (n,), at least one."""
+    ratios = (
+        errors.direction / wanted.direction[:, None],
+        errors.spin / wanted.spin[:, None],
+        np.concatenate(errors.joints / wanted.joints[..., None]),
+    )
+    return np.maximum(np.nan_to_num(np.concatenate(ratios), nan=np.inf).max(axis=0), 1)

@@ -1,0 +1,195 @@
+"""What must hold before a trajectory can be evaluated: shapes, finite numbers, rotations, rising breaks.
+
+Each check yields a sentence for every fault. A NaN or an infinity anywhere is one.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from jaxplan.certificate.report import EndState
+
+if TYPE_CHECKING:
+    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.trajectory.curve import Trajectory
+    from jaxplan.zones import Cones
+
+_ORTHONORMAL = 1e-9
+_UNIT = 1e-6  # directions are normalised before use
+_SAME_TIME = 1e-12
+
+Container = TypeVar("Container", "Trajectory", "Cones")
+
+
+def _arrays(container: Any) -> dict[str, np.ndarray]:
+    fields = (f.name for f in dataclasses.fields(container) if not f.metadata.get("static"))
+    return {name: np.asarray(getattr(container, name), np.float64) for name in fields}
+
+
+def plain(container: Container) -> Container:
+    """The same with all arrays in numpy's float64."""
+    arrays: dict[str, Any] = _arrays(container)
+    return dataclasses.replace(container, **arrays)
+
+
+def faults(
+    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Cones", zones: int, ends: dict[str, EndState]
+) -> list[str]:
+    """All faults of form; where shapes are wrong, only those.
+
+    Args:
+        trajectory: as `plain` gives it.
+        spacecraft: any.
+        cones: as `plain` gives them.
+        zones: number of zones that have a name.
+        ends: the wanted states by their names, "start" and "goal".
+    """
+    joints = 2 * len(spacecraft.terminals)
+    shapes = [*_trajectory_shapes(trajectory, joints), *_cone_shapes(cones, len(spacecraft.device_names))]
+    for name, end in ends.items():
+        shapes += _end_shapes(name, end, joints)
+    if shapes:
+        return shapes
+    found = [*_trajectory_numbers(trajectory), *_cone_numbers(cones, zones), *_spacecraft_numbers(spacecraft)]
+    for name, end in ends.items():
+        found += _end_numbers(name, end)
+    return found
+
+
+def is_static(trajectory: "Trajectory") -> bool:
+    """Whether the trajectory is a state without duration: breaks and joint breaks are [0, 0]."""
+    return all(np.array_equal(breaks, [0, 0]) for breaks in (trajectory.breaks, trajectory.joint_breaks))
+
+
+def held(trajectory: "Trajectory") -> "Trajectory":
+    """The state of a trajectory without duration, held for a second."""
+    second = np.array([0.0, 1.0])
+    return dataclasses.replace(trajectory, breaks=second, joint_breaks=second)
+
+
+def _shape(name: str, array: Any, shape: tuple[int, ...]) -> Iterator[str]:
+    if np.shape(array) != shape:
+        yield f"{name} has the shape {np.shape(array)} and not {shape}"
+
+
+def _finite(name: str, array: Any) -> Iterator[str]:
+    if not np.all(np.isfinite(np.asarray(array, np.float64))):
+        yield f"{name} is not finite"
+
+
+def _positive(name: str, value: Any) -> Iterator[str]:
+    if not (np.isfinite(value) and value > 0):
+        yield f"{name} = {value:g} is not positive and finite"
+
+
+def _rotation(name: str, attitude: np.ndarray) -> Iterator[str]:
+    gram = np.swapaxes(attitude, -1, -2) @ attitude
+    if not (np.all(np.abs(gram - np.eye(3)) <= _ORTHONORMAL) and np.all(np.linalg.det(attitude) > 0)):
+        yield f"{name} is no rotation matrix to {_ORTHONORMAL:g}"
+
+
+def _unit(name: str, vectors: Any) -> Iterator[str]:
+    if not np.all(np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT):
+        yield f"{name} is no unit vector to {_UNIT:g}"
+
+
+def _trajectory_shapes(trajectory: "Trajectory", joints: int) -> Iterator[str]:
+    pieces = trajectory.breaks.size - 1
+    yield from _shape("trajectory.chart_attitude", trajectory.chart_attitude, (pieces, 3, 3))
+    yield from _shape("trajectory.chart_start", trajectory.chart_start, (pieces,))
+    yield from _shape("trajectory.chart_rate", trajectory.chart_rate, (pieces, 3))
+    for prefix, breaks, coefficients, components in (
+        ("", trajectory.breaks, trajectory.coefficients, 3),
+        ("joint_", trajectory.joint_breaks, trajectory.joint_coefficients, joints),
+    ):
+        if breaks.ndim != 1 or breaks.size < 2:
+            yield f"trajectory.{prefix}breaks has the shape {breaks.shape} and not (pieces + 1,)"
+        length = max(1, *coefficients.shape[1:2])
+        yield from _shape(
+            f"trajectory.{prefix}coefficients", coefficients, (breaks.size - 1, length, components)
+        )
+
+
+def _trajectory_numbers(trajectory: "Trajectory") -> Iterator[str]:
+    unclear = [f for name, array in _arrays(trajectory).items() for f in _finite(f"trajectory.{name}", array)]
+    if unclear:
+        yield from unclear
+        return
+    yield from _rotation("trajectory.chart_attitude", trajectory.chart_attitude)
+    ends = trajectory.breaks[[0, -1]]
+    if ends[0] != 0:
+        yield f"trajectory.breaks start at {ends[0]:g} s and not at 0"
+    # The two may differ by rounding; both curves go on beyond their last break.
+    if not np.all(np.abs(trajectory.joint_breaks[[0, -1]] - ends) <= _SAME_TIME * ends[1]):
+        yield "trajectory.joint_breaks do not start and end with trajectory.breaks"
+    if is_static(trajectory):
+        moving = (trajectory.chart_rate, trajectory.coefficients[:, 1:], trajectory.joint_coefficients[:, 1:])
+        if any(np.any(array != 0) for array in moving):
+            yield "the trajectory has no duration and yet is not constant"
+        return
+    for name in ("breaks", "joint_breaks"):
+        if not np.all(np.diff(getattr(trajectory, name)) > 0):
+            yield f"trajectory.{name} do not rise"
+
+
+def _cone_shapes(cones: "Cones", devices: int) -> Iterator[str]:
+    zones = cones.half_angle.size
+    for name, tail in (
+        ("direction", (3,)),
+        ("half_angle", ()),
+        ("side", ()),
+        ("bound", (devices,)),
+        ("group", ()),
+    ):
+        yield from _shape(f"cones.{name}", getattr(cones, name), (zones, *tail))
+
+
+def _cone_numbers(cones: "Cones", zones: int) -> Iterator[str]:
+    for name, array in _arrays(cones).items():
+        yield from _finite(f"cones.{name}", array)
+    yield from _unit("cones.direction", cones.direction)
+    if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi)):
+        yield "cones.half_angle is not between 0 and 180 deg"
+    if not np.all(np.abs(cones.side) == 1):
+        yield "cones.side is neither +1 nor -1"
+    if np.any(cones.bound[zones:] != 0):
+        yield f"cones has zones that bind devices beyond the {zones} that have a name"
+
+
+def _spacecraft_numbers(spacecraft: "Spacecraft") -> Iterator[str]:
+    yield from _positive("spacecraft.rate_limit", spacecraft.rate_limit)
+    yield from _positive("spacecraft.acceleration_limit", spacecraft.acceleration_limit)
+    for name in ("jerk_limit", "torque_limit", "wheel_momentum_limit"):
+        limit = getattr(spacecraft, name)
+        if limit is not None:
+            yield from _positive(f"spacecraft.{name}", limit)
+            if name != "jerk_limit" and spacecraft.inertia is None:
+                yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
+    if spacecraft.inertia is not None:
+        yield from _shape("spacecraft.inertia", spacecraft.inertia, (3, 3))
+        yield from _finite("spacecraft.inertia", spacecraft.inertia)
+    for terminal in spacecraft.terminals:
+        yield from _finite(f"the mount of {terminal.name}", terminal.mount)
+        for name in ("yaw_limit", "pitch_limit", "rate_limit", "acceleration_limit"):
+            yield from _positive(f"{name} of {terminal.name}", getattr(terminal, name))
+    for instrument in spacecraft.instruments:
+        yield from _unit(f"the boresight of {instrument.name}", instrument.boresight)
+
+
+def _end_shapes(name: str, end: EndState, joints: int) -> Iterator[str]:
+    yield from _shape(f"{name}.attitude", end.attitude, (3, 3))
+    yield from _shape(f"{name}.joints", end.joints, (joints,))
+    if end.angular_velocity is not None:
+        yield from _shape(f"{name}.angular_velocity", end.angular_velocity, (3,))
+    if end.joint_rates is not None:
+        yield from _shape(f"{name}.joint_rates", end.joint_rates, (joints,))
+
+
+def _end_numbers(name: str, end: EndState) -> Iterator[str]:
+    yield from _rotation(f"{name}.attitude", np.asarray(end.attitude, np.float64))
+    for key in ("joints", "angular_velocity", "joint_rates"):
+        value = getattr(end, key)
+        if value is not None:
+            yield from _finite(f"{name}.{key}", value)

@@ -1,0 +1,124 @@
+"""Arithmetic with jets: the first Taylor coefficients of functions of time, many at once.
+
+A jet is an array whose first axis is the order: ``f(t + s) = sum_k jet[k] s^k``. The last axis numbers the
+instants (or intervals), ``n`` below. A majorant of a function on an interval is a jet of numbers that bound
+the length of its Taylor coefficients about every point of the interval. Sums, products and exponentials of
+majorants are majorants, so the same functions serve for both.
+
+Quaternions are unit, scalar first; ``q v q*`` turns body into inertial coordinates.
+"""
+
+from functools import lru_cache
+from math import factorial
+
+import numpy as np
+
+# The series of `quaternion` holds up to this length of a rotation vector, in rad: the first
+# term left out is below 1e-22 and the largest is about 3000.
+LARGEST_TURN = 20.0
+_TERMS = 32
+
+
+def product(subscripts: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Jet of a product of two functions, ``f_k = sum_i a_i b_(k-i)``.
+
+    Args:
+        subscripts: of one factor with the other, as `numpy.einsum` takes them, without the order.
+        first: (K, ...) jet.
+        second: (K, ...) jet.
+
+    Returns:
+        (K, ...) jet; as long as the shorter factor.
+    """
+    factors, result = subscripts.split("->")
+    left, right = factors.split(",")
+    convolution = f"Z{left},Z{right}->{result}"
+    orders = range(min(len(first), len(second)))
+    return np.stack([np.einsum(convolution, first[: k + 1], second[k::-1]) for k in orders])
+
+
+def slope(jet: np.ndarray) -> np.ndarray:
+    """Jet of the derivative, one order shorter: ``f'_k = (k + 1) f_(k+1)``."""
+    return jet[1:] * np.arange(1, len(jet)).reshape(-1, *[1] * (jet.ndim - 1))
+
+
+def exponential(jet: np.ndarray) -> np.ndarray:
+    """Jet of ``exp(f)`` for scalars ``f``, from ``k e_k = sum_i i f_i e_(k-i)``.
+
+    Args:
+        jet: (K, ...) of f.
+
+    Returns:
+        (K, ...).
+    """
+    rate = slope(jet)
+    result = np.empty_like(jet)
+    result[0] = np.exp(jet[0])
+    for k in range(1, len(jet)):
+        result[k] = np.einsum("Z...,Z...->...", rate[:k], result[k - 1 :: -1]) / k
+    return result
+
+
+@lru_cache
+def _chain_series(members: int) -> np.ndarray:
+    """Coefficients of ``f_m = sum_j (-x^2 / 2)^j / (j! (2 (m + j) - 1)!!)``: (members, terms)."""
+    odd = np.cumprod([1.0, *range(1, 2 * (members + _TERMS), 2)])  # (2 i - 1)!!
+    return np.array([[1 / (factorial(j) * odd[m + j]) for j in range(_TERMS)] for m in range(members)])
+
+
+def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Jets (K, n) of ``cos x`` and ``sin x / x`` from that of ``x^2``, smooth at zero.
+
+    They begin the chain ``f_0 = cos x, f_1 = sin x / x, ...`` in which ``df_m / d(x^2) = -f_(m+1) / 2``:
+    order k + 1 of one member follows from the orders up to k of the next.
+    """
+    length = len(square)
+    powers = np.ones((_TERMS, square.shape[1]))
+    np.cumprod(np.broadcast_to(-square[0] / 2, (_TERMS - 1, square.shape[1])), axis=0, out=powers[1:])
+    chain = np.zeros((length, length + 1, square.shape[1]))  # (order, member, n)
+    chain[0] = _chain_series(length + 1) @ powers
+    rate = slope(square)
+    for k in range(1, length):
+        chain[k, :-1] = np.einsum("Zn,Zmn->mn", rate[:k], chain[k - 1 :: -1, 1:]) / (-2 * k)
+    return chain[:, 0], chain[:, 1]
+
+
+def quaternion(rotation_vector: np.ndarray) -> np.ndarray:
+    """Jet of the unit quaternion of a rotation vector.
+
+    Args:
+        rotation_vector: (K, 3, n) rad.
+
+    Returns:
+        (K, 4, n); NaN where the rotation vector is longer than `LARGEST_TURN`.
+    """
+    legible = np.linalg.norm(rotation_vector[0], axis=0) <= LARGEST_TURN
+    half = np.where(legible, rotation_vector / 2, np.nan)
+    cosine, sinc = _cosine_and_sinc(product("in,in->n", half, half))
+    return np.concatenate([cosine[:, None], product("n,in->in", sinc, half)], axis=1)
+
+
+def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Jet of Hamilton's product of two quaternions, both (K, 4, n)."""
+    w, x, y, z = np.moveaxis(first, 1, 0)
+    rows = ((w, -x, -y, -z), (x, w, -z, y), (y, z, w, -x), (z, -y, x, w))
+    matrix = np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+    return product("ijn,jn->in", matrix, second)
+
+
+def rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices of unit quaternions, not of jets: (4, n) to (3, 3, n)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (z * x + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (z * x - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
+
+
+def body_rate(quaternion_jet: np.ndarray) -> np.ndarray:
+    """Jet of the rotation's rate in body axes, ``2 q* q'``: (K, 4, n) to (K - 1, 3, n), rad/s."""
+    conjugate = quaternion_jet * np.array([1, -1, -1, -1])[:, None]
+    return 2 * multiply(conjugate[:-1], slope(quaternion_jet))[:, 1:]

@@ -1,0 +1,58 @@
+"""What the certificate is asked about the ends of a trajectory, and what it says."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EndState:
+    """The state that a trajectory must start from, or end in.
+
+    Attributes:
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad, all yaws then all pitches.
+        angular_velocity: (3,) rad/s, body axes; None for rest.
+        joint_rates: (2n,) rad/s; None for rest.
+    """
+
+    attitude: np.ndarray
+    joints: np.ndarray
+    angular_velocity: np.ndarray | None = None
+    joint_rates: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report:
+    """What is proved of a trajectory, for all times and not for samples alone.
+
+    Of a trajectory that cannot be evaluated only `certified` (False) and `faults` are filled.
+
+    Attributes:
+        certified: whether everything holds.
+        min_margin: rad, lower bound over all time, devices and zones (of zones in a group, that of the
+            best); None where no zone binds a device.
+        worst_time: s, when the margin is smallest, to the resolution of the proof; None likewise.
+        worst_device: name of the device whose margin is smallest then; None likewise.
+        worst_zone: name of the zone; None likewise.
+        peaks: upper bounds over all time of the largest component over its limit: "angular_velocity",
+            "angular_acceleration", "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
+            limited, "torque", "wheel_momentum", "jerk". Those of joints are absent without terminals.
+        peak_times: s, when each is reached.
+        jumps: largest jump at any break: "attitude", "angular_velocity", "angular_acceleration",
+            "angular_jerk", "joints", "joint_rates", "joint_accelerations", "joint_jerks" (rad, rad/s,
+            rad/s^2, rad/s^3).
+        faults: a sentence for each thing that fails.
+        evaluations: number of instants at which the trajectory was evaluated.
+    """
+
+    certified: bool
+    min_margin: float | None = None
+    worst_time: float | None = None
+    worst_device: str | None = None
+    worst_zone: str | None = None
+    peaks: dict[str, float] = field(default_factory=dict)
+    peak_times: dict[str, float] = field(default_factory=dict)
+    jumps: dict[str, float] = field(default_factory=dict)
+    faults: tuple[str, ...]
+    evaluations: int = 0

@@ -1,0 +1,170 @@
+"""The command line: ``jaxplan plan``, ``check`` and ``plot``.
+
+Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
+certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+    from jaxplan.scenario import Scenario
+
+DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code.
+
+    Args:
+        arguments: the words after ``jaxplan``; those of the process by default.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except KeyboardInterrupt:
+        return _complain("interrupted", 130)
+    except BrokenPipeError:  # whoever read our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except (OSError, ValueError) as error:  # ScenarioError and PlanFileError are ValueErrors
+        return _complain(str(error), BAD_INPUT)
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"jaxplan: {message}", file=sys.stderr)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxplan",
+        description="Plan certified attitude manoeuvres of spacecraft with several pointing devices.",
+        epilog="Exit codes: 0 done, 1 no plan, 2 bad input, 3 not certified.",
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    plan = commands.add_parser("plan", help="plan a scenario", description="Plan a scenario and certify it.")
+    plan.add_argument(
+        "scenario", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
+    )
+    plan.add_argument("-o", "--out", type=Path, metavar="DIR", help="write plan.json and figures there")
+    plan.add_argument("--json", action="store_true", help="print a summary for machines")
+    plan.set_defaults(run=_plan)
+    check = commands.add_parser(
+        "check", help="certify a plan file anew", description="Prove a plan file's trajectory safe, anew."
+    )
+    check.add_argument("plan", type=Path, metavar="PLAN", help="a plan.json")
+    check.add_argument("--json", action="store_true", help="print the certificate for machines")
+    check.set_defaults(run=_check)
+    plot = commands.add_parser(
+        "plot", help="draw a plan file", description="Draw the figures of a plan file."
+    )
+    plot.add_argument("plan", type=Path, metavar="PLAN", help="a plan.json")
+    plot.add_argument("-o", "--out", type=Path, metavar="DIR", help="where to; by default beside the plan")
+    plot.set_defaults(run=_plot)
+    parser.set_defaults(run=lambda options: _no_command(parser, options))
+    return parser
+
+
+def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    if options.version:
+        from jaxplan import __version__
+
+        print(f"jaxplan {__version__}")
+        return DONE
+    parser.print_help(sys.stderr)
+    return BAD_INPUT
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from jaxplan.planner import plan, save_plan
+
+    scenario = _scenario(options.scenario)
+    _keep_compiled_code()
+    result = plan(scenario, throw=False)
+    _print(result.summary() if options.json else result)
+    if options.out is not None:
+        save_plan(result, options.out / "plan.json")
+        _say(f"wrote {options.out / 'plan.json'}")
+        _draw(result, options.out)
+    return {"OK": DONE, "UNCERTIFIED": NOT_CERTIFIED}.get(result.status.name, NO_PLAN)
+
+
+def _scenario(name: str) -> "Scenario":
+    from jaxplan.cases import CASE_NAMES, case_path
+    from jaxplan.scenario import load_scenario
+
+    if name in CASE_NAMES:
+        return load_scenario(case_path(name))
+    if not Path(name).exists():
+        raise ValueError(f"{name}: no such file, and none of the cases {', '.join(CASE_NAMES)}")
+    return load_scenario(name)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from jaxplan.planner import check_plan, load_plan
+
+    plan = load_plan(options.plan)
+    _keep_compiled_code()
+    report = check_plan(plan)
+    if options.json:
+        _print({"certified": report.certified, "faults": list(report.faults), "peaks": dict(report.peaks)})
+    else:
+        _print(report)
+    return DONE if report.certified else NOT_CERTIFIED
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from jaxplan.planner import load_plan
+
+    plan = load_plan(options.plan)
+    _keep_compiled_code()
+    _draw(plan, options.out or options.plan.parent)
+    return DONE if plan.ok else NO_PLAN
+
+
+def _print(result: Any) -> None:
+    print(json.dumps(result, indent=1) if isinstance(result, dict) else result)
+
+
+def _say(message: str) -> None:
+    print(message, file=sys.stderr)
+
+
+def _draw(plan: "Plan", folder: Path) -> None:
+    """Write every figure that a plan has to a folder."""
+    from jaxplan import plotting
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in plotting.figures(plan):
+        file = folder / f"{name}.png"
+        figure.savefig(file, dpi=150)
+        _say(f"wrote {file}")
+
+
+def _keep_compiled_code() -> None:
+    """Let JAX keep its compiled kernels between runs, in a folder that only the user can write to."""
+    import jax
+
+    if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
+        return  # the user has chosen one
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(root) / "jaxplan" / "compiled"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError:
+        return  # it only saves time
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

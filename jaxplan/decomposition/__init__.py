@@ -1,0 +1,154 @@
+"""Step 1: the attitudes from which all terminals can point at their targets, the nearest first.
+
+Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
+``|eta| <= pi`` at which every joint is within its limits and every zone that binds a body-fixed instrument is
+clear. It has up to a dozen local minima; the first goal is the global one, the others are the next best.
+
+`caps` writes the constraints in one form, `covering` rules out where there is no solution, `descent` finds
+local minima from many starts at once, `multistart` makes the global one of it. Attitudes are body to
+inertial, angles in radians, joints all yaws and then all pitches.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import so3
+from jaxplan.decomposition import multistart
+from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
+from jaxplan.path import Goal
+from jaxplan.scenario.model import Targets
+from jaxplan.spacecraft import Spacecraft, joints_toward
+from jaxplan.zones import Cones, tabulate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Decomposition:
+    """Goals, or why there are none.
+
+    All but the goals tells of one attitude, the best there is. Where the joints' ranges and the zones can be
+    met, it is the nearest at which they are, if need be beyond the bound of the slew. Where some joint must
+    leave its range, it is the one at which the worst joint does so least, zones left aside; else the one
+    within the joints' ranges at which the worst instrument is least deep in a zone.
+
+    Attributes:
+        goals: distinct local minima of the slew, nearest first and none beyond its bound.
+        slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
+            excess is above zero, it is the slew that would be needed.
+        joint_excess: rad, how far the worst joint is beyond its limit at the goal; -inf without terminals.
+        worst_joint: its number in the joint vector; None without terminals.
+        zone_excess: rad, how deep the worst instrument is in a zone; -inf where no zone matters.
+        worst_zone: row of that zone among the cones; None where no zone matters.
+        worst_device: number of that instrument among the devices, likewise.
+    """
+
+    goals: tuple[Goal, ...]
+    slew_angle: float
+    joint_excess: float
+    worst_joint: int | None
+    zone_excess: float
+    worst_zone: int | None
+    worst_device: int | None
+
+
+def decompose(
+    spacecraft: Spacecraft,
+    start_attitude: np.ndarray,
+    targets: Targets,
+    cones: Cones,
+    *,
+    max_slew: float = np.pi,
+    max_goals: int = 3,
+    seed: int = 0,
+) -> Decomposition:
+    """Solve problem (7), corrected, for its global minimum and the next-best local ones.
+
+    Zones that only bind terminals are left to the caller: these point at their targets whatever the attitude.
+
+    Args:
+        spacecraft: its terminals and instruments, any number of either.
+        start_attitude: (3, 3) ``R0``, body to inertial.
+        targets: a direction for each terminal, and limits at the goal where those are tighter.
+        cones: all zones, for the devices of the spacecraft.
+        max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
+        max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
+        seed: turns the set of starts; the same seed gives the same goals to the last bit.
+
+    Returns:
+        The goals, stationary to 1e-10 and within all constraints, or why there are none.
+    """
+    start = np.asarray(start_attitude, dtype=np.float64)
+    directions = np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3)
+    limits = _goal_limits(spacecraft, targets)
+    caps = assemble(spacecraft, start, directions, limits, cones)
+    with jax.enable_x64(True):
+        solutions = multistart.minima(caps, max_goals, seed)
+        best = (
+            solutions if len(solutions) else _least_broken(spacecraft, start, directions, limits, cones, seed)
+        )
+        states = _states(best[np.arange(max_goals) % len(best)], start, directions, spacecraft)
+
+    goals = [
+        Goal(attitude=attitude, joints=np.clip(joints, -limits, limits), slew_angle=slew)
+        for attitude, joints, slew in states[: len(solutions)]
+        if slew <= max_slew
+    ]
+    attitude, joints, slew = states[0]
+    joint_excess = np.abs(joints) - limits
+    zone_excess, worst_zone, worst_instrument = deepest_zone(caps, start.T @ attitude)
+    return Decomposition(
+        goals=tuple(goals),
+        slew_angle=slew,
+        joint_excess=float(np.max(joint_excess, initial=-np.inf)),
+        worst_joint=int(np.argmax(joint_excess)) if len(limits) else None,
+        zone_excess=zone_excess,
+        worst_zone=worst_zone,
+        worst_device=None if worst_instrument is None else len(spacecraft.terminals) + worst_instrument,
+    )
+
+
+def _least_broken(
+    spacecraft: Spacecraft,
+    start: np.ndarray,
+    directions: np.ndarray,
+    limits: np.ndarray,
+    cones: Cones,
+    seed: int,
+) -> np.ndarray:
+    """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""
+    nowhere = tabulate((), (), spacecraft.device_names)
+
+    def wider_joints(by: float) -> Caps:
+        return assemble(spacecraft, start, directions, limits + by, nowhere)
+
+    def easier_zones(by: float) -> Caps:
+        return assemble(spacecraft, start, directions, limits, cones, widening=by)
+
+    has_zones = np.any(easier_zones(0).zone >= 0)
+    can_point = has_zones and len(multistart.minima(wider_joints(0), 1, seed)) > 0
+    return multistart.least_widening(easier_zones if can_point else wider_joints, np.pi, seed)[None]
+
+
+def _goal_limits(spacecraft: Spacecraft, targets: Targets) -> np.ndarray:
+    """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
+    given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
+    return np.minimum(spacecraft.joint_limits, np.repeat(given, len(spacecraft.terminals)))
+
+
+def _states(
+    quaternions: np.ndarray, start: np.ndarray, directions: np.ndarray, spacecraft: Spacecraft
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Attitude (3, 3), joints (2n,) and slew of each quaternion of ``E``."""
+    packed = np.asarray(_evaluate(quaternions, start, directions, spacecraft.mounts))
+    slews = multistart.slew(quaternions)
+    return [(row[:9].reshape(3, 3), row[9:], float(slew)) for row, slew in zip(packed, slews, strict=True)]
+
+
+@jax.jit
+def _evaluate(quaternions: Array, start: Array, directions: Array, mounts: Array) -> Array:
+    attitudes = start @ so3.from_quaternion(quaternions)
+    joints = joints_toward(mounts, attitudes, directions)
+    return jnp.concatenate([attitudes.reshape(-1, 9), joints], axis=-1)

@@ -1,0 +1,164 @@
+"""Local minima of problem (7): sequential quadratic programming from many starts at once.
+
+The variable is ``E = R0^T R_d`` as a unit quaternion; the objective is half the square of its angle
+``theta``. Along ``E exp(d^)`` that has the gradient ``eta = theta u``, for ``D(eta)^T eta = eta`` in
+equation (2), and the Hessian ``k I + (1 - k) u u^T`` with ``k = (theta / 2) cot(theta / 2)``. A cap
+``a . b <= offset`` with ``b = E^T z`` has the gradient ``a x b`` and the Hessian
+``(a b^T + b a^T) / 2 - (a . b) I``. Each step solves the quadratic program of these exactly; where that
+has no solution, the step restores feasibility instead.
+
+Beyond half a turn the angle is that of the longer way round: the quaternion keeps its sign, so nothing
+jumps on the way. Shapes as in `lanes`: one start a lane, m caps.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.decomposition import quadratic
+from jaxplan.decomposition.caps import Caps
+from jaxplan.decomposition.groups import applies
+from jaxplan.decomposition.lanes import cross, dot, identity, least_eigenvalue, sum_of_squares
+from jaxplan.decomposition.quadratic import MET, Active
+
+STEPS = 10
+LONGEST_STEP = 0.5  # rad
+LEAST_CURVATURE = 0.01  # that the Hessian is raised to
+# The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
+# where these are at their bounds; relative to the multipliers.
+PROXIMITY = 100.0
+
+
+class Minima(NamedTuple):
+    """Where the descents ended; K lanes.
+
+    Attributes:
+        quaternion: (K, 4) of ``E``, scalar first and below zero beyond half a turn.
+        slew: (K,) rad, angle of ``E`` in [0, 2 pi].
+        excess: (K,) rad, depth in the worst cap that applies.
+        residual: (K,) of the conditions of optimality, rad, over one plus the sum of the multipliers.
+        curvature: (K,) least curvature of the Lagrangian within the active caps.
+    """
+
+    quaternion: np.ndarray
+    slew: np.ndarray
+    excess: np.ndarray
+    residual: np.ndarray
+    curvature: np.ndarray
+
+
+def descend(caps: Caps, starts: np.ndarray) -> Minima:
+    """Descend from each start.
+
+    Args:
+        caps: what directions must stay out of.
+        starts: (K, 4) unit quaternions.
+    """
+    packed = np.asarray(_descend(np.ascontiguousarray(starts.T), *caps.arguments))
+    return Minima(packed[:4].T, *packed[4:])
+
+
+class _Point(NamedTuple):
+    """What a descent knows of the point that it stands on."""
+
+    quaternion: Array  # (4, K)
+    slew: Array  # (K,)
+    excess: Array  # (K,)
+    residual: Array  # (K,)
+    lagrangian: Array  # (3, 3, K), its Hessian
+    normals: Array  # (3, 3, K), gradients of the active caps, the component first
+
+
+@jax.jit
+def _descend(
+    starts: Array, axis: Array, direction: Array, offset: Array, member: Array, group: Array
+) -> Array:
+    def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
+        quaternion, active, _ = state
+        slew, eta, hessian = _angle_terms(quaternion)
+        body, excess, gradients = _cap_terms(quaternion, axis, direction, offset)
+        excess = jnp.where(applies(excess, member, group), excess, MET)
+        curved, normals, depth = _active_terms(active, axis, body, excess, gradients)
+        lagrangian = hessian + curved
+        scale = 1 + jnp.sum(active.multiplier, axis=0)
+        stationarity = eta + jnp.sum(active.multiplier * normals, axis=1)
+        slackness = jnp.max(jnp.abs(active.multiplier * depth), axis=0)
+        residual = jnp.maximum(jnp.sqrt(dot(stationarity, stationarity)), slackness) / scale
+        point = _Point(quaternion, slew, jnp.max(excess, axis=0), residual, lagrangian, normals)
+
+        hessian = lagrangian + PROXIMITY * scale * sum_of_squares(normals)
+        gradient = eta + PROXIMITY * scale * jnp.sum(normals * depth, axis=1)
+        raised = jnp.maximum(0, LEAST_CURVATURE - least_eigenvalue(hessian))
+        hessian = hessian + raised * identity(hessian)
+        move, active, lost = quadratic.solve(hessian, gradient, gradients, excess)
+        move = jnp.where(lost, quadratic.restoration(gradients, excess), move)
+        length = jnp.sqrt(dot(move, move))
+        return _turn(quaternion, move * (LONGEST_STEP / jnp.maximum(length, LONGEST_STEP))), active, point
+
+    lanes, dtype = starts.shape[1], starts.dtype
+    number, matrix = jnp.zeros(lanes, dtype), jnp.zeros((3, 3, lanes), dtype)
+    unknown = _Point(starts, number, number, number, matrix, matrix)
+    *_, end = jax.lax.fori_loop(0, STEPS + 1, step, (starts, quadratic.none_active(lanes, dtype), unknown))
+    curvature = least_eigenvalue(end.lagrangian + 1e6 * sum_of_squares(end.normals))
+    return jnp.concatenate([end.quaternion, jnp.stack([end.slew, end.excess, end.residual, curvature])])
+
+
+def _angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
+    """Angle (K,), and gradient (3, K) and Hessian (3, 3, K) of half its square."""
+    scalar, vector = quaternion[0], quaternion[1:]
+    square = dot(vector, vector)
+    small = square < 1e-16
+    sine = jnp.sqrt(jnp.where(small, 1, square))
+    angle = 2 * jnp.arctan2(jnp.where(small, 0, sine), scalar)
+    eta = jnp.where(small, 2, angle / sine) * vector
+    across = jnp.where(small, 1, angle * scalar / (2 * sine))
+    unit = jnp.where(small, 0, vector / sine)
+    along = unit[:, None] * unit
+    return angle, eta, across * identity(along) + (1 - across) * along
+
+
+def _cap_terms(quaternion: Array, axis: Array, direction: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """Directions in body axes (3, m, K), excess over the caps (m, K), and its gradients (3, m, K)."""
+    w, x, y, z = quaternion
+    columns = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+    )
+    a, d = axis.T[:, :, None], direction.T[:, :, None]
+    body = jnp.stack([dot(d, jnp.stack(column)[:, None]) for column in columns])
+    return body, dot(a, body) - offset[:, None], cross(a, body)
+
+
+def _active_terms(
+    active: Active, axis: Array, body: Array, excess: Array, gradients: Array
+) -> tuple[Array, Array, Array]:
+    """Of the active caps that still apply: sum of Hessians (3, 3, K), gradients (3, 3, K), excess (3, K)."""
+    cap = jnp.maximum(active.number, 0)
+    depth = jnp.take_along_axis(excess, cap, axis=0)
+    used = (active.number >= 0) & (depth > MET)
+    of = jnp.moveaxis(axis[cap], -1, 0)
+    towards = jnp.take_along_axis(body, cap[None], axis=1)
+    product = jnp.sum(jnp.where(used, active.multiplier, 0) * of[:, None] * towards[None], axis=2)
+    curved = (product + jnp.swapaxes(product, 0, 1)) / 2 - jnp.trace(product) * identity(product)
+    normals = jnp.where(used, jnp.take_along_axis(gradients, cap[None], axis=1), 0)
+    return curved, normals, jnp.where(used, depth, 0)
+
+
+def _turn(quaternion: Array, move: Array) -> Array:
+    """The quaternion of ``E exp(move^)``."""
+    square = dot(move, move)
+    small = square < 1e-16
+    length = jnp.sqrt(jnp.where(small, 1, square))
+    scalar = jnp.where(small, 1, jnp.cos(length / 2))
+    vector = jnp.where(small, 0.5, jnp.sin(length / 2) / length) * move
+    turned = jnp.concatenate(
+        [
+            (quaternion[0] * scalar - dot(quaternion[1:], vector))[None],
+            quaternion[0] * vector + scalar * quaternion[1:] + cross(quaternion[1:], vector),
+        ]
+    )
+    return turned / jnp.sqrt(jnp.sum(turned * turned, axis=0))

@@ -1,0 +1,93 @@
+"""The certificate of a scenario's trajectory, made when it is planned and made anew from a file."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.certificate import EndState, Report, certify
+from jaxplan.path import Goal
+from jaxplan.planner.record import Plan
+from jaxplan.scenario import GivenState, Scenario
+from jaxplan.trajectory import Trajectory
+from jaxplan.zones import KeepIn, KeepOut, tabulate
+
+# How far a goal may be from what the scenario asks for, rad.
+GOAL_TOLERANCE = 1e-8
+
+exp = jax.jit(so3.exp)
+
+
+def start_attitude(scenario: Scenario) -> np.ndarray:
+    """(3, 3) of the scenario's start, body to inertial."""
+    with jax.enable_x64(True):
+        return np.asarray(exp(np.asarray(scenario.start.rotation_vector, float)))
+
+
+def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
+    """Certify a trajectory against a scenario: zones, limits, start and goal.
+
+    Args:
+        scenario: what must hold.
+        goal: where the trajectory must end.
+        trajectory: the manoeuvre.
+    """
+    start, end = scenario.start, scenario.goal
+    craft = scenario.spacecraft
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    return certify(
+        trajectory,
+        craft,
+        tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
+        zone_names=[zone.name for zone in zones],
+        start=EndState(
+            attitude=start_attitude(scenario),
+            joints=start.joints,
+            angular_velocity=start.angular_velocity,
+            joint_rates=start.joint_rates,
+        ),
+        goal=EndState(
+            attitude=goal.attitude,
+            joints=goal.joints,
+            angular_velocity=end.angular_velocity,
+            joint_rates=end.joint_rates,
+        ),
+    )
+
+
+def check_plan(plan: Plan) -> Report:
+    """Certify a plan anew, trusting nothing it says: also that its goal is what the scenario asks for.
+
+    Args:
+        plan: with a trajectory.
+
+    Raises:
+        ValueError: if the plan has no trajectory.
+    """
+    if plan.trajectory is None or plan.goal is None:
+        raise ValueError(
+            f"the plan of {plan.scenario.name} has no trajectory: it ended as {plan.status.name}"
+        )
+    report = prove(plan.scenario, plan.goal, plan.trajectory)
+    off = _goal_faults(plan.scenario, plan.goal)
+    return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))
+
+
+def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
+    """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes."""
+    asked, craft = scenario.goal, scenario.spacecraft
+    if isinstance(asked, GivenState):
+        with jax.enable_x64(True):
+            attitude = np.asarray(exp(np.asarray(asked.rotation_vector, float)))
+        joints = asked.joints
+    else:
+        attitude = goal.attitude
+        with jax.enable_x64(True):
+            joints = np.asarray(craft.joints_toward(goal.attitude, asked.directions))
+    off = []
+    if not np.linalg.norm(goal.attitude - attitude) <= GOAL_TOLERANCE:
+        off.append("the goal's attitude is not the scenario's")
+    if not np.all(np.abs(goal.joints - joints) <= GOAL_TOLERANCE):
+        off.append("the goal's joints do not point where the scenario asks")
+    return tuple(off)

@@ -1,0 +1,57 @@
+"""What a failed plan tells its user: what happened, and which setting to change."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxplan.certificate import Report
+from jaxplan.decomposition import Decomposition
+from jaxplan.scenario import Scenario
+from jaxplan.search import SearchResult
+from jaxplan.status import Status
+from jaxplan.zones import KeepIn, KeepOut
+
+
+def invalid(broken: Sequence[str]) -> str:
+    """Of a start or goal that breaks something."""
+    return "; ".join(broken)
+
+
+def unreachable(scenario: Scenario, found: Decomposition) -> str:
+    """Of targets that no attitude reaches."""
+    craft = scenario.spacecraft
+    if found.worst_joint is not None and found.joint_excess > 0:
+        return (
+            f"at best {craft.joint_names[found.worst_joint]} is "
+            f"{np.rad2deg(found.joint_excess):.4g} deg beyond its limit at the goal: "
+            "change goal.targets or the limits"
+        )
+    if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
+        zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+        return (
+            f"at best {craft.device_names[found.worst_device]} breaks zone {zones[found.worst_zone].name} "
+            f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
+        )
+    return (
+        f"the nearest attitude that reaches the targets is {np.rad2deg(found.slew_angle):.4g} deg away, "
+        "too far for trajectory.duration_s within spacecraft.rate_limit_deg_s: raise one of them"
+    )
+
+
+def no_path(scenario: Scenario, result: SearchResult) -> str:
+    """Of a search without success."""
+    settings = scenario.search
+    if result.status is Status.TIME_LIMIT:
+        return (
+            f"no path within search.time_limit_s = {settings.time_limit:g} "
+            f"({result.expansions} expansions): raise it, or search.heuristic_weight"
+        )
+    return (
+        f"no path within search.max_expansions = {settings.max_expansions}: raise it, "
+        f"try another search.seed, or lower search.clearance_deg = {np.rad2deg(settings.clearance):.3g}"
+    )
+
+
+def uncertified(report: Report) -> str:
+    """Of a trajectory that is not proved safe."""
+    return "; ".join(report.faults) + ": try a larger search.clearance_deg or smaller search steps"

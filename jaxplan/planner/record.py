@@ -1,0 +1,136 @@
+"""A plan: everything the chain found, from goal to certificate, and how it prints itself."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from jaxplan.certificate import Report
+from jaxplan.path import Goal, Path
+from jaxplan.scenario import Scenario
+from jaxplan.search import SearchResult
+from jaxplan.status import Status
+from jaxplan.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """The answer to a scenario. Of a plan that failed, the fields of later steps are None.
+
+    Attributes:
+        scenario: what was asked.
+        status: how it ended.
+        message: for the user, what happened and what to change; empty when all is well.
+        goal: where the manoeuvre ends.
+        search: the result of step 2.
+        path: the nodes that the trajectory passes.
+        trajectory: the manoeuvre as a function of time.
+        report: the certificate.
+        timings: seconds by step, the one part that is not deterministic.
+    """
+
+    scenario: Scenario
+    status: Status
+    message: str = ""
+    goal: Goal | None = None
+    search: SearchResult | None = None
+    path: Path | None = None
+    trajectory: Trajectory | None = None
+    report: Report | None = None
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether this is a certified plan."""
+        return self.status is Status.OK
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan to a JSON file, see `jaxplan.planner.storage.save_plan`."""
+        from jaxplan.planner.storage import save_plan  # which knows of plans, so not at the top
+
+        save_plan(self, path)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What the plan is, as (label, value) rows for a table; times are left out."""
+        rows = [("status", self.status.name)]
+        if self.message:
+            rows.append(("", self.message))
+        if self.goal is not None:
+            rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg"))
+        if self.search is not None:
+            rows.append(("search", f"{self.scenario.search.method}, {self.search.expansions} expansions"))
+        if self.path is not None:
+            edges = self.path.edges
+            interior = max(edges - 1, 0)
+            rows.append(("path", f"{self.path.length:.2f} steps, {edges} edges, {interior} interior nodes"))
+        if self.trajectory is not None:
+            text = (
+                f"{self.trajectory.method}, {self.trajectory.duration:.2f} s, C{self.trajectory.smoothness}"
+            )
+            rows.append(("trajectory", text))
+        if self.report is not None:
+            rows += _report_rows(self.report)
+        return rows
+
+    def summary(self) -> dict[str, Any]:
+        """What the plan is, in the units of files, for machines; times included."""
+        report, trajectory = self.report, self.trajectory
+        margin = report.min_margin if report is not None else None
+        return {
+            "name": self.scenario.name,
+            "status": self.status.name,
+            "message": self.message,
+            "slew_deg": None if self.goal is None else float(np.rad2deg(self.goal.slew_angle)),
+            "expansions": None if self.search is None else self.search.expansions,
+            "length_steps": None if self.path is None else self.path.length,
+            "edges": None if self.path is None else self.path.edges,
+            "duration_s": None if trajectory is None else trajectory.duration,
+            "certified": None if report is None else report.certified,
+            "min_margin_deg": None if margin is None else float(np.rad2deg(margin)),
+            "peaks": None if report is None else dict(report.peaks),
+            "timings_s": dict(self.timings),
+        }
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(label) for label, _ in rows)
+        lines = [f"Plan of {self.scenario.name}"]
+        lines += [f"  {label:<{width}}  {value}" for label, value in rows]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Plan of {self.scenario.name!r}: {self.status.name}>"
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{escape(label)}</th>"
+            f"<td style='text-align:left'>{escape(value)}</td></tr>"
+            for label, value in self.rows()
+        )
+        return f"<table><caption>Plan of {escape(self.scenario.name)}</caption>{cells}</table>"
+
+
+def _report_rows(report: Report) -> list[tuple[str, str]]:
+    rows = [("certified", "yes, at every instant" if report.certified else "no")]
+    if report.min_margin is not None:
+        where = f"{report.worst_device} to {report.worst_zone} at {report.worst_time:.2f} s"
+        rows.append(("smallest margin", f"{np.rad2deg(report.min_margin):.3f} deg, {where}"))
+    for name, peak in report.peaks.items():
+        rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
+    return rows
+
+
+class PlanningError(Exception):
+    """There is no certified plan.
+
+    Attributes:
+        plan: what was found before it failed.
+        status: why it failed.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.status = plan, plan.status
+        super().__init__(f"{plan.status.name}: {plan.status.value}. {plan.message}".strip())

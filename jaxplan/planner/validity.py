@@ -1,0 +1,89 @@
+"""Whether a state is within the joint limits and clear of every zone, said in words when it is not."""
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from jaxplan import zones
+from jaxplan.scenario import Scenario
+from jaxplan.spacecraft import body_boresights
+
+# What rounding may cost at the very limit, rad; the certificate allows the same.
+ROUNDING = 1e-9
+
+
+@jax.jit
+def _margins(
+    cones: zones.Cones, mounts: jax.Array, fixed: jax.Array, attitude: jax.Array, joints: jax.Array
+) -> jax.Array:
+    boresights = body_boresights(mounts, fixed, joints) @ attitude.T
+    return zones.device_margins(cones, boresights)
+
+
+def breaches(
+    scenario: Scenario,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    angular_velocity: np.ndarray,
+    joint_rates: np.ndarray,
+) -> tuple[str, ...]:
+    """Everything a state breaks: joint limits, rate limits and zones.
+
+    Args:
+        scenario: limits and zones.
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad.
+        angular_velocity: (3,) rad/s, body axes.
+        joint_rates: (2n,) rad/s.
+
+    Returns:
+        A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
+    """
+    craft = scenario.spacecraft
+    found = [
+        f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
+        for name, excess, limit in zip(
+            craft.joint_names, np.abs(joints) - craft.joint_limits, craft.joint_limits, strict=True
+        )
+        if not excess <= ROUNDING
+    ]
+    rates = [
+        ("the platform's rate", np.max(np.abs(angular_velocity)), craft.rate_limit),
+        *zip(
+            [f"the rate of {name}" for name in craft.joint_names],
+            np.abs(joint_rates),
+            craft.joint_rate_limits,
+            strict=True,
+        ),
+    ]
+    found += [
+        f"{name} is {np.rad2deg(rate):.4g} deg/s, its limit {np.rad2deg(limit):.4g} deg/s"
+        for name, rate, limit in rates
+        if not rate <= limit * (1 + ROUNDING)
+    ]
+    return (*found, *_zone_breaches(scenario, attitude, joints))
+
+
+def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> list[str]:
+    craft = scenario.spacecraft
+    cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+    with jax.enable_x64(True):
+        table = np.asarray(_margins(cones, craft.mounts, craft.fixed_boresights, attitude, joints))
+    every: Sequence[zones.KeepOut | zones.KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    found = []
+    for row, zone in enumerate(every):
+        group = zone.any_of if isinstance(zone, zones.KeepIn) else None
+        worst = table[row].min(initial=np.inf)
+        if group is not None:
+            members = [k for k in range(len(every)) if cones.group[k] == cones.group[row]]
+            if members[0] != row:
+                continue  # the group has been looked at
+            best = max(members, key=lambda k: table[k].min())
+            row, worst = best, table[best].min()
+        if not worst >= -ROUNDING:
+            device = craft.device_names[int(np.argmin(table[row]))]
+            side = "outside keep-in zone" if cones.side[row] < 0 else "inside keep-out zone"
+            name = every[row].name + (f", the nearest of group {group}," if group else "")
+            found.append(f"{device} is {np.rad2deg(-worst):.4g} deg {side} {name}".rstrip(","))
+    return found

@@ -1,0 +1,53 @@
+"""Where a figure is drawn: on given axes, in a given figure, or in a new one.
+
+A new figure belongs to pyplot where pyplot can show it: in a notebook it appears below its cell, with a
+window system after ``plt.show()``. Where nothing can be shown (the backends that only write files) it is a
+plain figure, which nobody has to close; save it with ``axes.figure.savefig(...)``.
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.registry import BackendFilter, backend_registry
+from matplotlib.figure import Figure, SubFigure
+
+Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
+
+
+def new_figure(size: tuple[float, float]) -> Figure:
+    """An empty figure that makes room for legends beside its axes.
+
+    Args:
+        size: width and height in inches.
+    """
+    if mpl.get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
+        return Figure(figsize=size, layout="constrained")
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=size, layout="constrained")
+
+
+def panels(where: Canvas, count: int, size: tuple[float, float]) -> list[Axes]:
+    """The axes to draw on, from top to bottom.
+
+    Args:
+        where: as many axes as panels, a figure to put them in, or None for a new one.
+        count: of panels; new ones share their horizontal axis.
+        size: of a new figure, inches.
+
+    Raises:
+        ValueError: if another number of axes is given.
+    """
+    if where is None:
+        where = new_figure(size)
+    if isinstance(where, Figure | SubFigure):
+        return list(where.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
+    if len(given) != count:
+        raise ValueError(
+            f"the figure has {count} panel{'s' * (count != 1)}, but {len(given)} axes were given"
+        )
+    return given

@@ -1,0 +1,158 @@
+"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+
+from jaxplan.plotting import samples
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.style import (
+    GREY,
+    KEEP_OUT,
+    SMALL,
+    TEXT,
+    Entries,
+    Look,
+    device_entries,
+    device_style,
+    legend_beside,
+    note,
+    plain,
+)
+from jaxplan.plotting.timelines import curve, time_axis
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+
+SIZE = (9.0, 4.2)  # inches
+_CROWD = 60  # curves, beyond which they are drawn fainter
+
+
+def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
+    """Margin of every device to every zone that binds it, over time.
+
+    The bold line of a device is its smallest margin, named after the zone at its lowest point; the vertical
+    axis spans these lines, and thin lines may leave it. Below zero a constraint is broken. Zones of an
+    ``any_of`` group count as the best of them. A triangle marks the lower bound over all time that the
+    certificate proves.
+
+    Args:
+        plan: with a trajectory.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name devices and the proved bound beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if the plan has no trajectory.
+    """
+    moves = samples.motion(plan)
+    (axes,) = panels(ax, 1, SIZE)
+    devices, proved = draw(axes, plan, moves)
+    time_axis([axes], moves)
+    if legend:
+        legend_beside(axes, [*devices, *proved])
+    return axes
+
+
+def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
+    """Draw the panel; returns the legend entries of the devices and of the proved bound."""
+    found = samples.margins(plan.scenario, moves.boresights)
+    alpha = 0.6 if len(found) <= _CROWD else 0.3
+    for margin in found:
+        style = device_style(margin.device)
+        curve(axes, moves.times, np.rad2deg(margin.values), **style, linewidth=0.7, alpha=alpha)
+    devices = sorted({margin.device for margin in found})
+    if found:
+        smallest = {device: _Smallest.of(device, found) for device in devices}
+        for device, line in smallest.items():
+            curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
+        axes.axhline(0, color=KEEP_OUT, linewidth=1.2, zorder=1.5)
+        _span(axes, [bound for _, bound, _ in _proved(plan)], list(smallest.values()))
+        _name_zones(axes, moves.times, smallest)
+    else:
+        note(axes, "no zones")
+    axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
+    names = device_entries(plan.scenario.spacecraft.device_names)
+    kinds: Entries = [
+        (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
+        (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),
+    ]
+    return [*(names[device] for device in devices), *(kinds if found else [])], _mark_proved(axes, plan)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Smallest:
+    """A device's smallest margin over time, deg, with its lowest instant and the zone that it is to then."""
+
+    values: np.ndarray
+    lowest: int
+    zone: str
+
+    @classmethod
+    def of(cls, device: int, found: list[samples.Margin]) -> Self:
+        own = [margin for margin in found if margin.device == device]
+        table = np.rad2deg([margin.values for margin in own])
+        table[np.isnan(table)] = np.inf
+        values = np.min(table, axis=0)
+        lowest = int(np.argmin(values))
+        zone = own[int(np.argmin(table[:, lowest]))].zone
+        return cls(values=np.where(np.isinf(values), np.nan, values), lowest=lowest, zone=zone)
+
+
+def _span(axes: Axes, marks: list[float], lines: list[_Smallest]) -> None:
+    """Let the vertical axis show the smallest margins, zero and the mark; what lies above matters little."""
+    low = min([0.0, *marks, *(float(np.nanmin(line.values)) for line in lines)])
+    high = max([0.0, *marks, *(float(np.nanmax(line.values)) for line in lines)])
+    pad = max(0.08 * (high - low), 0.5)
+    axes.set_ylim(low - pad, high + pad)
+
+
+def _name_zones(axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest]) -> None:
+    """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room."""
+    low, high = axes.get_ylim()
+    taken: list[np.ndarray] = []
+    for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
+        value = line.values[line.lowest]
+        spot = np.array([line.lowest / max(len(times) - 1, 1), (value - low) / (high - low)])
+        if any(np.all(np.abs(spot - other) < (0.12, 0.06)) for other in taken):
+            continue
+        taken.append(spot)
+        text = axes.annotate(
+            line.zone,
+            (float(times[line.lowest]), float(value)),
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="left" if spot[0] < 0.1 else "right" if spot[0] > 0.9 else "center",
+            color=device_style(device)["color"],
+            fontsize=SMALL,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )
+        plain(text)
+
+
+def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
+    """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
+    report = plan.report
+    if report is None or report.min_margin is None or report.worst_time is None:
+        return []
+    bound = float(np.rad2deg(report.min_margin))
+    word = "proved for all time:" if report.certified else "not certified; bound:"
+    where = f"{report.worst_device} to {report.worst_zone}\nat {report.worst_time:.2f} s"
+    text = f"{word}\nat least {bound:.3f} deg,\n{where}"
+    return [(report.worst_time, bound, text)] if np.isfinite(bound) else []
+
+
+def _mark_proved(axes: Axes, plan: "Plan") -> Entries:
+    """Mark the certificate's lower bound; returns the legend entry that explains the mark."""
+    look: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
+    entries: Entries = []
+    for time, bound, text in _proved(plan):
+        axes.plot([time], [bound], **look, zorder=5, clip_on=False)
+        entries.append((Line2D([], [], **look), text))
+    return entries

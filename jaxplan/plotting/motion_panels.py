@@ -1,0 +1,174 @@
+"""Angles, rates and accelerations over time with their limits (the paper's Figures 8 to 10 and 13 to 15)."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.samples import Motion, motion
+from jaxplan.plotting.style import (
+    AXIS_STYLES,
+    GREY,
+    Entries,
+    device_entries,
+    device_style,
+    legend_beside,
+    note,
+)
+from jaxplan.plotting.timelines import panel, time_axis
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+    from jaxplan.spacecraft import Spacecraft
+
+
+def size(count: int) -> tuple[float, float]:
+    """Width and height in inches of a figure of so many panels."""
+    return 9.0, 0.8 + 1.9 * count
+
+
+def _count(craft: "Spacecraft") -> int:
+    """Panels of rates or accelerations: pitches and yaws, if there are any, and the platform."""
+    return 3 if craft.terminals else 1
+
+
+def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Yaw and pitch of every terminal over time, with limits and the path's nodes.
+
+    Args:
+        plan: with a trajectory.
+        ax: two axes (yaws, pitches), a figure to put them in, or None for a new one.
+        legend: whether to name the terminals beside the upper panel.
+
+    Returns:
+        The two axes.
+
+    Raises:
+        ValueError: if the plan has no trajectory, or other than two axes are given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    axes = panels(ax, 2, size(2))
+    for panel_axes in axes:
+        panel_axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
+    entries = [
+        _joints(axes[row], moves, craft, moves.values.joints, craft.joint_limits, name, f"{name} (deg)")
+        for row, name in enumerate(("yaw", "pitch"))
+    ]
+    if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
+        for row, joints in enumerate(np.split(np.rad2deg(plan.path.joints), 2, axis=1)):
+            for number, column in enumerate(joints.T):
+                colour = device_style(number)["color"]
+                axes[row].plot(moves.node_times, column, ".", color=colour, markersize=4.5)
+        node = Line2D([], [], color=GREY, marker=".", linestyle="none")
+        entries[0] = [(node, "node of the path"), *entries[0]]
+    time_axis(axes, moves)
+    if legend and craft.terminals:
+        legend_beside(axes[0], [*_terminals(craft), *entries[0]])
+    return axes
+
+
+def rates(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Joint rates and the platform's angular velocity over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: three axes (pitch rates, yaw rates, platform), or one if there are no terminals; a figure to put
+            them in; None for a new one.
+        legend: whether to name curves beside the panels.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if the plan has no trajectory, or another number of axes is given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    axes = panels(ax, _count(craft), size(_count(craft)))
+    if craft.terminals:
+        values, limits = moves.values.joint_rates, craft.joint_rate_limits
+        _joint_pair(axes, moves, craft, values, limits, "rate (deg/s)", legend)
+    entries = platform_rate(axes[-1], moves, craft)
+    if legend:
+        legend_beside(axes[-1], entries)
+    time_axis(axes, moves)
+    return axes
+
+
+def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Joint accelerations and the platform's angular acceleration over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: as for `rates`.
+        legend: whether to name curves beside the panels.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if the plan has no trajectory, or another number of axes is given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    axes = panels(ax, _count(craft), size(_count(craft)))
+    if craft.terminals:
+        values, limits = moves.values.joint_accelerations, craft.joint_acceleration_limits
+        _joint_pair(axes, moves, craft, values, limits, "acceleration\n(deg/s²)", legend)
+    values = moves.values.angular_acceleration
+    entries = _platform(axes[-1], moves, values, craft.acceleration_limit, "acceleration (deg/s²)")
+    if legend:
+        legend_beside(axes[-1], entries)
+    time_axis(axes, moves)
+    return axes
+
+
+def platform_rate(axes: Axes, moves: Motion, craft: "Spacecraft") -> Entries:
+    """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
+    return _platform(axes, moves, moves.values.angular_velocity, craft.rate_limit, "velocity (deg/s)")
+
+
+def _platform(axes: Axes, moves: Motion, values: np.ndarray, limit: float, quantity: str) -> Entries:
+    limits, label = np.full(3, limit), f"platform angular\n{quantity}"
+    entries = panel(axes, moves, values, limits, AXIS_STYLES, label)
+    lines = [Line2D([], [], linewidth=1.6, **look) for look in AXIS_STYLES]
+    return [*zip(lines, ("body x", "body y", "body z"), strict=True), *entries]
+
+
+def _joint_pair(
+    axes: list[Axes],
+    moves: Motion,
+    craft: "Spacecraft",
+    values: np.ndarray,
+    limits: np.ndarray,
+    quantity: str,
+    legend: bool,
+) -> None:
+    """Pitches on the first panel and yaws on the second, the paper's order."""
+    entries = _joints(axes[0], moves, craft, values, limits, "pitch", f"pitch {quantity}")
+    _joints(axes[1], moves, craft, values, limits, "yaw", f"yaw {quantity}")
+    if legend:
+        legend_beside(axes[0], [*_terminals(craft), *entries])
+
+
+def _joints(
+    axes: Axes,
+    moves: Motion,
+    craft: "Spacecraft",
+    values: np.ndarray,
+    limits: np.ndarray,
+    joint: str,
+    label: str,
+) -> Entries:
+    """The yaws or the pitches on one panel; values (k, 2n) and limits (2n,) are of all joints."""
+    count = len(craft.terminals)
+    half = slice(0, count) if joint == "yaw" else slice(count, None)
+    styles = [device_style(number) for number in range(count)]
+    if not count:
+        note(axes, "no terminals")
+    return panel(axes, moves, values[:, half], limits[half], styles, label)
+
+
+def _terminals(craft: "Spacecraft") -> Entries:
+    return device_entries([terminal.name for terminal in craft.terminals])

@@ -1,0 +1,106 @@
+"""How the figures look: one colour and line style a device, limits, legends beside the data.
+
+The colours keep apart for the common kinds of colour blindness, and the line styles keep apart in print
+without colour. There are 7 colours and 4 styles; as these have no common divisor, 28 devices differ in one or
+the other. Nothing here changes matplotlib's global settings.
+"""
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
+Entry: TypeAlias = tuple[Artist, str]  # of a legend
+Entries: TypeAlias = list[Entry]
+
+COLOURS = ("#0072B2", "#E69F00", "#882255", "#56B4E9", "#117733", "#CC79A7", "#332288")
+LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)))
+AXIS_STYLES: tuple[Look, ...] = (
+    {"color": "0.0", "linestyle": LINE_STYLES[0]},
+    {"color": "0.35", "linestyle": LINE_STYLES[1]},
+    {"color": "0.55", "linestyle": LINE_STYLES[3]},
+)
+KEEP_OUT, KEEP_IN, GREY = "#B2182B", "#1B7837", "0.35"
+TEXT, SMALL = 9, 7.5  # points
+_LEGEND_ROWS = 14
+
+
+def device_style(number: int) -> Look:
+    """Colour and line style of a device, the same in every figure.
+
+    Args:
+        number: place among the spacecraft's devices.
+    """
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINE_STYLES[number % len(LINE_STYLES)]}
+
+
+def plain(text: Text) -> Text:
+    """A text shown letter by letter: names come from files, and a ``$`` in one is no formula."""
+    text.set_parse_math(False)
+    return text
+
+
+def note(axes: Axes, text: str) -> None:
+    """Say in an empty panel why it is empty."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+    axes.set_yticks([])
+
+
+def tidy(axes: Axes) -> None:
+    """A light grid, small figures, and no frame above and to the right."""
+    axes.grid(True, color="0.9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=TEXT)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def limit_lines(axes: Axes, limits: np.ndarray, styles: Sequence[Look]) -> Entries:
+    """Dashed lines at plus and minus each limit.
+
+    Args:
+        axes: where to.
+        limits: one for each curve of the panel, in its unit.
+        styles: of the curves. A limit of one curve among several has its colour, one of more curves is grey.
+
+    Returns:
+        Entry for a legend; none without limits.
+    """
+    look: Look = {"linewidth": 1, "linestyle": (0, (9, 4))}
+    values = np.unique(np.round(limits, 9))
+    for value in values:
+        owners = np.flatnonzero(np.isclose(limits, value, rtol=0, atol=1e-8))
+        colour = styles[owners[0]]["color"] if len(owners) == 1 and len(values) > 1 else GREY
+        for sign in (-1, 1):
+            axes.axhline(sign * value, color=colour, zorder=1.5, **look)
+    return [(Line2D([], [], color=GREY, **look), "limit")] if len(values) else []
+
+
+def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
+    """A legend to the right of the axes, so that it covers no data."""
+    if not entries:
+        return
+    # a label that begins with an underscore would be left out
+    labels = [f"\N{ZERO WIDTH SPACE}{label}" if label.startswith("_") else label for _, label in entries]
+    legend = axes.legend(
+        [handle for handle, _ in entries],
+        labels,
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        borderaxespad=0.0,
+        frameon=False,
+        fontsize=SMALL,
+        handlelength=3.2,
+        ncols=-(-len(entries) // _LEGEND_ROWS),
+    )
+    for text in legend.get_texts():
+        plain(text)
+
+
+def device_entries(names: Sequence[str]) -> Entries:
+    """Legend entries of the devices, or of the first of them."""
+    return [(Line2D([], [], linewidth=1.8, **device_style(i)), name) for i, name in enumerate(names)]

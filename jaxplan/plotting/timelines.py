@@ -1,0 +1,59 @@
+"""What every figure over time shares: curves with their limits, the nodes as ticks, and the time axis."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxplan.plotting.samples import Motion
+from jaxplan.plotting.style import TEXT, Entries, Look, limit_lines, tidy
+
+
+def panel(
+    axes: Axes,
+    motion: Motion,
+    values: np.ndarray,
+    limits: np.ndarray,
+    styles: Sequence[Look],
+    label: str,
+) -> Entries:
+    """Draw curves over time with dashed limits.
+
+    Args:
+        axes: where to.
+        motion: whose times are meant.
+        values: (k, c) a column for each curve, in radians and seconds; drawn in degrees.
+        limits: (c,) likewise.
+        styles: of the curves.
+        label: of the vertical axis, with the unit.
+
+    Returns:
+        Legend entries for the limits, if there are any.
+    """
+    for column, style in zip(np.rad2deg(values).T, styles, strict=True):
+        curve(axes, motion.times, column, **style)
+    entries = limit_lines(axes, np.rad2deg(limits), styles)
+    axes.set_ylabel(label, fontsize=TEXT)
+    return entries
+
+
+def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
+    """Draw one curve; a manoeuvre that takes no time is a dot."""
+    marker = "o" if len(times) == 1 else None
+    axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
+
+
+def time_axis(panels: Sequence[Axes], motion: Motion) -> None:
+    """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
+    lowest = panels[-1]
+    for axes in panels:
+        tidy(axes)
+        axes.set_xticks(motion.node_times, minor=True)
+        axes.tick_params(axis="x", which="minor", length=3, color="0.35")
+        if len(motion.times) > 1:
+            axes.set_xlim(motion.times[0], motion.times[-1])
+        else:
+            axes.set(xlim=(-1, 1), xticks=[0])
+        shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
+        axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)

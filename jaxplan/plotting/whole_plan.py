@@ -1,0 +1,79 @@
+"""A plan in one figure, and all figures of a plan."""
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+
+from jaxplan.plotting import margin_panel, motion_panels, samples, sphere_map
+from jaxplan.plotting.canvas import new_figure
+from jaxplan.plotting.margin_panel import margins
+from jaxplan.plotting.motion_panels import accelerations, angles, platform_rate, rates
+from jaxplan.plotting.sphere_map import sphere
+from jaxplan.plotting.style import legend_beside
+from jaxplan.plotting.timelines import time_axis
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+
+OVERVIEW_SIZE = (11.0, 9.0)  # inches
+
+
+def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
+    """The unfolded sphere, and below it yaws and pitches, margins and the platform's angular velocity.
+
+    Args:
+        plan: with a trajectory.
+        ax: a figure to fill, or None for a new one.
+
+    Returns:
+        The axes of sphere, yaws, pitches, margins and angular velocity, in this order; without terminals
+        there are none of yaws and pitches.
+
+    Raises:
+        ValueError: if the plan has no trajectory.
+    """
+    moves, craft = samples.motion(plan), plan.scenario.spacecraft
+    figure = new_figure(OVERVIEW_SIZE) if ax is None else ax
+    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(5, 4))[:, 0]
+    top = sphere(plan, ax=upper)
+    grid = lower.subplots(2 if craft.terminals else 1, 2, sharex=True, squeeze=False)
+    joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
+    if joints:
+        angles(plan, ax=joints, legend=False)
+    _, proved = margin_panel.draw(others[0], plan, moves)
+    legend_beside(others[0], proved)
+    legend_beside(others[1], platform_rate(others[1], moves, craft))
+    for column in [others] if joints else [[axes] for axes in others]:
+        time_axis(column, moves)
+    return [top, *joints, *others]
+
+
+def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
+    """Every figure that a plan has, one after the other; none of them belongs to pyplot.
+
+    Args:
+        plan: of any status. Without a trajectory only the sphere is drawn, without terminals no angles, and
+            without zones no margins.
+
+    Yields:
+        The figure's name, fit for a file, and the figure.
+    """
+    terminals = bool(plan.scenario.spacecraft.terminals)
+    zones = bool(plan.scenario.keep_out or plan.scenario.keep_in)
+    dynamic = motion_panels.size(3 if terminals else 1)
+    moves = plan.trajectory is not None
+    drawings: list[tuple[str, Callable[..., Any], tuple[float, float], bool]] = [
+        ("overview", overview, OVERVIEW_SIZE, moves),
+        ("sphere", sphere, sphere_map.SIZE, True),
+        ("angles", angles, motion_panels.size(2), moves and terminals),
+        ("rates", rates, dynamic, moves),
+        ("accelerations", accelerations, dynamic, moves),
+        ("margins", margins, margin_panel.SIZE, moves and zones),
+    ]
+    for name, draw, size, there in drawings:
+        if there:
+            figure = Figure(figsize=size, layout="constrained")
+            draw(plan, ax=figure)
+            yield name, figure

@@ -1,0 +1,33 @@
+"""The problem and its settings, and the files that hold them.
+
+`model` has the dataclasses, in radians and seconds; `layout` and `states` say what a file may hold, `reading`
+and `writing` go from one to the other.
+"""
+
+from jaxplan.scenario.faults import ScenarioError
+from jaxplan.scenario.model import (
+    STRETCHED,
+    GivenState,
+    Scenario,
+    SearchSettings,
+    Targets,
+    TrajectorySettings,
+)
+from jaxplan.scenario.reading import load_scenario, parse_scenario, scenario_from_dict
+from jaxplan.scenario.writing import dump_scenario, save_scenario, scenario_to_dict
+
+__all__ = [
+    "STRETCHED",
+    "GivenState",
+    "Scenario",
+    "ScenarioError",
+    "SearchSettings",
+    "Targets",
+    "TrajectorySettings",
+    "dump_scenario",
+    "load_scenario",
+    "parse_scenario",
+    "save_scenario",
+    "scenario_from_dict",
+    "scenario_to_dict",
+]

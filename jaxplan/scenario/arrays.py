@@ -1,0 +1,251 @@
+"""Kinds of arrays in a scenario file: vectors, directions, inertia, and lists of devices.
+
+Directions and quaternions are brought to unit length silently when they are within `UNIT_TOLERANCE` of it,
+as published ones with four digits are, and refused beyond, where an error of the file is more likely.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxplan.scenario.faults import Place, nearest
+from jaxplan.scenario.kinds import Interval, Kind, Number, finite
+
+UNIT_TOLERANCE = 1e-3
+
+
+def _read_entries(
+    kind: Kind, count: int | None, wanted: str, value: object, place: Place
+) -> list[Any] | None:
+    """All entries of an array, read by one kind; None after noting what is wrong with them or their number.
+
+    Args:
+        kind: of each entry.
+        count: how many there must be, None for any number.
+        wanted: what they must be, for the message.
+        value: the array, as the file holds it.
+        place: where it stands.
+    """
+    array = f"must be an array of {wanted if count is None else f'{count} {wanted}'}"
+    if not isinstance(value, list):
+        place.fault(array, value)
+        return None
+    before = len(place.faults)
+    if count is not None and len(value) != count:
+        place.fault(f"{array}, not of {len(value)}", value)
+    read = [kind.read(entry, place.item(i)) for i, entry in enumerate(value)]
+    return read if len(place.faults) == before else None
+
+
+@dataclass(frozen=True)
+class Vector(Kind):
+    """A fixed number of numbers."""
+
+    length: int
+
+    @property
+    def wanted(self) -> str:
+        """How many."""
+        return f"{self.length} numbers"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(length,)."""
+        read = _read_entries(Number(), self.length, "numbers", value, place)
+        return None if read is None else np.array(read)
+
+    def write(self, value: Any) -> list[float]:
+        """A list."""
+        return [float(number) for number in value]
+
+
+@dataclass(frozen=True)
+class Each(Kind):
+    """One value each for all terminals, or for all joints.
+
+    Attributes:
+        of: kind of the values.
+        per: "terminal" or "joint".
+    """
+
+    of: Kind
+    per: str = "terminal"
+
+    @property
+    def wanted(self) -> str:
+        """What, and in which order."""
+        noun = "directions" if isinstance(self.of, Direction) else "numbers"
+        order = ", all yaws and then all pitches" if self.per == "joint" else ""
+        return f"{noun}, one a {self.per}{order}"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(count, ...); of any length where the file's terminals cannot be told."""
+        terminals = place.devices.terminals
+        count = None if terminals is None else len(terminals) * (2 if self.per == "joint" else 1)
+        read = _read_entries(self.of, count, self.wanted, value, place)
+        if read is None:
+            return None
+        return np.array(read).reshape(len(read), *([3] if isinstance(self.of, Direction) else []))
+
+    def may_miss(self, place: Place) -> bool:
+        """Without terminals there is nothing to say."""
+        return not place.devices.terminals
+
+    def write(self, value: Any) -> list[Any]:
+        """A list."""
+        return [self.of.write(entry) for entry in value]
+
+
+def _unit(vector: np.ndarray, value: object, what: str, place: Place) -> np.ndarray | None:
+    """The vector at unit length; one that has it to rounding keeps its bits, to be written back as it was."""
+    norm = math.hypot(*vector)
+    if norm == 0:
+        place.fault(f"must be {what}, not zero", value)
+    elif abs(norm - 1) > UNIT_TOLERANCE:
+        place.fault(f"must be {what}, its norm is {norm:.6g}", value)
+    else:
+        return vector if abs(norm - 1) <= 8 * np.finfo(float).eps else vector / norm
+    return None
+
+
+@dataclass(frozen=True)
+class Direction(Kind):
+    """A unit vector."""
+
+    wanted = "a unit vector of 3 numbers"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(3,)."""
+        vector = Vector(3).read(value, place)
+        return None if vector is None else _unit(vector, value, "a unit vector", place)
+
+    def write(self, value: Any) -> list[float]:
+        """A list."""
+        return Vector(3).write(value)
+
+
+@dataclass(frozen=True)
+class Quaternion(Kind):
+    """A unit quaternion, which the model holds as a rotation vector of at most half a turn."""
+
+    wanted = "a unit quaternion of 4 numbers, w x y z"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(3,) rad."""
+        vector = Vector(4).read(value, place)
+        what = "a unit quaternion in the order w x y z"
+        unit = None if vector is None else _unit(vector, value, what, place)
+        if unit is None:
+            return None
+        if unit[0] < 0:
+            unit = -unit
+        sine = math.hypot(*unit[1:])
+        return unit[1:] * (2 * math.atan2(sine, unit[0]) / sine if sine > 0 else 0)
+
+
+@dataclass(frozen=True)
+class PerAxis(Kind):
+    """A positive number for all body axes, or three."""
+
+    wanted = "a number, or 3 numbers, one a body axis"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(3,)."""
+        positive = Number(Interval("(0, inf)"))
+        if isinstance(value, list):
+            read = _read_entries(positive, 3, "numbers, one a body axis", value, place)
+            return None if read is None else np.array(read)
+        if finite(value, place, self.wanted) is None:
+            return None
+        number = positive.read(value, place)
+        return None if number is None else np.full(3, number)
+
+    def write(self, value: Any) -> float | list[float]:
+        """One number where all three are the same."""
+        numbers = Vector(3).write(value)
+        return numbers[0] if len(set(numbers)) == 1 else numbers
+
+
+@dataclass(frozen=True)
+class Inertia(Kind):
+    """A matrix of inertia that a body can have."""
+
+    wanted = "3 rows of 3 numbers"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(3, 3)."""
+        rows = _read_entries(Vector(3), 3, "rows of 3 numbers", value, place)
+        if rows is None:
+            return None
+        matrix = np.array(rows)
+        scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that nothing below overflows
+        small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
+        if np.max(np.abs(scaled - scaled.T)) > 1e-9:
+            place.fault("must be symmetric", value)
+        elif small <= 1e-12:  # rounding may leave a singular one slightly positive
+            place.fault("must be positive definite", value)
+        elif large > (small + middle) * (1 + 1e-9):
+            place.fault("must have no principal moment above the sum of the other two, as no body has", value)
+        else:
+            return matrix
+        return None
+
+    def write(self, value: Any) -> list[list[float]]:
+        """A list of rows."""
+        return [Vector(3).write(row) for row in value]
+
+
+@dataclass(frozen=True)
+class DeviceList(Kind):
+    """Names of terminals and instruments, at least one."""
+
+    wanted = "an array of names of devices"
+
+    def read(self, value: object, place: Place) -> tuple[str, ...] | None:
+        """The names."""
+        if not isinstance(value, list) or not value:
+            place.fault(f"must be {self.wanted}, at least one", value)
+            return None
+        before = len(place.faults)
+        known = place.devices.all
+        seen: set[str] = set()
+        for i, name in enumerate(value):
+            if not isinstance(name, str):
+                place.item(i).fault("must be the name of a device", name)
+            elif name in seen:
+                place.item(i).fault("is named twice", name)
+            elif known is not None and name not in known:
+                place.item(i).fault(f"no such device, {nearest(name, known, 'devices')}", name)
+            else:
+                seen.add(name)
+        return tuple(value) if len(place.faults) == before else None
+
+    def write(self, value: Any) -> list[str]:
+        """A list."""
+        return list(value)
+
+
+@dataclass(frozen=True)
+class TerminalFactors(Kind):
+    """A positive factor for some of the terminals."""
+
+    wanted = "a table from names of terminals to numbers"
+
+    def read(self, value: object, place: Place) -> dict[str, float] | None:
+        """The factors by name."""
+        if not isinstance(value, dict):
+            place.fault(f"must be {self.wanted}", value)
+            return None
+        before = len(place.faults)
+        known = place.devices.terminals
+        for name in value:
+            if known is not None and name not in known:
+                place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
+        factor = Number(Interval("(0, inf)"))
+        read = {name: factor.read(number, place.key(name)) for name, number in value.items()}
+        return read if len(place.faults) == before else None
+
+    def write(self, value: Any) -> dict[str, float]:
+        """A table."""
+        return {name: float(factor) for name, factor in value.items()}

@@ -1,0 +1,212 @@
+"""Kinds of single values in a scenario file: what each must be, and how it is read and written.
+
+A kind reads a value of the file to the model's units, noting every fault at its `Place` and answering None
+where there was one, and writes it back so that reading again gives the same bits. ``wanted`` completes
+"must be ..." in messages and in the reference of the file.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from jaxplan.scenario.faults import Place, quote, show
+
+
+class Kind(ABC):
+    """What a value of the file may be."""
+
+    @property
+    @abstractmethod
+    def wanted(self) -> str:
+        """What the value must be, to stand after "must be"."""
+
+    @abstractmethod
+    def read(self, value: object, place: Place) -> Any:
+        """The value in the model's units, or None after noting its faults."""
+
+    def may_miss(self, place: Place) -> bool:
+        """Whether a required value may be left out of this file."""
+        return False
+
+    def build(self, value: Any) -> Any:
+        """The part of the model that a value read without fault stands for."""
+        return value
+
+    def write(self, value: Any) -> Any:
+        """The value as the file holds it."""
+        return value
+
+
+class Interval:
+    """A range of numbers as mathematics writes it, such as ``(0, 180]``; infinite ends are open."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.low, self.high = (float(end) for end in text[1:-1].split(","))
+        self.open_low, self.open_high = text[0] == "(", text[-1] == ")"
+
+    def __contains__(self, value: float) -> bool:
+        above = value > self.low if self.open_low else value >= self.low
+        below = value < self.high if self.open_high else value <= self.high
+        return above and below
+
+    @property
+    def wanted(self) -> str:
+        """The range, to stand after "must"."""
+        if math.isinf(self.high):
+            return f"be {'greater than' if self.open_low else 'at least'} {self.low:g}"
+        return f"lie in {self.text}"
+
+
+def either(options: Sequence[str]) -> str:
+    """The options as words: ``a, b or c``."""
+    return " or ".join([", ".join(options[:-1]), options[-1]] if len(options) > 1 else options)
+
+
+def shortest_degrees(angle: float) -> float:
+    """The degrees with the fewest digits that `math.radians` turns into exactly this angle.
+
+    Not every number of radians has such degrees: there are fewer of these just below a power of two. Of one
+    that has none, as may come from a computation but not from a file, these are the nearest.
+    """
+    close = math.degrees(angle)
+    for digits in range(1, 18):
+        rounded = float(f"{close:.{digits}g}")
+        if math.radians(rounded) == angle:
+            return rounded
+    neighbours = [math.nextafter(close, end) for end in (-math.inf, math.inf)]
+    return min([close, *neighbours], key=lambda degrees: abs(math.radians(degrees) - angle))
+
+
+@dataclass(frozen=True)
+class Text(Kind):
+    """A name or title: one line that prints, since it goes into tables and figures."""
+
+    wanted = "a line of text"
+
+    def read(self, value: object, place: Place) -> str | None:
+        """The text itself."""
+        if isinstance(value, str) and value.strip() and value.isprintable():
+            return value
+        place.fault(f"must be {self.wanted}", value)
+        return None
+
+
+@dataclass(frozen=True)
+class Choice(Kind):
+    """One of a few words or whole numbers.
+
+    Attributes:
+        options: what this version has.
+        later: what it knows of and does not have.
+    """
+
+    options: tuple[str | int, ...]
+    later: tuple[str, ...] = ()
+
+    @property
+    def wanted(self) -> str:
+        """The options."""
+        return either([show(option) for option in self.options])
+
+    def read(self, value: object, place: Place) -> str | int | None:
+        """The option itself."""
+        for option in self.options:
+            if type(value) is type(option) and value == option:
+                return option
+        unknown = f"must be {self.wanted}"
+        missing = f"this version does not have it; it has {self.wanted}"
+        place.fault(missing if isinstance(value, str) and value in self.later else unknown, value)
+        return None
+
+
+def finite(value: object, place: Place, wanted: str = "a number") -> float | None:
+    """A number of the file as a float, or None after noting why it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        place.fault(f"must be {wanted}", value)
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond the range of floats
+        number = math.inf
+    if math.isfinite(number):
+        return number
+    place.fault("must be finite", value)
+    return None
+
+
+@dataclass(frozen=True)
+class Number(Kind):
+    """A real number.
+
+    Attributes:
+        interval: where it must lie, in the file's units.
+        degrees: whether the file's unit is made of degrees and the model's of radians.
+        words: words that may stand in its place, and what the model holds for them.
+        later: words that this version knows of and does not have.
+    """
+
+    interval: Interval | None = None
+    degrees: bool = False
+    words: Mapping[str, Any] = field(default_factory=dict)
+    later: tuple[str, ...] = ()
+
+    @property
+    def wanted(self) -> str:
+        """A number, the words, and the range."""
+        number = f"a number in {self.interval.text}" if self.interval else "a number"
+        return either([number, *map(quote, self.words)])
+
+    def read(self, value: object, place: Place) -> Any:
+        """The number in radians and seconds, or what its word stands for."""
+        if isinstance(value, str) and value in self.words:
+            return self.words[value]
+        if isinstance(value, str) and value in self.later:
+            place.fault(f"this version does not have it; it has {self.wanted}", value)
+            return None
+        number = finite(value, place, self.wanted)
+        if number is None:
+            return None
+        if self.interval and number not in self.interval:
+            place.fault(f"must {self.interval.wanted}", value)
+            return None
+        converted = math.radians(number) if self.degrees else number
+        if number and not converted:
+            place.fault("too small to tell from zero", value)
+            return None
+        return converted
+
+    def write(self, value: Any) -> float | str:
+        """The number in the file's units, or its word."""
+        for word, meaning in self.words.items():
+            if isinstance(value, str) == isinstance(meaning, str) and value == meaning:
+                return word
+        return shortest_degrees(float(value)) if self.degrees else float(value)
+
+
+@dataclass(frozen=True)
+class Integer(Kind):
+    """A whole number in an interval."""
+
+    interval: Interval
+
+    @property
+    def wanted(self) -> str:
+        """An integer, and the range."""
+        return f"an integer in {self.interval.text}"
+
+    def read(self, value: object, place: Place) -> int | None:
+        """The number itself."""
+        if isinstance(value, bool) or not isinstance(value, int):
+            place.fault(f"must be {self.wanted}", value)
+        elif value not in self.interval:
+            place.fault(f"must {self.interval.wanted}", value)
+        else:
+            return value
+        return None
+
+    def write(self, value: Any) -> int:
+        """The number itself."""
+        return int(value)

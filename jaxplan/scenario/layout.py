@@ -1,0 +1,150 @@
+"""The layout of a scenario file: its tables and keys with their units and ranges, in the order of writing.
+
+With `states`, this is the one place that says what a file may hold. Ranges are in the file's units; defaults
+are those of the classes in `model`, `spacecraft` and `zones`.
+"""
+
+import math
+from functools import partial
+from typing import Any
+
+from jaxplan.scenario import model
+from jaxplan.scenario.arrays import DeviceList, Direction, Inertia, PerAxis, TerminalFactors
+from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text
+from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
+from jaxplan.scenario.states import PITCH_LIMIT, STATE, YAW_LIMIT, Goal
+from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.zones import KeepIn, KeepOut
+
+SCHEMA_VERSION = 1
+
+_required = partial(Field, required=True)
+_always = partial(Field, always=True)
+
+_positive = Number(Interval("(0, inf)"))
+_positive_degrees = Number(Interval("(0, inf)"), degrees=True)
+_half_angle = Number(Interval("(0, 180)"), degrees=True)
+_step = Number(Interval("(0, 3.14]"))  # a longer turn has a shorter way round
+_inflation = Number(Interval("[1, inf)"))
+
+TERMINAL = Table(
+    Terminal,
+    (
+        _required("name", Text(), "name", "unique among the devices"),
+        _required("mount_deg", Number(degrees=True), "mount", "turn of the mounting about the body's z axis"),
+        _required("yaw_limit_deg", YAW_LIMIT, "yaw_limit", "range of the yaw to either side"),
+        _required("pitch_limit_deg", PITCH_LIMIT, "pitch_limit", "range of the pitch to either side"),
+        _required("rate_limit_deg_s", _positive_degrees, "rate_limit", "of each joint"),
+        _required("acceleration_limit_deg_s2", _positive_degrees, "acceleration_limit", "of each joint"),
+    ),
+)
+
+INSTRUMENT = Table(
+    Instrument,
+    (
+        _required("name", Text(), "name", "unique among the devices"),
+        _required("boresight", Direction(), "boresight", "where it looks, body axes"),
+    ),
+)
+
+SPACECRAFT = Table(
+    Spacecraft,
+    (
+        _required("rate_limit_deg_s", _positive_degrees, "rate_limit", "of the platform, per body axis"),
+        _required("acceleration_limit_deg_s2", _positive_degrees, "acceleration_limit", "likewise"),
+        Field("jerk_limit_deg_s3", _positive_degrees, "jerk_limit", "likewise"),
+        Field("inertia_kg_m2", Inertia(), "inertia", "in body axes"),
+        Field("torque_limit_nm", PerAxis(), "torque_limit", "per body axis; needs the inertia"),
+        Field("wheel_momentum_limit_nms", PerAxis(), "wheel_momentum_limit", "likewise"),
+        Field("terminal", Rows(TERMINAL), "terminals", "devices with a yaw and a pitch joint"),
+        Field("instrument", Rows(INSTRUMENT), "instruments", "devices fixed to the body"),
+    ),
+)
+
+KEEP_OUT = Table(
+    KeepOut,
+    (
+        _required("name", Text(), "name", "unique among the zones"),
+        _required("direction", Direction(), "direction", "axis of the cone, inertial"),
+        _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
+        Field("devices", DeviceList(), "devices", "which it binds; all if absent"),
+    ),
+)
+
+KEEP_IN = Table(
+    KeepIn,
+    (
+        *KEEP_OUT.fields[:3],
+        _required("devices", DeviceList(), "devices", "which it binds, each by itself"),
+        Field("any_of", Text(), "any_of", "name of a group, of which one zone must hold at every instant"),
+    ),
+)
+
+SEARCH = Table(
+    SearchSettings,
+    (
+        _always("method", Choice(model.SEARCH_METHODS, model.LATER_SEARCH_METHODS), "method", "the planner"),
+        Field("attitude_step_rad", _step, "attitude_step", "turn of the platform in a step"),
+        Field("joint_step_rad", _step, "joint_step", "change of a joint in a step"),
+        Field("terminal_step_scale", TerminalFactors(), "terminal_step_scale", "on the joint step"),
+        Field("heuristic_weight", _inflation, "heuristic_weight", "w1 of the paper"),
+        Field("anchor_weight", _inflation, "anchor_weight", "w2 of the paper"),
+        Field("attitude_moves", Integer(Interval("[1, 256]")), "attitude_moves", "random ones an expansion"),
+        Field("clearance_deg", Number(Interval("[0, 90)"), degrees=True), "clearance", "wanted beyond zones"),
+        Field("max_expansions", Integer(Interval("[1, inf)")), "max_expansions", "after which it gives up"),
+        Field(
+            "time_limit_s", Number(Interval("(0, inf)"), words={"off": math.inf}), "time_limit", "likewise"
+        ),
+        Field("max_goals", Integer(Interval("[1, 100]")), "max_goals", "goals of step 1 that may be tried"),
+        Field("seed", Integer(Interval("[0, inf)")), "seed", "of every random choice"),
+    ),
+)
+
+_DURATION = Number(Interval("(0, inf)"), words={"stretched": model.STRETCHED}, later=("minimum",))
+_TRAJECTORY_FIELDS = (
+    _always(
+        "method", Choice(model.TRAJECTORY_METHODS, model.LATER_TRAJECTORY_METHODS), "method", "the method"
+    ),
+    Field("duration_s", _DURATION, "duration", "from start to goal, or as short as scaling the time allows"),
+    Field("segments", Integer(Interval("[1, 1000]")), "segments", "at least; as few as possible if absent"),
+    # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
+    Field("order", Integer(Interval("[5, 24]")), "order", "degree of the polynomials"),
+    Field("rate_weight", Number(Interval("[0, inf)")), "rate_weight", "lambda_1 of the paper"),
+    Field("acceleration_weight", _positive, "acceleration_weight", "lambda_2 of the paper"),
+)
+_TRAJECTORY_KEYS = ", ".join(field.key for field in _TRAJECTORY_FIELDS)
+
+TRAJECTORY = Table(
+    TrajectorySettings,
+    _TRAJECTORY_FIELDS,
+    refused=dict.fromkeys(
+        model.LATER_TRAJECTORY_KEYS, f"this version does not have it; [trajectory] has {_TRAJECTORY_KEYS}"
+    ),
+)
+
+
+def _make_scenario(*, schema_version: int, **parts: Any) -> Scenario:
+    return Scenario(**parts)
+
+
+def _split_scenario(scenario: Scenario) -> dict[str, Any]:
+    return {"schema_version": SCHEMA_VERSION, **vars(scenario)}
+
+
+SCENARIO = Table(
+    Scenario,
+    (
+        _required("schema_version", Choice((SCHEMA_VERSION,)), "schema_version", "of this layout"),
+        _required("name", Text(), "name", "for titles and tables"),
+        _required("spacecraft", SPACECRAFT, "spacecraft", "platform, terminals and instruments"),
+        _required("start", STATE, "start", "the state the manoeuvre starts from"),
+        _required("goal", Goal(), "goal", "directions to point at, or a given state"),
+        Field("keep_out", Rows(KEEP_OUT), "keep_out", "cones to stay out of"),
+        Field("keep_in", Rows(KEEP_IN), "keep_in", "cones to stay in"),
+        _always("search", SEARCH, "search", "settings of step 2"),
+        _always("trajectory", TRAJECTORY, "trajectory", "settings of step 3"),
+    ),
+    make=_make_scenario,
+    split=_split_scenario,
+)

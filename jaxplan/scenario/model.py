@@ -1,0 +1,159 @@
+"""The problem and its settings as frozen dataclasses, in radians and seconds.
+
+Checks live in `reading`, which makes these from a file: JAX rebuilds the dataclasses with tracers inside,
+so nothing here may look at a value. Numbers that may be tuned are leaves; counts, names and choices
+are static.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.zones import KeepIn, KeepOut
+
+# The methods that there are. What a later version has is known too, so that a file made for that one is
+# told from a misspelt one.
+SEARCH_METHODS = ("mha", "mha-paper")
+LATER_SEARCH_METHODS = ("wastar", "rrt_star", "rrt_connect")
+TRAJECTORY_METHODS = ("paper",)
+LATER_TRAJECTORY_METHODS = ("global",)
+LATER_TRAJECTORY_KEYS = ("jerk_weight", "node_tube_deg", "end_acceleration")
+
+
+@jax.tree_util.register_static
+class Word(str):
+    """A word that stands in a number's place; to JAX it is no leaf, so mapping over leaves passes it by."""
+
+    __slots__ = ()
+
+
+STRETCHED = Word("stretched")
+
+
+def _static(**kwargs: Any) -> Any:
+    return field(metadata={"static": True}, **kwargs)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GivenState:
+    """An attitude with joint angles: the start, or a goal that is given.
+
+    Attributes:
+        rotation_vector: (3,) rad; the attitude, body to inertial, is its exponential.
+        joints: (2n,) rad, all yaws then all pitches.
+        angular_velocity: (3,) rad/s, body axes.
+        joint_rates: (2n,) rad/s.
+    """
+
+    rotation_vector: np.ndarray
+    joints: np.ndarray
+    angular_velocity: np.ndarray
+    joint_rates: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Targets:
+    """A goal given as directions: step 1 finds attitude and joints.
+
+    Attributes:
+        directions: (n, 3) inertial unit vectors, one a terminal.
+        yaw_limit: rad, tighter than the joints' own at the goal; None for those.
+        pitch_limit: likewise.
+        angular_velocity: (3,) rad/s at the goal, body axes.
+        joint_rates: (2n,) rad/s at the goal.
+    """
+
+    directions: np.ndarray
+    yaw_limit: float | None = None
+    pitch_limit: float | None = None
+    angular_velocity: np.ndarray
+    joint_rates: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchSettings:
+    """Settings of step 2.
+
+    Attributes:
+        method: name of the planner.
+        attitude_step: rad, ``delta_SO(3)``.
+        joint_step: rad, ``delta_h``.
+        terminal_step_scale: factor on the joint step of named terminals.
+        heuristic_weight: ``w1``, at least 1.
+        anchor_weight: ``w2``, at least 1.
+        attitude_moves: random unit vectors drawn for an expansion.
+        clearance: rad, wanted beyond the zones; it tapers to zero at start and goal.
+        max_expansions: gives up after as many.
+        time_limit: s, infinite for none ("off" in files).
+        max_goals: how many distinct goals of step 1 may be tried.
+        seed: of every random choice.
+    """
+
+    method: str = _static(default="mha")
+    attitude_step: float = 0.1
+    joint_step: float = 0.1
+    terminal_step_scale: dict[str, float] = field(default_factory=dict)
+    heuristic_weight: float = 8.0
+    anchor_weight: float = 2.0
+    attitude_moves: int = _static(default=6)
+    clearance: float = math.radians(0.5)
+    max_expansions: int = _static(default=2000)
+    time_limit: float = _static(default=60.0)
+    max_goals: int = _static(default=3)
+    seed: int = _static(default=0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectorySettings:
+    """Settings of step 3.
+
+    Attributes:
+        method: name of the method.
+        duration: s, or `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
+            limits.
+        segments: at least as many quadratic programs along the path; None for as few as its length allows.
+        order: of the Legendre basis, ``l``.
+        rate_weight: ``lambda_1``, on the platform's rate.
+        acceleration_weight: ``lambda_2``, on accelerations.
+    """
+
+    method: str = _static(default="paper")
+    duration: float | str = STRETCHED
+    segments: int | None = _static(default=None)
+    order: int = _static(default=12)
+    rate_weight: float = 1.0
+    acceleration_weight: float = 3.0
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scenario:
+    """A planning problem with its settings.
+
+    Attributes:
+        name: for titles and tables.
+        spacecraft: platform, terminals and instruments.
+        start: the state the manoeuvre starts from.
+        goal: directions to point at, or a given state.
+        keep_out: cones to stay out of.
+        keep_in: cones to stay in.
+        search: settings of step 2.
+        trajectory: settings of step 3.
+    """
+
+    name: str = _static()
+    spacecraft: Spacecraft
+    start: GivenState
+    goal: Targets | GivenState
+    keep_out: tuple[KeepOut, ...] = ()
+    keep_in: tuple[KeepIn, ...] = ()
+    search: SearchSettings = field(default_factory=SearchSettings)
+    trajectory: TrajectorySettings = field(default_factory=TrajectorySettings)

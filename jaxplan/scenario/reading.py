@@ -1,0 +1,168 @@
+"""From a scenario file, its text or the dict it holds to the model, with all faults reported at once.
+
+Single values are checked by their kind (`layout`); what concerns several tables is checked here. Whether
+start and goal keep the constraints is no matter of the file: planning answers that with a status.
+"""
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxplan.scenario import toml
+from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
+from jaxplan.scenario.kinds import shortest_degrees
+from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.model import STRETCHED, Scenario
+
+MOST_ZONES = 1000
+
+
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
+    """Read a scenario file.
+
+    Args:
+        path: of a TOML file in UTF-8.
+
+    Returns:
+        The scenario in radians and seconds.
+
+    Raises:
+        ScenarioError: the file cannot be read or is no scenario; the message lists every fault.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(toml.LARGEST_FILE + 1)
+        if len(content) > toml.LARGEST_FILE:
+            raise toml.too_large()
+        return parse_scenario(content.decode("utf-8-sig"))
+    except OSError as error:
+        faults = [f"cannot be read: {error.strerror or error}"]
+    except UnicodeDecodeError as error:
+        faults = [f"not UTF-8 text, byte {error.start} is none of it"]
+    except ScenarioError as error:
+        faults = list(error.faults)
+    raise ScenarioError(faults, os.fspath(path))
+
+
+def parse_scenario(text: str) -> Scenario:
+    """Read a scenario from the text of a file.
+
+    Args:
+        text: TOML.
+
+    Returns:
+        The scenario in radians and seconds.
+
+    Raises:
+        ScenarioError: the text is no scenario; the message lists every fault.
+    """
+    return scenario_from_dict(toml.parse(text))
+
+
+def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
+    """Make a scenario from the tables of a file.
+
+    Args:
+        tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
+
+    Returns:
+        The scenario in radians and seconds.
+
+    Raises:
+        ScenarioError: it is no scenario; the message lists every fault.
+    """
+    root = Place(faults=[], devices=_device_names(tables))
+    _check_number_of_zones(tables, root)
+    read = SCENARIO.read(tables, root)
+    if read is not None:
+        _check_names(tables, root)
+        _check_inertia(tables, root)
+        _check_goal_limits(read, root)
+        _check_stretching(tables, read, root)
+    if root.faults:
+        raise ScenarioError(root.faults)
+    scenario: Scenario = SCENARIO.build(read)
+    return scenario
+
+
+def _rows(table: object, key: str) -> list[dict[str, Any]] | None:
+    """The tables of an array of tables, None if it is something else; an absent one is empty."""
+    rows = table.get(key, []) if isinstance(table, dict) else None
+    return rows if isinstance(rows, list) and all(isinstance(row, dict) for row in rows) else None
+
+
+def _device_names(tables: object) -> DeviceNames:
+    """The names that zones and goals may use, as far as the file gives them."""
+
+    def names(key: str) -> tuple[str, ...] | None:
+        rows = _rows(tables.get("spacecraft") if isinstance(tables, dict) else None, key)
+        found = None if rows is None else [row.get("name") for row in rows]
+        texts = tuple(name for name in found or () if isinstance(name, str))
+        return None if found is None or len(texts) < len(found) else texts
+
+    return DeviceNames(names("terminal"), names("instrument"))
+
+
+def _check_number_of_zones(tables: object, root: Place) -> None:
+    """Raise at once where there are more zones than any scene has."""
+    count = sum(len(_rows(tables, key) or ()) for key in ("keep_out", "keep_in"))
+    if count > MOST_ZONES:
+        root.fault(f"{count} zones, more than the {MOST_ZONES} that are allowed")
+        raise ScenarioError(root.faults)
+
+
+def _check_names(tables: Mapping[str, Any], root: Place) -> None:
+    """Devices, and zones, need names of their own."""
+    spacecraft = root.key("spacecraft")
+    _check_unique(tables.get("spacecraft"), ("terminal", "instrument"), spacecraft)
+    _check_unique(tables, ("keep_out", "keep_in"), root)
+
+
+def _check_unique(table: object, keys: Iterable[str], place: Place) -> None:
+    first: dict[str, Place] = {}
+    for key in keys:
+        for i, row in enumerate(_rows(table, key) or ()):
+            here, name = place.key(key).item(i).key("name"), row.get("name")
+            if isinstance(name, str) and first.setdefault(name, here) is not here:
+                here.fault(f"the same as {first[name].path}", name)
+
+
+def _check_inertia(tables: Mapping[str, Any], root: Place) -> None:
+    """Torque and angular momentum follow from the motion only with the inertia."""
+    spacecraft = tables.get("spacecraft")
+    if isinstance(spacecraft, dict) and "inertia_kg_m2" not in spacecraft:
+        for key in ("torque_limit_nm", "wheel_momentum_limit_nms"):
+            if key in spacecraft:
+                root.key("spacecraft").key(key).fault("needs spacecraft.inertia_kg_m2", spacecraft[key])
+
+
+def _check_goal_limits(read: Mapping[str, Any], root: Place) -> None:
+    """The goal's limits tighten those of every terminal, they do not widen any."""
+    terminals = (read.get("spacecraft") or {}).get("terminals") or []
+    for axis in ("yaw_limit", "pitch_limit"):
+        limit = (read.get("goal") or {}).get(axis)
+        for i, terminal in enumerate(terminals):
+            own = (terminal or {}).get(axis)
+            if limit is not None and own is not None and limit > own:
+                complaint = f"must not exceed spacecraft.terminal[{i}].{axis}_deg = {shortest_degrees(own)}"
+                root.key("goal").key(f"{axis}_deg").fault(complaint, shortest_degrees(limit))
+                break
+
+
+def _check_stretching(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
+    """Scaling the time scales the rates at both ends too, so they must be zero."""
+    settings = tables.get("trajectory", {})
+    duration = settings.get("duration_s", STRETCHED) if isinstance(settings, dict) else None
+    if duration != STRETCHED:
+        return
+    moving = [
+        f"{table}.{key}_rad_s"
+        for table in ("start", "goal")
+        for key in ("angular_velocity", "joint_rates")
+        if np.any((read.get(table) or {}).get(key, 0.0))
+    ]
+    if moving:
+        complaint = f"must be a number of seconds, since stretching the time would change {', '.join(moving)}"
+        root.key("trajectory").key("duration_s").fault(complaint, duration)

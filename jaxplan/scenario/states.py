@@ -1,0 +1,128 @@
+"""The tables ``[start]`` and ``[goal]``: a state, or directions to point at.
+
+The file lists yaws and pitches apart, the model joins them; rates that the file leaves out are zero.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan.scenario.arrays import Direction, Each, Quaternion, Vector
+from jaxplan.scenario.faults import Place
+from jaxplan.scenario.kinds import Interval, Kind, Number
+from jaxplan.scenario.model import GivenState, Targets
+from jaxplan.scenario.tables import Field, Table
+
+YAW_LIMIT = Number(Interval("(0, 180]"), degrees=True)  # beyond half a turn an angle would have two values
+PITCH_LIMIT = Number(Interval("(0, 90)"), degrees=True)  # at a right angle the yaw loses its meaning
+
+_RATES = (
+    Field(
+        "angular_velocity_rad_s", Vector(3), "angular_velocity", "of the platform, body axes; zero if absent"
+    ),
+    Field("joint_rates_rad_s", Each(Number(), "joint"), "joint_rates", "zero if absent"),
+)
+
+
+def _with_rates(joints: int, parts: Mapping[str, Any]) -> dict[str, Any]:
+    return {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(joints), **parts}
+
+
+def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
+    """What the state holds, less the rates that an absent key stands for (minus zero is not)."""
+    parts = dict(vars(state))
+    for name in ("angular_velocity", "joint_rates"):
+        if not np.any(parts[name]) and not np.any(np.signbit(parts[name])):
+            del parts[name]
+    return parts
+
+
+def _make_state(
+    *, rotation_vector: np.ndarray, yaws: Sequence[float] = (), pitches: Sequence[float] = (), **rates: Any
+) -> GivenState:
+    joints = np.concatenate([yaws, pitches])
+    return GivenState(rotation_vector=rotation_vector, joints=joints, **_with_rates(len(joints), rates))
+
+
+def _split_state(state: GivenState) -> dict[str, Any]:
+    parts = _without_zero_rates(state)
+    yaws, pitches = np.split(np.asarray(parts.pop("joints")), 2)
+    return parts | ({"yaws": yaws, "pitches": pitches} if len(yaws) else {})
+
+
+def _make_targets(*, directions: np.ndarray, **parts: Any) -> Targets:
+    return Targets(directions=directions, **_with_rates(2 * len(directions), parts))
+
+
+STATE = Table(
+    GivenState,
+    (
+        Field(
+            "attitude", Vector(3), "rotation_vector", "rotation vector, rad, body to inertial", required=True
+        ),
+        Field("quaternion_wxyz", Quaternion(), "rotation_vector", "the same as a quaternion, scalar first"),
+        Field("yaw_rad", Each(Number()), "yaws", "angle of each terminal's yaw joint", required=True),
+        Field("yaw_deg", Each(Number(degrees=True)), "yaws", "the same in degrees"),
+        Field("pitch_rad", Each(Number()), "pitches", "angle of each terminal's pitch joint", required=True),
+        Field("pitch_deg", Each(Number(degrees=True)), "pitches", "the same in degrees"),
+        *_RATES,
+    ),
+    make=_make_state,
+    split=_split_state,
+)
+
+_TARGET_FIELDS = (
+    Field(
+        "targets", Each(Direction()), "directions", "where each terminal shall point, inertial", required=True
+    ),
+    Field("yaw_limit_deg", YAW_LIMIT, "yaw_limit", "tighter than the joints' own, at the goal"),
+    Field("pitch_limit_deg", PITCH_LIMIT, "pitch_limit", "likewise"),
+)
+_STATE_KEYS = [field.key for field in STATE.fields if field not in _RATES]
+
+TARGETS = Table(
+    Targets,
+    (*_TARGET_FIELDS, *_RATES),
+    make=_make_targets,
+    split=_without_zero_rates,
+    refused=dict.fromkeys(
+        _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
+    ),
+)
+
+GIVEN_GOAL = replace(
+    STATE,
+    refused={field.key: "only a goal with targets has it" for field in _TARGET_FIELDS[1:]},
+)
+
+# A goal that is neither: its keys are read to note their faults.
+_UNDECIDED = Table(
+    Targets, tuple(replace(field, required=False) for field in (*_TARGET_FIELDS, *STATE.fields))
+)
+
+
+@dataclass(frozen=True)
+class Goal(Kind):
+    """A goal: a table with targets, or one with a state."""
+
+    wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
+
+    def read(self, value: object, place: Place) -> dict[str, Any] | None:
+        """What could be read, by attribute; it has ``directions`` only if the goal has targets."""
+        if isinstance(value, dict) and not value.keys() & {"targets", *_STATE_KEYS}:
+            place.fault(f"must be {self.wanted}")
+            return _UNDECIDED.read(value, place)
+        if isinstance(value, dict) and "targets" in value:
+            return TARGETS.read(value, place)
+        return GIVEN_GOAL.read(value, place)
+
+    def build(self, value: Any) -> Targets | GivenState:
+        """The targets or the state."""
+        goal: Targets | GivenState = (TARGETS if "directions" in value else STATE).build(value)
+        return goal
+
+    def write(self, value: Any) -> dict[str, Any]:
+        """Its table."""
+        return (TARGETS if isinstance(value, Targets) else STATE).write(value)

@@ -1,0 +1,145 @@
+"""Tables of a scenario file: which keys they have, and what part of the model they make.
+
+A table is described once, as a list of fields. Reading, writing and the reference of the file all follow
+from that description: unknown and missing keys are found by it, and a default is that of the model's class.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
+
+from jaxplan.scenario.faults import Place, nearest
+from jaxplan.scenario.kinds import Kind
+
+
+@dataclass(frozen=True)
+class Field:
+    """A key of a table.
+
+    Attributes:
+        key: as the file spells it, with the unit.
+        kind: what its value may be.
+        attribute: what the model calls it. Fields that share it are alternatives, of which a file gives one;
+            the first is the one that is written.
+        meaning: one line for the reference.
+        required: whether the key, or an alternative, must be there.
+        always: whether it is written at its default too, because a later version may change that.
+    """
+
+    key: str
+    kind: Kind
+    attribute: str
+    meaning: str
+    required: bool = False
+    always: bool = False
+
+
+@dataclass(frozen=True)
+class Table(Kind):
+    """A table with known keys.
+
+    It is read to a dict of attributes, as complete as the faults allow, so that checks across tables can
+    look at it; `build` turns that into the model.
+
+    Attributes:
+        model: the class it makes.
+        fields: its keys, in the order in which they are written.
+        make: builds the model from attributes, the class itself unless told.
+        split: gives the attributes of a model, what it holds unless told.
+        refused: keys that are refused with a reason of their own.
+    """
+
+    model: type
+    fields: tuple[Field, ...]
+    make: Callable[..., Any] | None = None
+    split: Callable[[Any], Mapping[str, Any]] = vars
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+    wanted = "a table"
+
+    def read(self, value: object, place: Place) -> dict[str, Any] | None:
+        """What could be read, by attribute; None if it is no table."""
+        if not isinstance(value, dict):
+            place.fault(f"must be {self.wanted}", value)
+            return None
+        self._refuse_unknown(value, place)
+        read: dict[str, Any] = {}
+        given: dict[str, str] = {}
+        for entry in self.fields:
+            here = place.key(entry.key)
+            if entry.key in value:
+                if entry.attribute in given:
+                    here.fault(f"says the same as {given[entry.attribute]}, only one of them can be given")
+                given[entry.attribute] = entry.key
+                content = entry.kind.read(value[entry.key], here)
+                if content is not None:
+                    read[entry.attribute] = content
+        self._note_missing(given, place)
+        return read
+
+    def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
+        known = [entry.key for entry in self.fields]
+        for key in value:
+            if key in self.refused:
+                place.key(key).fault(self.refused[key])
+            elif key not in known:
+                place.key(key).fault(f"unknown key, {nearest(key, known, 'keys')}")
+
+    def _note_missing(self, given: Mapping[str, str], place: Place) -> None:
+        for entry in self.fields:
+            if entry.required and entry.attribute not in given and not entry.kind.may_miss(place):
+                others = [f.key for f in self.fields if f.attribute == entry.attribute and f is not entry]
+                instead = "".join(f" (or {key})" for key in others)
+                place.key(entry.key).fault(f"missing{instead}, must be {entry.kind.wanted}")
+
+    def build(self, value: Any) -> Any:
+        """The model of attributes read without fault; the class fills in its defaults."""
+        kinds = {entry.attribute: entry.kind for entry in self.fields}
+        parts = {attribute: kinds[attribute].build(content) for attribute, content in value.items()}
+        return (self.make or self.model)(**parts)
+
+    def write(self, value: Any) -> dict[str, Any]:
+        """The table as the file holds it, without what the class fills in by itself."""
+        values = self.split(value)
+        usual = self.defaults()
+        written: dict[str, Any] = {}
+        done: set[str] = set()
+        for entry in self.fields:
+            content = values.get(entry.attribute)
+            if content is None or entry.attribute in done:
+                continue
+            done.add(entry.attribute)
+            text = entry.kind.write(content)
+            default = usual.get(entry.attribute)
+            if entry.always or default is None or repr(text) != repr(entry.kind.write(default)):
+                written[entry.key] = text
+        return written
+
+    def defaults(self) -> dict[str, Any]:
+        """What the model's class fills in, by attribute."""
+        given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
+        made = {f.name: f.default_factory() for f in fields(self.model) if f.default_factory is not MISSING}
+        return given | made
+
+
+@dataclass(frozen=True)
+class Rows(Kind):
+    """An array of tables, each under the same ``[[header]]``."""
+
+    table: Table
+    wanted = "an array of tables"
+
+    def read(self, value: object, place: Place) -> list[dict[str, Any] | None] | None:
+        """What could be read of each table; None for the entries that are none."""
+        if not isinstance(value, list):
+            place.fault(f"must be an array of tables, each under [[{place.path}]]", value)
+            return None
+        return [self.table.read(row, place.item(i)) for i, row in enumerate(value)]
+
+    def build(self, value: Any) -> tuple[Any, ...]:
+        """The models, in the file's order."""
+        return tuple(self.table.build(row) for row in value)
+
+    def write(self, value: Any) -> list[dict[str, Any]]:
+        """A list of tables."""
+        return [self.table.write(row) for row in value]

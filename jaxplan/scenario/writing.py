@@ -1,0 +1,58 @@
+"""From the model to the dict of a scenario file, its text and the file itself.
+
+Reading the result gives every number back with the same bits, for all that can be said in the file's units.
+Required keys are written, and settings that differ from their default.
+"""
+
+import os
+import secrets
+from pathlib import Path
+from typing import Any
+
+from jaxplan.scenario import toml
+from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.model import Scenario
+
+
+def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
+    """The tables of the scenario's file.
+
+    Args:
+        scenario: in radians and seconds.
+
+    Returns:
+        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON.
+    """
+    return SCENARIO.write(scenario)
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The text of the scenario's file.
+
+    Args:
+        scenario: in radians and seconds.
+
+    Returns:
+        TOML. A quaternion comes out as the rotation vector it was read to.
+    """
+    return toml.write(scenario_to_dict(scenario))
+
+
+def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
+    """Write the scenario's file, whole or not at all.
+
+    Args:
+        scenario: in radians and seconds.
+        path: of the file; one that is there is replaced.
+
+    Raises:
+        OSError: the file cannot be written; one that was there is left as it was.
+    """
+    target = Path(path)
+    text = dump_scenario(scenario).encode()
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    try:
+        temporary.write_bytes(text)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,13 @@
+"""Step 2: a sequence of clear states from start to goal. Every planner has the same call and result."""
+
+from collections.abc import Callable, Mapping
+
+from jaxplan.scenario.model import SearchSettings
+from jaxplan.search import mha, mha_paper
+from jaxplan.search.problem import Scene, SearchResult, make_scene
+
+Planner = Callable[[Scene, SearchSettings], SearchResult]
+
+PLANNERS: Mapping[str, Planner] = {"mha": mha.search, "mha-paper": mha_paper.search}
+
+__all__ = ["PLANNERS", "Planner", "Scene", "SearchResult", "make_scene"]

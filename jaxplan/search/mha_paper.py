@@ -1,0 +1,78 @@
+"""The printed planner: multi-heuristic A* to the letter of section 3.2.2, corrected by the errata.
+
+Every joint moves by a whole step up or down (equation 9), or onto its goal once that is within a step, and
+stays there; the platform turns by a whole step about random axes (equation 10), or onto the goal attitude
+once that is within a step, and stays there. Every edge costs the sum of all steps (equation 16), nodes are
+checked and edges are not, the queues are independent, and the heuristics are those of equation (15). It is
+kept because the paper's tables are compared with it; it is incomplete, since no joint can leave its goal
+value again.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.multi_heuristic import Rules, run
+from jaxplan.search.problem import Scene, SearchResult
+from jaxplan.search.tree import Moves, Node, printed_heuristics
+
+# Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.
+JOINT_MOVES = 64
+_UP, _STAY, _DOWN = 0, 1, 2
+
+
+def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+    """Search a path with the printed method.
+
+    Args:
+        scene: the problem.
+        settings: see `SearchSettings`; the clearance is not used.
+
+    Returns:
+        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+    """
+    rules = Rules(propose=propose, price=price, edges=False, shared=False, direct=False, queues=3)
+    return run(scene, settings, rules)
+
+
+def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings) -> Moves:
+    """Moves from a node by equations (9) and (10)."""
+    vectors = rng.standard_normal((settings.attitude_moves, 3))
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    # (10) turns on the left of the attitude relative to the start: on the right of the attitude itself it
+    # is the same turn in body axes
+    turns = scene.attitude_step * unit @ scene.start_attitude.T @ node.attitude
+    reached = np.linalg.norm(node.to_goal) < scene.attitude_step
+    if reached:
+        turns[:] = node.to_goal
+
+    left = scene.goal_joints - node.joints
+    snap = np.abs(left) <= scene.joint_steps
+    options = np.stack(
+        [
+            np.where(snap, left, scene.joint_steps),
+            np.zeros_like(left),
+            np.where(snap, left, -scene.joint_steps),
+        ]
+    )
+    choice = _joint_moves(len(left), rng)
+    inside = np.abs(node.joints + np.take_along_axis(options, choice, axis=0)) <= scene.joint_limits
+    repeated = snap & (choice == _DOWN)  # a joint on its way to the goal has one move, not two
+    allowed = np.broadcast_to(np.all(inside & ~repeated, axis=1), (len(turns), len(choice))).copy()
+    if reached:
+        allowed[1:] = False  # likewise the attitude
+    return Moves(turns, options, choice, allowed)
+
+
+def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
+    """(M, joints) options of each joint move."""
+    if 2**joints <= JOINT_MOVES:
+        return np.array(list(product((_UP, _DOWN), repeat=joints)), dtype=np.int32)
+    return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
+
+
+def price(scene: Scene, moves: Moves, nodes: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) by equation (16) and heuristics (3, A, M) by equation (15), rad."""
+    whole = scene.attitude_step + np.sum(scene.joint_steps)
+    return np.full(moves.allowed.shape, whole), printed_heuristics(nodes, scene.goal_joints - joints)

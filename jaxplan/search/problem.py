@@ -1,0 +1,93 @@
+"""What every planner of step 2 is given, and what it answers."""
+
+from dataclasses import dataclass, field
+
+import jax
+import numpy as np
+
+from jaxplan.path import Goal, Path
+from jaxplan.scenario.model import Scenario, SearchSettings
+from jaxplan.status import Status
+from jaxplan.zones import Cones, tabulate
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """The numbers of a search problem, as the kernels take them.
+
+    Attributes:
+        cones: the zones that bind by themselves, padded.
+        grouped_cones: the zones of groups of which one must hold, padded apart.
+        mounts: (n,) rad.
+        fixed_boresights: (i, 3) body axes.
+        joint_limits: (2n,) rad.
+        attitude_step: rad.
+        joint_steps: (2n,) rad.
+        start_attitude: (3, 3); with the joints, the root of the search.
+        start_joints: (2n,) rad.
+        goal_attitude: (3, 3).
+        goal_joints: (2n,) rad.
+    """
+
+    cones: Cones
+    grouped_cones: Cones
+    mounts: np.ndarray
+    fixed_boresights: np.ndarray
+    joint_limits: np.ndarray
+    attitude_step: float
+    joint_steps: np.ndarray
+    start_attitude: np.ndarray
+    start_joints: np.ndarray
+    goal_attitude: np.ndarray
+    goal_joints: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchResult:
+    """The answer of step 2.
+
+    Attributes:
+        status: OK, NODE_LIMIT, TIME_LIMIT or NO_PATH.
+        path: from start to goal, None unless the status is OK.
+        expansions: nodes expanded.
+        queue_expansions: how many of them each queue asked for, the anchor's first.
+    """
+
+    status: Status
+    path: Path | None
+    expansions: int
+    queue_expansions: tuple[int, ...] = field(default=())
+
+
+def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Scene:
+    """Collect the numbers of one search.
+
+    Args:
+        scenario: the problem; its settings give the steps.
+        goal: where to go.
+        start_attitude: (3, 3) of the scenario's start.
+    """
+    craft = scenario.spacecraft
+    single_in = [zone for zone in scenario.keep_in if zone.any_of is None]
+    grouped_in = [zone for zone in scenario.keep_in if zone.any_of is not None]
+    return Scene(
+        cones=tabulate(scenario.keep_out, single_in, craft.device_names),
+        grouped_cones=tabulate((), grouped_in, craft.device_names),
+        mounts=craft.mounts,
+        fixed_boresights=craft.fixed_boresights,
+        joint_limits=craft.joint_limits,
+        attitude_step=float(scenario.search.attitude_step),
+        joint_steps=joint_steps(scenario),
+        start_attitude=start_attitude,
+        start_joints=np.asarray(scenario.start.joints, float),
+        goal_attitude=np.asarray(goal.attitude, float),
+        goal_joints=np.asarray(goal.joints, float),
+    )
+
+
+def joint_steps(scenario: Scenario) -> np.ndarray:
+    """(2n,) rad a step of each joint: the joint step times its terminal's scale."""
+    search: SearchSettings = scenario.search
+    scales = [search.terminal_step_scale.get(t.name, 1.0) for t in scenario.spacecraft.terminals]
+    return search.joint_step * np.array(scales * 2, dtype=float)

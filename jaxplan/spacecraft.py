@@ -1,0 +1,191 @@
+"""The spacecraft: a platform that carries two-axis terminals and body-fixed instruments.
+
+Devices are numbered terminals first, then instruments. Joints are one vector ``(2n,)``: the yaws of all
+``n`` terminals, then their pitches (rad). A terminal mounted at angle ``mount`` about the body's z axis
+points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitudes map body to inertial.
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+
+
+def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
+    """Unit vector of an azimuth and an elevation, ``v(a, b)`` of equation (13).
+
+    Args:
+        azimuth: (...) rad.
+        elevation: (...) rad.
+
+    Returns:
+        (..., 3).
+    """
+    a, b = jnp.asarray(azimuth), jnp.asarray(elevation)
+    return jnp.stack([jnp.cos(b) * jnp.cos(a), jnp.cos(b) * jnp.sin(a), jnp.sin(b)], axis=-1)
+
+
+def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> Array:
+    """Directions of all devices in body axes.
+
+    Args:
+        mounts: (n,) rad.
+        fixed: (i, 3) boresights of the instruments.
+        joints: (..., 2n) rad.
+
+    Returns:
+        (..., n + i, 3) unit vectors.
+    """
+    q = jnp.asarray(joints)
+    dtype = jnp.result_type(q, float)  # of the joints, but never an integer
+    mount, still = jnp.asarray(mounts, dtype), jnp.asarray(fixed, dtype)
+    count = mount.shape[0]
+    moving = pointing(q[..., :count] + mount, q[..., count:])
+    return jnp.concatenate([moving, jnp.broadcast_to(still, (*q.shape[:-1], *still.shape))], axis=-2)
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """An angle brought into (-pi, pi]."""
+    a = jnp.asarray(angle)
+    return a - 2 * jnp.pi * jnp.ceil((a - jnp.pi) / (2 * jnp.pi))
+
+
+def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike) -> Array:
+    """Joint angles at which each terminal points along its direction, limits aside.
+
+    Corrects equations (3) and (4): the azimuth is ``atan2(s2, s1)`` of ``R^T z``, less the mounting
+    angle, wrapped.
+
+    Args:
+        mounts: (n,) rad.
+        attitude: (..., 3, 3) body to inertial.
+        directions: (n, 3) inertial unit vectors, one a terminal.
+
+    Returns:
+        (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
+    """
+    body = jnp.asarray(directions) @ jnp.asarray(attitude)
+    x, y, z = jnp.moveaxis(body, -1, 0)
+    horizontal = so3.length(body[..., :2])
+    azimuth = jnp.arctan2(y, jnp.where(horizontal == 0, 1, x))
+    yaw = wrap(azimuth - jnp.asarray(mounts, azimuth.dtype))
+    return jnp.concatenate([yaw, jnp.arctan2(z, horizontal)], axis=-1)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Terminal:
+    """A pointing device with a yaw and a pitch joint.
+
+    Attributes:
+        name: unique among the devices.
+        mount: angle of the mounting about the body's z axis, rad (0, +120, -120 deg in the paper).
+        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad, at most pi and without wrap.
+        pitch_limit: likewise for the pitch, below pi / 2.
+        rate_limit: bound of either joint's rate, rad/s.
+        acceleration_limit: bound of either joint's acceleration, rad/s^2.
+    """
+
+    name: str = field(metadata={"static": True})
+    mount: float
+    yaw_limit: float
+    pitch_limit: float
+    rate_limit: float
+    acceleration_limit: float
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Instrument:
+    """A device fixed to the body, such as a star tracker.
+
+    Attributes:
+        name: unique among the devices.
+        boresight: (3,) unit vector in body axes.
+    """
+
+    name: str = field(metadata={"static": True})
+    boresight: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spacecraft:
+    """A platform with any number of terminals and instruments, none of either being legal.
+
+    Attributes:
+        terminals: devices with joints.
+        instruments: devices without.
+        rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s.
+        acceleration_limit: likewise for its angular acceleration, rad/s^2.
+        jerk_limit: likewise for its second derivative, rad/s^3; None for no bound.
+        inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
+        torque_limit: (3,) N m, bound of each component of the torque in body axes; None for no bound.
+        wheel_momentum_limit: (3,) N m s, likewise of the angular momentum ``J omega``.
+    """
+
+    terminals: tuple[Terminal, ...] = ()
+    instruments: tuple[Instrument, ...] = ()
+    rate_limit: float
+    acceleration_limit: float
+    jerk_limit: float | None = None
+    inertia: np.ndarray | None = None
+    torque_limit: np.ndarray | None = None
+    wheel_momentum_limit: np.ndarray | None = None
+
+    @property
+    def device_names(self) -> tuple[str, ...]:
+        """Names of terminals, then instruments: the order of every device axis."""
+        return tuple([t.name for t in self.terminals] + [i.name for i in self.instruments])
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints in the order of the joint vector, such as ``terminal-1 yaw``."""
+        return tuple(f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals)
+
+    @property
+    def joint_limits(self) -> np.ndarray:
+        """(2n,) rad: the bound of each joint's angle."""
+        return np.array([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
+
+    @property
+    def joint_rate_limits(self) -> np.ndarray:
+        """(2n,) rad/s."""
+        return np.array([t.rate_limit for t in self.terminals] * 2)
+
+    @property
+    def joint_acceleration_limits(self) -> np.ndarray:
+        """(2n,) rad/s^2."""
+        return np.array([t.acceleration_limit for t in self.terminals] * 2)
+
+    @property
+    def mounts(self) -> np.ndarray:
+        """(n,) rad."""
+        return np.array([t.mount for t in self.terminals])
+
+    @property
+    def fixed_boresights(self) -> np.ndarray:
+        """(number of instruments, 3) unit vectors in body axes."""
+        return np.array([i.boresight for i in self.instruments]).reshape(-1, 3)
+
+    def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> Array:
+        """Directions of all devices in the inertial frame, as in equations (11) and (12).
+
+        Args:
+            attitude: (..., 3, 3) body to inertial.
+            joints: (..., 2n) rad.
+
+        Returns:
+            (..., devices, 3) unit vectors.
+        """
+        body = body_boresights(self.mounts, self.fixed_boresights, joints)
+        return body @ jnp.swapaxes(jnp.asarray(attitude), -1, -2)
+
+    def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> Array:
+        """Joint angles at which each terminal points along its direction; see the function."""
+        return joints_toward(self.mounts, attitude, directions)

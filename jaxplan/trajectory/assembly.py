@@ -1,0 +1,157 @@
+"""The quadratic programs of a fit, assembled in one compiled call.
+
+Every segment works in ``x`` in [-1, 1], where ``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its
+rows are written in ``x``: there a rate is ``h / 2`` times that in time, an acceleration ``(h / 2)^2``
+times. A segment has as many slots for nodes as the counting rule can fill; those left over repeat its last
+node and are marked absent. Nodes and segments are padded to a few sizes, so that fits of different paths
+share the compiled kernel.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import so3
+from jaxplan.trajectory.basis import energy, legendre
+
+_FEWEST_SEGMENTS, _FEWEST_NODES = 4, 32  # smallest padded sizes; each next one is four times as large
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segments:
+    """The programs of the platform or of the joints, but for what couples them.
+
+    Attributes:
+        length: (S,) s, ``h``.
+        objective: (S, l + 1, l + 1) in ``x``, of order one.
+        node_rows: (S, slots, l + 1) the basis at each node.
+        node_values: (S, slots, d) rad, what the curve must be there.
+        present: (S, slots) which slots hold a node.
+    """
+
+    length: np.ndarray
+    objective: np.ndarray
+    node_rows: np.ndarray
+    node_values: np.ndarray
+    present: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Charts:
+    """The charts of the platform's segments.
+
+    Attributes:
+        attitude: (S, 3, 3) ``R_a``.
+        rate: (S, 3) rad/s, ``Omega``.
+        end_turn: (S, 3, 3) ``W`` at the segment's end, ``exp(-h Omega / 2)``.
+    """
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    end_turn: np.ndarray
+
+
+def assemble(
+    *,
+    attitudes: np.ndarray,
+    joints: np.ndarray,
+    times: np.ndarray,
+    joint_ends: np.ndarray,
+    platform_ends: np.ndarray,
+    order: int,
+    rate_weight: float,
+    acceleration_weight: float,
+) -> tuple[Segments, Segments, Charts]:
+    """Assembles all programs of a fit.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        joints: (m + 1, 2n) rad.
+        times: (m + 1,) s, increasing.
+        joint_ends: (S + 1,) node indices where the joints' segments end, with 0 and m.
+        platform_ends: (S + 1,) likewise for the platform.
+        order: of the Legendre basis.
+        rate_weight: ``lambda_1``, of the platform.
+        acceleration_weight: ``lambda_2``.
+
+    Returns:
+        Segments of the joints, segments of the platform (``node_values`` are those of ``b``), and the charts.
+    """
+    count = len(joint_ends) - 1
+    indices = [_node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
+    nodes = _filled(attitudes, _FEWEST_NODES), _filled(times, _FEWEST_NODES)
+    with jax.enable_x64(True):
+        assembled = _assemble(*nodes, *(_filled(index, _FEWEST_SEGMENTS) for index in indices), order=order)
+        joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in assembled)
+
+    def segments(
+        ends: np.ndarray, node_rows: np.ndarray, values: np.ndarray, weights: tuple[float, float]
+    ) -> Segments:
+        length = np.diff(times[ends])
+        # Objective (43) times (h / 2)^3, over the sum of the two weights that remain.
+        first = weights[0] * (length / 2)[:, None, None] ** 2
+        objective = (first * energy(order, 1) + weights[1] * energy(order, 2)) / (first + weights[1])
+        present = np.arange(node_rows.shape[1]) <= np.diff(ends)[:, None]
+        return Segments(
+            length=length, objective=objective, node_rows=node_rows, node_values=values, present=present
+        )
+
+    return (
+        segments(joint_ends, joint_rows, joints[indices[0]], (0.0, 1.0)),  # (21): no rate term
+        segments(platform_ends, rows, b, (rate_weight, acceleration_weight)),
+        Charts(attitude=attitudes[platform_ends[:-1]], rate=rate, end_turn=end_turn),
+    )
+
+
+def edge_turns(attitudes: np.ndarray) -> np.ndarray:
+    """Rotation along each edge.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+
+    Returns:
+        (m, 3) rad, rotation vectors in the axes of each edge's first node.
+    """
+    with jax.enable_x64(True):
+        return np.asarray(_edge_turns(_filled(attitudes, _FEWEST_NODES)))[: len(attitudes) - 1]
+
+
+def _filled(array: np.ndarray, size: int) -> np.ndarray:
+    """The array brought to a padded length, from the given one on, by repeating its last entry."""
+    while size < len(array):
+        size *= 4
+    return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
+
+
+def _node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
+    """(S, slots) node of each slot; slots left over repeat the last one."""
+    return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
+
+
+@jax.jit
+def _edge_turns(attitudes: Array) -> Array:
+    return so3.log(jnp.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
+
+
+@partial(jax.jit, static_argnames="order")
+def _assemble(
+    attitudes: Array, times: Array, joint_nodes: Array, platform_nodes: Array, *, order: int
+) -> tuple[Array, ...]:
+    """Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment."""
+
+    def rows(times: Array) -> Array:
+        start, end = times[:, :1], times[:, -1:]
+        return legendre(2 * (times - start) / (end - start) - 1, order)
+
+    own_times, own_attitudes = times[platform_nodes], attitudes[platform_nodes]
+    relative = jnp.swapaxes(own_attitudes[:, :1], -1, -2) @ own_attitudes  # R_a^T R_j
+    tau = own_times - own_times[:, :1]
+    rate = so3.log(relative[:, -1]) / tau[:, -1:]  # Omega of (25)
+    turned = tau[..., None] * rate[:, None]
+    back = so3.exp(-turned / 2)  # U_j^T
+    b = so3.log(back @ relative @ back) + turned  # (32); the errata have it for nodes within a segment
+    return rows(times[joint_nodes]), rows(own_times), b, rate, back[:, -1]

@@ -1,0 +1,135 @@
+"""The result of step 3, and what its methods share: checks, the trajectory that rests, words for limits."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.path import Path
+from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.status import Status
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.scaling import Peaks
+from jaxplan.trajectory.schedule import MIN_ORDER
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """What a method of step 3 answers.
+
+    Attributes:
+        trajectory: None if no quadratic program had a solution; beside LIMITS_TOO_TIGHT, the one that
+            breaks limits.
+        status: OK, LIMITS_TOO_TIGHT or INFEASIBLE.
+        message: what binds, and of a failure what to change, by the settings' names in a file.
+        needed_duration: s, at which the same settings keep all limits; None if none was needed or found.
+    """
+
+    trajectory: Trajectory | None
+    status: Status
+    message: str
+    needed_duration: float | None = None
+
+
+def boundary(given: np.ndarray | None, size: int) -> np.ndarray:
+    """Rate and acceleration at an end of the motion.
+
+    Args:
+        given: (size,) per s; None for rest.
+        size: number of axes.
+
+    Returns:
+        (2, size), the acceleration being zero.
+
+    Raises:
+        ValueError: if the rate has another shape or is not finite.
+    """
+    rate = np.zeros(size) if given is None else np.asarray(given, float)
+    if rate.shape != (size,) or not np.all(np.isfinite(rate)):
+        raise ValueError(f"a rate at the start or end must be {size} finite numbers")
+    return np.stack([rate, np.zeros(size)])
+
+
+def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None) -> None:
+    """Raise ValueError, by the settings' names in a file, for what makes no sense.
+
+    Args:
+        path: m + 1 nodes.
+        settings: of step 3.
+        fractions: (m + 1,) times of the nodes over the duration, or None.
+    """
+    duration, weights = settings.duration, np.array([settings.rate_weight, settings.acceleration_weight])
+    if isinstance(duration, str):
+        if duration != "stretched":
+            raise ValueError(f'trajectory.duration_s = "{duration}": must be a number or "stretched"')
+    elif not 0 < duration < np.inf:
+        raise ValueError(f"trajectory.duration_s = {duration}: must be positive")
+    if settings.order < MIN_ORDER:
+        raise ValueError(f"trajectory.order = {settings.order}: must be at least {MIN_ORDER}")
+    if settings.segments is not None and settings.segments < 1:
+        raise ValueError(f"trajectory.segments = {settings.segments}: must be at least 1")
+    if not (np.all(weights >= 0) and np.all(np.isfinite(weights)) and np.any(weights > 0)):
+        raise ValueError("trajectory.rate_weight and acceleration_weight must not be negative, nor both zero")
+    if not np.all((path.edge_costs >= 0) & np.isfinite(path.edge_costs)):
+        raise ValueError("the costs of a path's edges must be finite and not negative")
+    if fractions is not None and not (
+        np.shape(fractions) == (len(path.attitudes),)
+        and fractions[0] == 0
+        and fractions[-1] == 1
+        and np.all(np.diff(fractions) > 0)
+    ):
+        raise ValueError("node_fractions must rise strictly from 0 to 1, one a node")
+
+
+def at_rest(path: Path, order: int, method: str) -> Trajectory:
+    """The trajectory of a path without motion: of duration 0, it samples at t = 0.
+
+    Args:
+        path: its nodes are all the same.
+        order: of the Legendre basis.
+        method: that was asked for.
+    """
+    joint_coefficients = np.zeros((1, order + 1, path.joints.shape[1]))
+    joint_coefficients[0, 0] = path.joints[0]
+    return Trajectory(
+        breaks=np.zeros(2),
+        chart_attitude=np.array(path.attitudes[:1], dtype=float),
+        chart_start=np.zeros(1),
+        chart_rate=np.zeros((1, 3)),
+        coefficients=np.zeros((1, order + 1, 3)),
+        joint_breaks=np.zeros(2),
+        joint_coefficients=joint_coefficients,
+        node_times=np.zeros(len(path.attitudes)),
+        smoothness=2,
+        method=method,
+    )
+
+
+def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
+    """Message of a trajectory that keeps all limits."""
+    nearest = peaks.names[peaks.binding]
+    segments = len(trajectory.coefficients)
+    return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
+
+
+def too_tight(duration: float, peaks: Peaks, needed: float | None) -> str:
+    """Message of a trajectory that breaks a limit.
+
+    Args:
+        duration: s, asked for.
+        peaks: of the trajectory.
+        needed: s, or None where no duration was found to do.
+    """
+    name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
+    excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
+    if needed is None:
+        return (
+            f"{excess}, and no longer trajectory.duration_s was found that keeps all limits:"
+            " raise trajectory.segments, or lower the rates at start and end"
+        )
+    return f"{excess}: {remedy(needed)}"
+
+
+def remedy(needed: float) -> str:
+    """What to write into the settings; the number is rounded up."""
+    return f'set trajectory.duration_s to {math.ceil(needed * 100) / 100:.2f} or more, or to "stretched"'

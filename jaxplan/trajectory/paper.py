@@ -1,0 +1,239 @@
+"""Step 3 by the method of the paper: how long, in how many segments, and whether the result keeps its limits.
+
+The scheme itself is `chain`. It holds limits at joins only, so the peaks over all time are looked at
+afterwards, and a trajectory that breaks a limit anywhere is no success.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxplan.path import Path
+from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.status import Status
+from jaxplan.trajectory import schedule
+from jaxplan.trajectory.assembly import edge_turns
+from jaxplan.trajectory.chain import Nodes, fit_nodes
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.fit import Fit, at_rest, boundary, check, remedy, too_tight, within_limits
+from jaxplan.trajectory.scaling import SAFETY, Peaks, peaks
+
+_DEFAULT_SEGMENTS = 3
+_MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
+_LONGER = 1.001  # beyond the time that the last curve asks for, when a needed duration is looked for
+_LOOKS = 12
+_CALM = 2.5  # nominal durations; on the nodes of the paper's cases a fit needs 1.5 to 2.1 of them
+
+
+def fit_paper(
+    path: Path,
+    spacecraft: Spacecraft,
+    settings: TrajectorySettings,
+    *,
+    node_fractions: np.ndarray | None = None,
+    start_angular_velocity: np.ndarray | None = None,
+    start_joint_rates: np.ndarray | None = None,
+    end_angular_velocity: np.ndarray | None = None,
+    end_joint_rates: np.ndarray | None = None,
+) -> Fit:
+    """Fits a trajectory through all nodes of a path.
+
+    A number for ``settings.duration`` is kept. Where a program has no solution more segments are tried, up to
+    one an interval; where the curve breaks a limit or leaves a joint's range, for as long as that helps.
+
+    "stretched" fits once and without limits, at the duration at which the differences of the nodes just keep
+    them, and scales the curve in time until its first limit binds, short of a millionth. That duration is
+    about half of the final one; since the weights act in seconds another choice would give another curve,
+    but the final duration depends on it by a few per cent only. Scaling would change a rate at the start or
+    end: with one, the fit is repeated at longer durations instead, until all limits are kept.
+
+    There are three segments unless ``settings.segments`` asks for another number, and more where the counting
+    rule or the reach of a chart needs them. A curve may also swing between its nodes, when they are uneven or
+    leave its segments next to no freedom. So where a stretched one needs more than 2.5 times the nominal
+    duration or leaves a joint's range, or its segments are full and their number was not asked for, more
+    are tried and the quickest is taken.
+
+    Args:
+        path: m + 1 nodes; the edges' costs share out the time.
+        spacecraft: its limits.
+        settings: of step 3.
+        node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
+            to 1, instead of what the costs say.
+        start_angular_velocity: (3,) rad/s, body axes; zero by default, as are the next three.
+        start_joint_rates: (2n,) rad/s.
+        end_angular_velocity: (3,) rad/s, body axes.
+        end_joint_rates: (2n,) rad/s.
+
+    Returns:
+        The fit. A path without motion gives a trajectory of duration 0, unless it starts or ends with a rate.
+
+    Raises:
+        ValueError: if settings, costs, fractions or rates make no sense; the message names which.
+    """
+    start = boundary(start_angular_velocity, 3), boundary(start_joint_rates, path.joints.shape[1])
+    end = boundary(end_angular_velocity, 3), boundary(end_joint_rates, path.joints.shape[1])
+    at_speed = any(np.any(rate != 0) for rate in (*start, *end))
+    check(path, settings, node_fractions)
+    distinct = schedule.distinct_nodes(path)
+    if np.sum(distinct) == 1 and not at_speed:
+        trajectory = at_rest(path, settings.order, "paper")
+        return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
+    if len(distinct) == 1:  # it leaves its node and comes back to it
+        attitudes, joints = np.repeat(path.attitudes, 2, axis=0), np.repeat(path.joints, 2, axis=0)
+        path, distinct = Path(attitudes=attitudes, joints=joints, edge_costs=np.ones(1)), np.ones(2, bool)
+    distinct[-1] |= np.sum(distinct) == 1
+    if node_fractions is None:
+        fractions = schedule.node_fractions(path.edge_costs[distinct[1:]])
+    else:
+        fractions, distinct = np.asarray(node_fractions, float), np.ones_like(distinct)
+    nodes = Nodes(
+        attitudes=np.asarray(path.attitudes, float)[distinct],
+        joints=np.asarray(path.joints, float)[distinct],
+        fractions=fractions,
+        turns=edge_turns(path.attitudes[distinct]),
+        start=start,
+        end=end,
+    )
+    fit = _fit(_Task(nodes=nodes, spacecraft=spacecraft, settings=settings), at_speed)
+    if fit.trajectory is None:
+        return fit
+    every_node = fit.trajectory.node_times[np.cumsum(distinct) - 1]
+    return replace(fit, trajectory=replace(fit.trajectory, node_times=every_node))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Task:
+    """What all attempts of a fit share."""
+
+    nodes: Nodes
+    spacecraft: Spacecraft
+    settings: TrajectorySettings
+
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and accelerations of the platform (2, 3) and of the joints (2, 2n)."""
+        craft = self.spacecraft
+        platform = np.repeat([[craft.rate_limit], [craft.acceleration_limit]], 3, axis=1)
+        return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
+
+    @property
+    def nominal_duration(self) -> float:
+        """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
+        rates, accelerations = np.hstack(self.limits)
+        ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
+        moves = schedule.shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
+        return moves + float(np.max(ends / accelerations))
+
+    def segment_counts(self) -> Iterator[int]:
+        """Numbers of segments to try, from as few as wanted up to one an interval."""
+        intervals, order = len(self.nodes.turns), self.settings.order
+        count = max(self.settings.segments or _DEFAULT_SEGMENTS, schedule.fewest_segments(intervals, order))
+        while count < intervals:
+            if schedule.charts_suffice(self.nodes.turns, schedule.split(intervals, count, order)[1]):
+                yield count
+            count = max(count + 1, int(_MORE_SEGMENTS * count))
+        yield intervals
+
+    def attempt(self, duration: float, segments: int, *, limited: bool) -> "_Attempt | None":
+        """A trajectory with its peaks; with limits at its joins or without."""
+        platform, joints = self.limits
+        limits = (platform / SAFETY, joints / SAFETY) if limited else None
+        trajectory = fit_nodes(self.nodes, duration, segments, self.settings, limits)
+        if trajectory is None:
+            return None
+        found = peaks(trajectory, self.spacecraft)
+        return _Attempt(trajectory=trajectory, peaks=found) if np.isfinite(found.stretch) else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Attempt:
+    """A trajectory with its peaks."""
+
+    trajectory: Trajectory
+    peaks: Peaks
+
+    def better_than(self, other: "_Attempt | None") -> bool:
+        """Whether its joints keep their range where the other's do not, or else it needs less time."""
+        if other is None or self.peaks.in_range != other.peaks.in_range:
+            return other is None or self.peaks.in_range
+        return self.peaks.stretch < other.peaks.stretch
+
+
+def _fit(task: _Task, at_speed: bool) -> Fit:
+    """The fit at the duration that the settings ask for."""
+    if task.settings.duration != "stretched":
+        return _timed(task, float(task.settings.duration))
+    if at_speed:
+        return _timed(task, _needed_duration(task, task.nominal_duration) or task.nominal_duration)
+    return _stretched(task)
+
+
+def _timed(task: _Task, duration: float) -> Fit:
+    """The fit at a given duration."""
+    attempt = _best_at(task, duration)
+    if attempt is None:
+        needed = _needed_duration(task, 2 * duration)
+        advice = remedy(needed) if needed else "raise trajectory.duration_s or trajectory.segments"
+        message = (
+            f"with any number of segments a quadratic program has no solution in {duration:g} s: {advice}"
+        )
+        return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
+    trajectory, stretch = attempt.trajectory, attempt.peaks.stretch
+    if stretch <= 1:
+        return Fit(trajectory=trajectory, status=Status.OK, message=within_limits(trajectory, attempt.peaks))
+    needed = _needed_duration(task, _LONGER * stretch * duration)
+    message = too_tight(duration, attempt.peaks, needed)
+    return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, needed_duration=needed)
+
+
+def _best_at(task: _Task, duration: float) -> _Attempt | None:
+    """The attempt with the fewest segments that keeps all limits; where none does, the one nearest to it.
+
+    More segments are tried for as long as they help.
+    """
+    best = None
+    for count in task.segment_counts():
+        attempt = task.attempt(duration, count, limited=True)
+        if attempt is None:
+            continue
+        if not attempt.better_than(best):
+            break
+        best = attempt
+        if best.peaks.stretch <= 1 and best.peaks.in_range:
+            break
+    return best
+
+
+def _needed_duration(task: _Task, duration: float) -> float | None:
+    """A duration, from the given one on, at which a fit keeps all limits; None if the looks run out.
+
+    A curve's own stretch is not enough, since the fit at the longer time is another curve.
+    """
+    for look in range(_LOOKS):
+        attempt = _best_at(task, duration)
+        stretch = 2.0 if attempt is None else attempt.peaks.stretch
+        if stretch <= 1:
+            return duration
+        duration *= stretch * _LONGER ** (2**look)  # in ever longer steps, should it not settle
+    return None
+
+
+def _stretched(task: _Task) -> Fit:
+    """The quickest of the fits at the nominal duration without limits, scaled in time to the limits."""
+    best = None
+    for count in task.segment_counts():
+        attempt = task.attempt(task.nominal_duration, count, limited=False)
+        if attempt is not None and attempt.better_than(best):
+            best = attempt
+        full = task.settings.segments is None and schedule.is_full(
+            len(task.nodes.turns), count, task.settings.order
+        )
+        if best is not None and best.peaks.stretch <= _CALM and best.peaks.in_range and not full:
+            break
+    if best is None:
+        message = "with any number of segments a quadratic program has no solution: change trajectory.order"
+        return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
+    trajectory = best.trajectory.scaled(best.peaks.stretch * SAFETY)
+    return Fit(trajectory=trajectory, status=Status.OK, message=within_limits(trajectory, best.peaks))

@@ -1,0 +1,91 @@
+"""The certificate's peaks against dense sampling: derivatives of attitude and joints, torque, momentum."""
+
+import re
+
+import numpy as np
+import pytest
+from manoeuvres import craft, grid, joints_of, judge, manoeuvre, spin_of
+from scipy.optimize import minimize_scalar
+
+
+def largest(trajectory, curve):
+    """Largest |component| of a curve time -> (k, c), with the maximum between samples, and when."""
+    time = grid(trajectory, 1001)
+    values = np.abs(curve(time))
+    at, component = np.unravel_index(np.argmax(values), values.shape)
+    around = time[max(at - 1, 0)], time[min(at + 1, len(time) - 1)]
+
+    def loss(t):
+        return -abs(curve(np.array([t]))[0, component])
+
+    found = minimize_scalar(loss, bounds=around, method="bounded", options={"xatol": 1e-10})
+    return max(-float(found.fun), float(values[at, component])), float(time[at])
+
+
+INERTIA = np.array([[120.0, 5, -3], [5, 80, 2], [-3, 2, 150]])
+
+
+def curves(trajectory, terminals):
+    """Every limited curve as a function of time, by its key in `peaks`."""
+
+    def torque(time):
+        velocity, acceleration, _ = spin_of(trajectory, time)
+        return acceleration @ INERTIA + np.cross(velocity, velocity @ INERTIA)
+
+    return {
+        "angular_velocity": lambda time: spin_of(trajectory, time)[0],
+        "angular_acceleration": lambda time: spin_of(trajectory, time)[1],
+        "joint_rates": lambda time: joints_of(trajectory, time)[1],
+        "joint_accelerations": lambda time: joints_of(trajectory, time)[2],
+        "yaw": lambda time: joints_of(trajectory, time)[0, :, :terminals],
+        "pitch": lambda time: joints_of(trajectory, time)[0, :, terminals:],
+        "torque": torque,
+        "wheel_momentum": lambda time: spin_of(trajectory, time)[0] @ INERTIA,
+        "jerk": lambda time: spin_of(trajectory, time)[2],
+    }
+
+
+def limited(terminals, limits):
+    """A spacecraft with the given limits, by their keys in `peaks`."""
+    platform = {
+        "rate_limit": limits["angular_velocity"],
+        "acceleration_limit": limits["angular_acceleration"],
+        "jerk_limit": limits["jerk"],
+        "inertia": INERTIA,
+        "torque_limit": limits["torque"],
+        "wheel_momentum_limit": limits["wheel_momentum"],
+    }
+    joints = {
+        "yaw_limit": limits["yaw"],
+        "pitch_limit": limits["pitch"],
+        "rate_limit": limits["joint_rates"],
+        "acceleration_limit": limits["joint_accelerations"],
+    }
+    return craft(terminals, joints=joints, **platform)
+
+
+def test_peaks_are_bounds_and_tight():
+    for seed in range(3):
+        trajectory = manoeuvre(400 + seed, terminals=2, pieces=1 + seed % 3, wiggle=0.5)
+        true = {name: largest(trajectory, curve)[0] for name, curve in curves(trajectory, 2).items()}
+        report = judge(trajectory, limited(2, true))
+        assert list(report.peaks) == list(report.peak_times) == list(true)
+        for name, peak in report.peaks.items():
+            assert 1 - 2e-9 <= peak <= 1 + 2e-9, name  # what differences leave
+            time = report.peak_times[name] + np.array([-1e-9, 0, 1e-9])  # the jerk jumps at breaks
+            there = np.abs(curves(trajectory, 2)[name](np.clip(time, 0, 80))).max()
+            assert there == pytest.approx(true[name], rel=1e-5), name
+
+
+@pytest.mark.parametrize("name", curves(None, 1))
+def test_each_limit_is_held_to_a_millionth(name):
+    trajectory = manoeuvre(500, terminals=1, wiggle=0.5)
+    wide = dict.fromkeys(curves(None, 1), 1e4)
+    peak, when = largest(trajectory, curves(trajectory, 1)[name])
+    for over, verdict in ((-1.5e-6, True), (1e-6, False)):
+        report = judge(trajectory, limited(1, wide | {name: peak / (1 + over)}))
+        assert report.certified is verdict
+        assert report.peaks[name] == pytest.approx(1 + over, abs=1e-7)
+    assert len(report.faults) == 1
+    assert report.faults[0].startswith(name.replace("_", " "))
+    assert float(re.search(r"t = (\S+) s", report.faults[0])[1]) == pytest.approx(when, abs=0.1)

@@ -1,0 +1,363 @@
+"""The certificate's tools: jets, majorants, errors of interpolation and rounding, Bernstein bounds."""
+
+from math import comb, factorial
+
+import numpy as np
+import pytest
+from manoeuvres import craft
+from numpy.polynomial import legendre
+from scipy.spatial.transform import Rotation
+
+from jaxplan.certificate import bounds, errors, jets, limits
+from jaxplan.certificate.bounds import Layout, Minima, Rows
+from jaxplan.certificate.errors import Evidence
+from jaxplan.certificate.motion import DEGREE, NODES, Motion
+from jaxplan.certificate.pieces import ROUNDING, Pieces
+
+RNG = np.random.default_rng
+LONG = np.longdouble
+INERTIA = np.array([[120.0, 5, -3], [5, 80, 2], [-3, 2, 150]])
+
+
+def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duration=60.0):
+    """Random polynomials on two pieces, with jumps between them."""
+    rng = RNG(seed)
+    decay = 1 / (1 + np.arange(degree + 1))[:, None]
+    breaks = np.array([0, 0.4, 1]) * duration
+    fixed = rng.normal(size=(instruments, 3))
+    return Motion(
+        platform=Pieces.of(breaks, size * decay * rng.normal(size=(2, degree + 1, 3))),
+        joints=Pieces.of(breaks, size * decay * rng.normal(size=(2, degree + 1, 2 * terminals))),
+        chart_attitude=Rotation.random(2, random_state=seed).as_matrix(),
+        chart_start=breaks[:-1],
+        chart_rate=rng.normal(size=(2, 3)) / duration,
+        mounts=rng.normal(size=terminals),
+        fixed_boresights=fixed / np.linalg.norm(fixed, axis=1, keepdims=True),
+    )
+
+
+def hat(v):
+    """Cross-product matrices (..., 3, 3)."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    rows = ((0 * x, -z, y), (z, 0 * x, -x), (-y, x, 0 * x))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def exponential(v):
+    """Rotation matrices by Rodrigues' formula, of real or complex vectors of any precision."""
+    square = np.sum(v * v, axis=-1)[..., None, None]
+    square = np.where(square == 0, 1, square)  # times zero below
+    angle = np.sqrt(square)
+    return (
+        np.eye(3) + np.sin(angle) / angle * hat(v) + 2 * np.sin(angle / 2) ** 2 / square * (hat(v) @ hat(v))
+    )
+
+
+def curve(motion, piece, time, kind=LONG):
+    """Attitudes (k, 3, 3), joints (k, 2T) and boresights (k, D, 3) by definition, also at complex times."""
+    first, last = motion.platform.breaks[piece : piece + 2].astype(kind)
+    x = 2 * (time - first) / (last - first) - 1
+    b, joints = (
+        legendre.legval(x, p.derivatives[piece, :, 0].astype(kind)).T
+        for p in (motion.platform, motion.joints)
+    )
+    chart = (time - motion.chart_start[piece])[:, None] * motion.chart_rate[piece].astype(kind)
+    half = exponential(chart / 2)
+    attitude = motion.chart_attitude[piece].astype(kind) @ half @ exponential(b - chart) @ half
+    azimuth, elevation = np.split(joints, 2, axis=1)
+    azimuth = azimuth + motion.mounts
+    level = np.cos(elevation)
+    moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    fixed = np.broadcast_to(motion.fixed_boresights, (len(time), *motion.fixed_boresights.shape))
+    return attitude, joints, np.concatenate([moving, fixed], axis=1) @ np.swapaxes(attitude, 1, 2)
+
+
+def taylor(motion, piece, time, half, orders):
+    """Taylor coefficients of `curve` in the unit `half`, by Cauchy's integral, and their errors."""
+    shrink = 1.5  # the smaller circle, where the functions are smaller too
+    angles = np.arctan2(LONG(0), LONG(-1)) / 32 * np.arange(64)
+    results = []
+    for values in curve(motion, piece, time + half / shrink * np.exp(1j * angles), np.clongdouble):
+        scale = (LONG(shrink) ** np.arange(orders)).reshape(-1, *[1] * (values.ndim - 1))
+        coefficients = (np.fft.fft(values, axis=0) / 64)[:orders].real * scale
+        results.append((coefficients, 1e-14 * np.abs(values).max() * scale.ravel()))
+    return results
+
+
+def test_jets_of_products_and_exponentials_are_those_of_power_series():
+    rng = RNG(0)
+    a, b = rng.normal(size=(2, 7, 5))
+    product = jets.product("n,n->n", a, b)
+    for n in range(5):
+        assert product[:, n] == pytest.approx(np.polymul(a[::-1, n], b[::-1, n])[::-1][:7])
+    assert jets.slope(a)[:, 0] == pytest.approx(np.polynomial.polynomial.polyder(a[:, 0]))
+    line = np.array([[0.3], [2.0], *[[0.0]] * 5])
+    exact = np.exp(0.3) * np.array([2.0**k / factorial(k) for k in range(7)])
+    assert jets.exponential(line)[:, 0] == pytest.approx(exact, rel=1e-15)
+    assert jets.exponential(a + b) == pytest.approx(
+        jets.product("n,n->n", jets.exponential(a), jets.exponential(b))
+    )
+
+
+def test_quaternions_are_those_of_scipy_at_any_angle():
+    rng = RNG(1)
+    axes = rng.normal(size=(9, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    angles = np.array([0, 1e-12, 1e-8, 1e-4, 1, np.pi - 1e-11, np.pi, 2 * np.pi, 19.9])
+    jet = np.zeros((3, 3, 9))
+    jet[0] = (axes * angles[:, None]).T
+    matrices = np.moveaxis(jets.rotation(jets.quaternion(jet)[0]), -1, 0)
+    assert np.abs(matrices - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()).max() < 3e-12
+    assert np.abs(matrices[:8] - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()[:8]).max() < 3e-15
+    assert np.all(np.isnan(jets.quaternion(1.01 * jet)[..., 8]))
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="needs extended precision")
+def test_samples_are_those_of_the_definition_to_far_less_than_the_allowances():
+    factorials = np.array([factorial(k) for k in range(5)])[:, None] * LONG(2) ** np.arange(5)[:, None]
+    for seed in range(6):
+        motion = random_motion(seed, size=(0.02, 0.5, 1.0)[seed % 3])
+        on = motion.between(np.union1d(np.linspace(0, 60, 20), motion.platform.breaks))
+        samples = motion.sample(on)
+        stated = errors.rounding(motion, on, errors.majorants(motion, on))
+        for n, m in np.ndindex(samples.time.shape):
+            if (n + m) % 5:
+                continue
+            (r, _), (joints, _), (boresights, _) = taylor(motion, on.piece[n], samples.time[n, m], 0.5, 5)
+            r, joints = r * factorials[..., None], joints * factorials
+            back = np.swapaxes(r, 1, 2)
+            # w^ = R^T R', and its derivatives by the product rule.
+            skew = np.stack(
+                [
+                    back[0] @ r[1],
+                    back[1] @ r[1] + back[0] @ r[2],
+                    back[2] @ r[1] + 2 * back[1] @ r[2] + back[0] @ r[3],
+                ]
+            )
+            spin = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+            off = np.linalg.norm(samples.spin[:, :, n, m] - spin, axis=1)
+            assert np.all(off <= stated.spin[:, n])
+            assert np.all(off <= 1e-12 * np.abs(samples.spin).max(axis=(1, 2, 3)))
+            off = np.abs(samples.joints[:3, :, n, m] - joints[:3])
+            assert np.all(off <= stated.joints[:, :, n])
+            assert np.all(off <= 1e-12 * np.abs(samples.joints[:3]).max(axis=(1, 2, 3))[:, None])
+            off = np.linalg.norm(samples.boresights[:, :, n, m] - boresights[0], axis=1)
+            assert np.all(off <= stated.direction[:, n])
+            assert np.all(off <= 1e-14)
+            assert np.abs(samples.attitude[:, :, n, m] - r[0]).max() <= 1e-14
+
+
+@pytest.mark.parametrize("parts", [9, 30])
+def test_majorants_bound_taylor_coefficients_anywhere_on_an_interval(parts):
+    looseness = []
+    for seed in range(4):
+        motion = random_motion(10 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks))
+        majorants = errors.majorants(motion, on)
+        orders, rng = len(majorants.spin), RNG(seed)
+        for n in rng.integers(len(on.half), size=4):
+            for place in (-1, rng.uniform(-1, 1), 1):
+                time, half = on.centre[n] + place * on.half[n], on.half[n]
+                curves = taylor(motion, on.piece[n], time, half, orders + 1)
+                (attitude, noise), (joints, joint_noise), (boresights, boresight_noise) = curves
+                slope = attitude[1:] * np.arange(1, orders + 1)[:, None, None]
+                skew = [sum(attitude[i].T @ slope[k - i] for i in range(k + 1)) for k in range(orders)]
+                spin = np.array([np.linalg.norm([m[2, 1], m[0, 2], m[1, 0]]) for m in skew])
+                assert np.all(spin <= majorants.spin[:, n] + 30 * noise[:orders])
+                sizes = np.linalg.norm(boresights[:orders], axis=-1)
+                assert np.all(sizes <= majorants.direction[:orders, :, n] + boresight_noise[:orders, None])
+                sizes = np.abs(joints[:orders])
+                assert np.all(sizes <= majorants.joints[:orders, :, n] + joint_noise[:orders, None])
+                looseness.append(majorants.spin[0, n] / spin[0])
+    assert min(looseness) < 1.5  # they are not bounds for being enormous
+
+
+def bernstein_basis(degree, place):
+    """(degree + 1, k) of the Bernstein polynomials on [-1, 1]."""
+    u = (1 + np.asarray(place)) / 2
+    return np.stack([comb(degree, j) * u**j * (1 - u) ** (degree - j) for j in range(degree + 1)])
+
+
+@pytest.mark.parametrize("parts", [6, 12, 40])
+def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
+    spacecraft = craft(
+        2, joints={}, jerk_limit=1.0, torque_limit=1.0, wheel_momentum_limit=1.0, inertia=INERTIA
+    )
+    share = {}
+    for seed in range(3):
+        motion = random_motion(20 + seed, size=0.1)
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks))
+        majorants = errors.majorants(motion, on)
+        left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
+        place = np.linspace(-1, 1, 41)
+        through = bounds.to_bernstein(DEGREE).T @ bernstein_basis(DEGREE, place)
+        curves = []
+        for samples in (motion.sample(on), motion.sample(on, place)):
+            evidence = Evidence(
+                on=on, samples=samples, majorants=majorants, left_out=left_out, rounding=rounding
+            )
+            found = {
+                q.name: (q.values, q.left_out, q.rounding) for q in limits.quantities(spacecraft, evidence)
+            }
+            boresights = np.moveaxis(samples.boresights, 1, 0), left_out.direction, rounding.direction
+            curves.append(found | {"boresights": boresights})
+        for name, (values, missed, noise) in curves[0].items():
+            exact = curves[1][name][0]
+            off = np.abs(values @ through - exact).max(axis=-1)
+            conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(exact).max(axis=-1)
+            stated = missed + bounds.LEBESGUE * noise + conversion
+            assert np.all(off <= stated), name
+            share[name] = max(share.get(name, 0), np.max(off / stated))
+    assert len(share) == 10
+    assert min(share.values()) > {6: 0, 12: 3e-5, 40: 1e-3}[parts], share  # the bounds have the right size
+
+
+@pytest.mark.parametrize("duration", [0.5, 20.0])
+def test_the_bound_of_what_is_left_out_is_attained(duration):
+    """By a turn about one axis so small that it is linear, and joints, whose next derivative is constant."""
+    through = bounds.to_bernstein(DEGREE).T @ bernstein_basis(DEGREE, np.linspace(-1, 1, 401))
+    for order in range(3):
+        degree = DEGREE + 1 + order
+        basis = 1e-16 * np.eye(degree + 2)[..., None]
+        motion = Motion(
+            platform=Pieces.of(np.array([0, duration]), basis[None, degree + 1] * [0, 1, 0]),
+            joints=Pieces.of(np.array([0, duration]), basis[None, degree] * [1, 0]),
+            chart_attitude=np.eye(3)[None],
+            chart_start=np.zeros(1),
+            chart_rate=np.zeros((1, 3)),
+            mounts=np.zeros(1),
+            fixed_boresights=np.zeros((0, 3)),
+        )
+        on = motion.between(np.array([0, duration]))
+        left_out = errors.interpolation(on, errors.majorants(motion, on))
+        for stated, place, times in (
+            (left_out.spin[order, 0], degree + 1, order + 1),
+            (left_out.joints[order, 0, 0], degree, order),
+        ):
+            series = legendre.legder(basis[place, :, 0], times) * (2 / duration) ** times
+            exact = legendre.legval(np.linspace(-1, 1, 401), series)
+            off = np.abs(legendre.legval(NODES, series) @ through - exact).max()
+            assert 0.9 * stated <= off <= (1 + 1e-9) * stated
+
+
+@pytest.mark.parametrize("degree", [4, 8, 10])
+def test_bernstein_coefficients_give_back_the_polynomial(degree):
+    nodes, place = -np.cos(np.pi * np.arange(degree + 1) / degree), np.linspace(-1, 1, 33)
+    polynomials = RNG(2).normal(size=(20, degree + 1))
+    values = np.stack([np.polynomial.polynomial.polyval(nodes, p) for p in polynomials])
+    coefficients = values @ bounds.to_bernstein(degree).T
+    wanted = np.stack([np.polynomial.polynomial.polyval(place, p) for p in polynomials])
+    assert coefficients @ bernstein_basis(degree, place) == pytest.approx(wanted, abs=1e-13)
+    assert np.array_equal(coefficients[:, [0, -1]], values[:, [0, -1]])
+    assert bounds.growth(degree) == pytest.approx({4: 35 / 3, 8: 1287 / 7, 10: 46189 / 63}[degree], rel=1e-9)
+    exact = [[comb(j, i) * 2**i for i in range(degree + 1)] for j in range(degree + 1)]  # of ((1 + x) / 2)^i
+    powers = np.array(exact) / [comb(degree, i) * 2**i for i in range(degree + 1)]
+    shifted = np.stack([((1 + nodes) / 2) ** i for i in range(degree + 1)])
+    assert shifted @ bounds.to_bernstein(degree).T == pytest.approx(powers.T, abs=1e-12)
+
+
+def random_rows(rng, layout, tasks, degree):
+    """Random polynomials for some clauses, one after the other in time, and their values on a grid."""
+    clauses = np.sort(rng.integers(len(layout.quantity), size=tasks))
+    kind = np.concatenate([np.flatnonzero(layout.clause == c) for c in clauses])
+    coefficients = rng.normal(size=(len(kind), degree + 1)).cumsum(axis=1)
+    low = np.arange(tasks, dtype=float)
+    rows = Rows(coefficients=coefficients, error=np.zeros(len(kind)), kind=kind, low=low, high=low + 1)
+    return rows, clauses, coefficients @ bernstein_basis(degree, np.linspace(-1, 1, 4001))
+
+
+def brute(layout, kind, values):
+    """Least value of each task by Python loops: the best entry's worst row."""
+    tasks, row = [], 0
+    while row < len(kind):
+        entries = []
+        first = True
+        while row < len(kind) and (first or not layout.opens_clause[kind[row]]):
+            if layout.opens_entry[kind[row]]:
+                entries.append(values[row])
+            else:
+                entries[-1] = np.minimum(entries[-1], values[row])
+            row, first = row + 1, False
+        tasks.append(np.max(entries, axis=0))
+    return np.array(tasks)
+
+
+LAYOUTS = {
+    "single rows": Layout(
+        opens_entry=np.ones(5, bool), opens_clause=np.ones(5, bool), quantity=np.array([0, 0, 1, 2, 2])
+    ),
+    "groups": Layout(
+        opens_entry=np.array([1, 0, 1, 1, 1, 0, 0, 1, 1], bool),
+        opens_clause=np.array([1, 0, 0, 1, 1, 0, 0, 0, 1], bool),
+        quantity=np.array([0, 0, 0, 1]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("shift", [-3.0, 0.0, 8.0])
+def test_minima_are_bounds_and_tight_for_what_decides(name, shift):
+    layout = LAYOUTS[name]
+    for seed in range(20):
+        rows, clauses, values = random_rows(RNG(seed), layout, 30, DEGREE)
+        rows.coefficients[:] += shift
+        table = brute(layout, rows.kind, values + shift)
+        minima = Minima.of(len(layout.quantity))
+        bounds.minimise(rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, 1e-6))
+        exact = np.array([table[clauses == c].min(initial=np.inf) for c in range(len(layout.quantity))])
+        assert np.all(minima.bound <= exact + 1e-12)
+        for clause, quantity in enumerate(layout.quantity):
+            least = exact[layout.quantity == quantity].min()
+            if exact[clause] in (least, np.inf) or exact[clause] < 0:
+                assert minima.bound[clause] >= exact[clause] - 2e-3  # the grid misses a little, most at kinks
+            else:
+                assert minima.bound[clause] >= min(max(least, 0), exact[clause]) - 2e-3
+            met = [  # at the time that is named, on the intervals that hold it
+                brute(
+                    layout,
+                    rows.kind,
+                    rows.coefficients @ bernstein_basis(DEGREE, [2 * (minima.time[clause] - t) - 1]),
+                )[t, 0]
+                for t in np.flatnonzero(clauses == clause)
+                if t <= minima.time[clause] <= t + 1
+            ]
+            assert len(met) == 0 or min(abs(np.array(met) - minima.seen[clause])) < 1e-9
+
+
+def test_an_error_of_a_row_lowers_its_bound_by_as_much():
+    layout = LAYOUTS["single rows"]
+    rows, _, _ = random_rows(RNG(3), layout, 30, DEGREE)
+    found = []
+    for error in (0.0, 0.25):
+        minima = Minima.of(5)
+        rows.error[:] = error
+        bounds.minimise(rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, 1e-9))
+        found.append(minima)
+    low = found[0].seen < 0
+    assert found[1].bound[low] == pytest.approx(found[0].bound[low] - 0.25, abs=1e-8)
+    assert found[1].seen[low] == pytest.approx(found[0].seen[low], abs=1e-8)  # what is met is not lowered
+
+
+@pytest.mark.parametrize("most_rows", [50, 1000])
+def test_work_is_bounded_and_the_bound_remains_one(monkeypatch, most_rows):
+    monkeypatch.setattr(bounds, "_MOST_ROWS", most_rows)
+    layout = LAYOUTS["single rows"]
+    rows, clauses, values = random_rows(RNG(4), layout, 30, DEGREE)
+    exact = np.array([values[clauses == c].min() for c in range(5)])
+    minima = Minima.of(5)
+    bounds.minimise(
+        rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, -1e9)
+    )  # never good enough
+    assert np.all(minima.bound <= exact + 1e-12)
+    assert np.all(minima.bound >= exact - (9 if most_rows == 50 else 1e-3))
+
+
+def test_a_bound_of_what_is_not_a_number_is_not_a_number(monkeypatch):
+    monkeypatch.setattr(bounds, "_MOST_ROWS", 10_000)
+    layout = LAYOUTS["groups"]
+    rows, _, _ = random_rows(RNG(5), layout, 30, DEGREE)
+    rows.coefficients[7, 3] = np.nan
+    minima = Minima.of(len(layout.quantity))
+    with np.errstate(invalid="ignore"):
+        bounds.minimise(rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, 1e-6))
+    assert np.isnan(minima.bound[layout.clause[rows.kind[7]]])

@@ -1,0 +1,119 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxplan.cases import case_path
+from jaxplan.cli import main
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    code = main([str(word) for word in words])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture(autouse=True)
+def _no_compile_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("jaxplan.cli._keep_compiled_code", lambda: None)
+
+
+@pytest.fixture
+def case_file() -> Path:
+    return Path(str(case_path("case-4")))
+
+
+def edited(case_file: Path, target: Path, old: str, new: str) -> Path:
+    text = case_file.read_text()
+    assert old in text
+    target.write_text(text.replace(old, new, 1))
+    return target
+
+
+def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
+    code, out, err = run(capsys, "plan", "case-4", "-o", tmp_path / "out")
+    assert code == 0
+    assert "certified" in out
+    assert "plan.json" in err
+    pictures = sorted(file.name for file in (tmp_path / "out").glob("*.png"))
+    assert len(pictures) >= 5
+    code, out, _ = run(capsys, "check", tmp_path / "out" / "plan.json")
+    assert code == 0
+    assert "certified" in out
+    code, _, err = run(capsys, "plot", tmp_path / "out" / "plan.json", "-o", tmp_path / "again")
+    assert code == 0
+    assert sorted(file.name for file in (tmp_path / "again").glob("*.png")) == pictures
+
+
+def test_a_scenario_file_is_planned_like_the_case_it_holds(capsys, case_file):
+    first = run(capsys, "plan", "case-4", "--json")
+    second = run(capsys, "plan", case_file, "--json")
+    assert first[0] == second[0] == 0
+    one, other = json.loads(first[1]), json.loads(second[1])
+    assert one.pop("timings_s").keys() == other.pop("timings_s").keys()
+    assert one == other
+    assert one["status"] == "OK"
+    assert one["certified"] is True
+
+
+def test_an_invalid_scene_is_no_plan(capsys, case_file, tmp_path):
+    scene = edited(case_file, tmp_path / "scene.toml", "half_angle_deg = 28.0", "half_angle_deg = 80.0")
+    code, out, _ = run(capsys, "plan", scene, "-o", tmp_path)
+    assert code == 1
+    assert "INVALID_START" in out
+    assert "CZ4" in out
+    code, _, err = run(capsys, "check", tmp_path / "plan.json")
+    assert code == 2
+    assert "no trajectory" in err
+
+
+def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path):
+    broken = edited(case_file, tmp_path / "a.toml", "half_angle_deg = 28.0", "half_angle_deg = 210.0")
+    cases = {
+        "keep_out[2].half_angle_deg = 210": ("plan", broken),
+        "missing.toml": ("plan", tmp_path / "missing.toml"),
+        "case-5": ("plan", "case-5"),
+        "missing.json": ("check", tmp_path / "missing.json"),
+        "not a plan file": ("plot", broken),
+    }
+    for word, words in cases.items():
+        code, out, err = run(capsys, *words)
+        assert code == 2, word
+        assert not out
+        assert word in err
+        assert "Traceback" not in err
+
+
+def test_a_plan_that_does_not_hold_fails_the_check(capsys, tmp_path):
+    run(capsys, "plan", "case-4", "-o", tmp_path)
+    content = json.loads((tmp_path / "plan.json").read_text())
+    content["trajectory"]["joint_coefficients"][0][3][1] += 0.02
+    (tmp_path / "plan.json").write_text(json.dumps(content))
+    code, out, _ = run(capsys, "check", tmp_path / "plan.json")
+    assert code == 3
+    assert "not certified" in out
+    code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")
+    assert code == 3
+    assert json.loads(out)["certified"] is False
+
+
+def test_the_command_without_words_says_what_it_can_do(capsys):
+    code, _, err = run(capsys)
+    assert code == 2
+    assert "plan" in err
+    code, out, _ = run(capsys, "--version")
+    assert code == 0
+    assert out.startswith("jaxplan ")
+
+
+def test_help_needs_no_jax():
+    program = (
+        "import sys; from jaxplan.cli import main\n"
+        "try: main(['--help'])\n"
+        "finally: assert 'jax' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "plan" in done.stdout

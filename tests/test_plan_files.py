@@ -1,0 +1,147 @@
+import json
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+from scenes import make_scenario
+
+import jaxplan as jp
+from jaxplan.planner.check import check_plan
+
+
+@pytest.fixture(scope="module")
+def plan() -> jp.Plan:
+    return jp.plan(jp.paper_case(1))
+
+
+def assert_same(first: object, second: object, where: str = "plan") -> None:
+    """Equal to the last bit, dataclasses and arrays included."""
+    if is_dataclass(first):
+        assert type(first) is type(second), where
+        for entry in fields(first):
+            assert_same(getattr(first, entry.name), getattr(second, entry.name), f"{where}.{entry.name}")
+    elif isinstance(first, np.ndarray):
+        assert first.shape == second.shape, where
+        assert np.array_equal(first, second), where
+    elif isinstance(first, tuple):
+        assert len(first) == len(second), where
+        for k, (one, other) in enumerate(zip(first, second, strict=True)):
+            assert_same(one, other, f"{where}[{k}]")
+    else:
+        assert first == second, where
+
+
+def test_a_plan_that_is_loaded_again_is_the_same_to_the_last_bit(plan, tmp_path):
+    plan.save(tmp_path / "plan.json")
+    again = jp.load_plan(tmp_path / "plan.json")
+    assert_same(plan, again)
+    assert check_plan(again).min_margin == plan.report.min_margin
+
+
+def test_plan_files_are_the_same_byte_for_byte_and_times_are_apart(plan, tmp_path):
+    plan.save(tmp_path / "first.json")
+    jp.plan(jp.paper_case(1)).save(tmp_path / "second.json")
+    assert (tmp_path / "first.json").read_bytes() == (tmp_path / "second.json").read_bytes()
+    times = json.loads((tmp_path / "first.timings.json").read_text())
+    assert set(times) == set(plan.timings)
+    (tmp_path / "first.timings.json").unlink()
+    assert jp.load_plan(tmp_path / "first.json").timings == {}
+
+
+@pytest.mark.parametrize("terminals", [0, 1])
+def test_plans_with_few_devices_and_failed_plans_can_be_kept(terminals, tmp_path):
+    scenario = make_scenario(terminals, 1)
+    for name, kept in {
+        "ok": jp.plan(scenario),
+        "failed": jp.plan(_invalid(scenario), throw=False),
+    }.items():
+        kept.save(tmp_path / f"{name}.json")
+        assert_same(kept, jp.load_plan(tmp_path / f"{name}.json"))
+
+
+def _invalid(scenario: jp.Scenario) -> jp.Scenario:
+    from dataclasses import replace
+
+    return replace(scenario, start=replace(scenario.start, angular_velocity=np.array([1.0, 0.0, 0.0])))
+
+
+def test_an_old_file_is_replaced_in_one_step(plan, tmp_path):
+    target = tmp_path / "plan.json"
+    target.write_text("old")
+    plan.save(target)
+    assert jp.load_plan(target).ok
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json", "plan.timings.json"]
+
+
+def damaged(text: str) -> dict[str, tuple[str, str]]:
+    """Broken file contents, and what the error must name."""
+    content = json.loads(text)
+
+    def edited(*keys: object, value: object) -> str:
+        copy = json.loads(text)
+        inner = copy
+        for key in keys[:-1]:
+            inner = inner[key]
+        if value is _GONE:
+            del inner[keys[-1]]
+        else:
+            inner[keys[-1]] = value
+        return json.dumps(copy)
+
+    coefficients = content["trajectory"]["coefficients"]
+    return {
+        "empty": ("", "not a plan file"),
+        "torn": (text[: len(text) // 2], "not a plan file"),
+        "a list": ("[1, 2]", "no table"),
+        "nan": (edited("goal", "slew_angle", value=float("nan")), "NaN"),
+        "overflow": (text.replace('"slew_angle": ', '"slew_angle": 1e999, "x": ', 1), "slew_angle"),
+        "deep": ("[" * 100_000, "not a plan file"),
+        "other version": (edited("schema_version", value=99), "schema_version"),
+        "unknown status": (edited("status", value="FINE"), "FINE"),
+        "no scenario": (edited("scenario", value=_GONE), "scenario"),
+        "scenario broken": (
+            edited("scenario", "spacecraft", "rate_limit_deg_s", value=-1),
+            "rate_limit_deg_s",
+        ),
+        "goal shape": (edited("goal", "attitude", value=[[1.0, 0.0], [0.0, 1.0]]), "attitude"),
+        "goal text": (edited("goal", "joints", value="many"), "joints"),
+        "joints of another craft": (edited("goal", "joints", value=[0.0] * 8), "joints"),
+        "pieces do not match": (
+            edited("trajectory", "coefficients", value=coefficients[:-1]),
+            "coefficients",
+        ),
+        "ragged": (edited("trajectory", "breaks", value=[0, [1], 2]), "breaks"),
+        "report with another key": (edited("report", "certified_by", value="me"), "report"),
+    }
+
+
+_GONE = object()
+DAMAGES = (
+    "empty", "torn", "a list", "nan", "overflow", "deep", "other version", "unknown status", "no scenario",
+    "scenario broken", "goal shape", "goal text", "joints of another craft", "pieces do not match", "ragged",
+    "report with another key",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_a_damaged_file_is_refused_by_name(plan, tmp_path, name):
+    plan.save(tmp_path / "plan.json")
+    text, word = damaged((tmp_path / "plan.json").read_text())[name]
+    (tmp_path / "bad.json").write_text(text)
+    with pytest.raises(jp.PlanFileError, match=word):
+        jp.load_plan(tmp_path / "bad.json")
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path):
+    with pytest.raises(jp.PlanFileError, match=r"nowhere\.json"):
+        jp.load_plan(tmp_path / "nowhere.json")
+
+
+def test_a_forged_goal_is_found_by_the_check(plan, tmp_path):
+    plan.save(tmp_path / "plan.json")
+    content = json.loads((tmp_path / "plan.json").read_text())
+    content["scenario"]["goal"]["targets"][0] = [0.0, 0.0, 1.0]
+    (tmp_path / "forged.json").write_text(json.dumps(content))
+    report = check_plan(jp.load_plan(tmp_path / "forged.json"))
+    assert not report.certified
+    assert any("goal" in fault for fault in report.faults)

@@ -1,0 +1,308 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+from scenes import make_scenario, sampled_margin, with_search
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.planner import chain
+from jaxplan.planner.check import check_plan
+from jaxplan.scenario import Targets
+from jaxplan.search import make_scene
+from jaxplan.zones import KeepIn, KeepOut
+
+INSTANTS = 100_000
+
+
+@pytest.fixture(scope="module")
+def case_plans() -> dict[int, jp.Plan]:
+    return {number: jp.plan(jp.paper_case(number)) for number in (1, 2, 3, 4)}
+
+
+def evaluate(trajectory: jp.Trajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes and joints from what a trajectory is, by numpy's Legendre series and scipy's rotations."""
+
+    def series(breaks: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        piece = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
+        values = np.zeros((len(t), coefficients.shape[2]))
+        for k in range(len(breaks) - 1):
+            x = 2 * (t[piece == k] - breaks[k]) / (breaks[k + 1] - breaks[k]) - 1
+            values[piece == k] = legendre.legval(x, coefficients[k]).T
+        return piece, values
+
+    piece, b = series(trajectory.breaks, trajectory.coefficients)
+    rate = trajectory.chart_rate[piece]
+    since = (t - trajectory.chart_start[piece])[:, None]
+    half = Rotation.from_rotvec(since * rate / 2)
+    gamma = half * Rotation.from_rotvec(b - since * rate) * half
+    attitudes = (Rotation.from_matrix(trajectory.chart_attitude[piece]) * gamma).as_matrix()
+    return attitudes, series(trajectory.joint_breaks, trajectory.joint_coefficients)[1]
+
+
+def central(values: np.ndarray, step: float, order: int) -> np.ndarray:
+    """First or second derivative on a grid, to eighth order; four points are lost at either end."""
+    weights = {
+        1: np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]),
+        2: np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]),
+    }[order]
+    count = len(values) - 8
+    return sum(w * values[k : k + count] for k, w in enumerate(weights)) / step**order
+
+
+@pytest.mark.paper
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_limits_and_margins_of_the_papers_cases_hold_at_a_hundred_thousand_instants(case_plans, number):
+    plan = case_plans[number]
+    assert plan.ok
+    assert plan.report.certified
+    craft, trajectory = plan.scenario.spacecraft, plan.trajectory
+    t = np.linspace(0, trajectory.duration, INSTANTS)
+    attitudes, joints = evaluate(trajectory, t)
+    scene = make_scene(plan.scenario, plan.goal, attitudes[0])
+    margin = sampled_margin(scene, attitudes, joints)
+    assert np.all(margin >= 0)
+    assert margin.min() >= plan.report.min_margin - 1e-9
+    assert margin.min() <= plan.report.min_margin + np.deg2rad(0.05), "the proved bound is not idle"
+    assert np.all(np.abs(joints) <= craft.joint_limits)
+
+    step = t[1]
+    inner = attitudes[4:-4]
+    rate_matrix = np.swapaxes(inner, 1, 2) @ central(attitudes, step, 1)
+    omega = np.stack([rate_matrix[:, 2, 1], rate_matrix[:, 0, 2], rate_matrix[:, 1, 0]], axis=1)
+    second = np.swapaxes(inner, 1, 2) @ central(attitudes, step, 2) - rate_matrix @ rate_matrix
+    alpha = np.stack([second[:, 2, 1], second[:, 0, 2], second[:, 1, 0]], axis=1)
+    peaks = {
+        "angular_velocity": np.abs(omega) / craft.rate_limit,
+        "angular_acceleration": np.abs(alpha) / craft.acceleration_limit,
+        "joint_rates": np.abs(central(joints, step, 1)) / craft.joint_rate_limits,
+        "joint_accelerations": np.abs(central(joints, step, 2)) / craft.joint_acceleration_limits,
+    }
+    for name, ratios in peaks.items():
+        assert np.all(ratios <= 1), name
+        assert plan.report.peaks[name] == pytest.approx(ratios.max(), rel=3e-3), name
+        assert plan.report.peaks[name] >= ratios.max() - 1e-6, name
+    sample = trajectory.sample(t[4:-4])
+    assert np.allclose(sample.attitude, inner, atol=1e-12)
+    assert np.allclose(sample.angular_velocity, omega, atol=1e-9)
+
+
+@pytest.mark.paper
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_plans_of_the_papers_cases_run_from_start_to_the_published_targets(case_plans, number):
+    plan = case_plans[number]
+    scenario = plan.scenario
+    ends = plan.trajectory.sample(np.array([0.0, plan.trajectory.duration]))
+    start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
+    assert np.allclose(ends.attitude[0], start, atol=1e-9)
+    assert np.allclose(ends.joints[0], scenario.start.joints, atol=1e-9)
+    seen = scenario.spacecraft.boresights(ends.attitude[1], ends.joints[1])
+    assert np.allclose(seen, scenario.goal.directions, atol=1e-8)
+    assert np.allclose(ends.angular_velocity, 0, atol=1e-9)
+    assert np.allclose(ends.joint_rates, 0, atol=1e-9)
+    turn = (Rotation.from_matrix(ends.attitude[0]).inv() * Rotation.from_matrix(ends.attitude[1])).magnitude()
+    assert plan.goal.slew_angle == pytest.approx(turn, abs=1e-8)
+    assert check_plan(plan).certified
+
+
+@pytest.mark.parametrize(("terminals", "instruments"), [(0, 0), (0, 2), (1, 0), (2, 1), (4, 0), (12, 3)])
+def test_any_number_of_devices_is_planned_and_certified(terminals, instruments):
+    scenario = make_scenario(terminals, instruments, turn=(0.2, -0.3, 0.25))
+    plan = jp.plan(scenario)
+    assert plan.report.certified
+    assert plan.report.min_margin is None
+    largest = max(plan.report.peaks[name] for name in plan.report.peaks if name not in ("yaw", "pitch"))
+    assert 1 - 1e-4 <= largest <= 1 + 1e-9, "a stretched manoeuvre is at its first limit"
+
+
+def test_stretched_is_much_shorter_than_the_papers_duration():
+    scenario = jp.paper_case(2)
+    stretched = replace(scenario, trajectory=replace(scenario.trajectory, duration="stretched"))
+    plan = jp.plan(stretched)
+    assert plan.report.certified
+    assert plan.trajectory.duration < 60
+
+
+def test_half_a_turn_is_planned():
+    assert jp.plan(make_scenario(2, turn=(0.0, np.pi, 0.0))).report.certified
+
+
+def test_start_equal_to_goal_takes_no_time():
+    scenario = make_scenario(3)
+    plan = jp.plan(replace(scenario, goal=scenario.start))
+    assert plan.ok
+    assert plan.path.edges == 0
+    assert plan.trajectory.duration == 0
+    assert plan.report.certified
+    assert np.allclose(plan.trajectory.sample(0.0).joints, scenario.start.joints)
+
+
+def seen_at(state, device: int) -> np.ndarray:
+    craft = make_scenario(3).spacecraft
+    attitude = Rotation.from_rotvec(state.rotation_vector).as_matrix()
+    return np.asarray(craft.boresights(attitude, state.joints))[device]
+
+
+def off(direction: np.ndarray, angle: float) -> np.ndarray:
+    axis = np.cross(direction, [0.1, 0.7, -0.4])
+    return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).apply(direction)
+
+
+def broken_scenarios() -> dict[str, tuple[jp.Scenario, str, list[str]]]:
+    """Scene, status, and what the message must name."""
+    free = make_scenario(3)
+    at_start, at_goal = seen_at(free.start, 1), seen_at(free.goal, 2)
+    sun = KeepOut(name="Sun", direction=off(at_start, 0.3), half_angle=0.3 + np.deg2rad(1.25))
+    moon = KeepOut(name="Moon", direction=off(at_goal, 0.2), half_angle=0.2 + np.deg2rad(0.5))
+    link = KeepIn(
+        name="link", direction=off(at_start, 0.4), half_angle=0.4 - np.deg2rad(2.0), devices=("terminal-2",)
+    )
+    beyond = np.array(free.start.joints)
+    beyond[4] = np.deg2rad(17.5)
+    fast = np.array([0.0, np.deg2rad(4.0), 0.0])
+    only = {"devices": ("terminal-2",)}
+    return {
+        "start in keep-out": (
+            make_scenario(3, keep_out=(replace(sun, **only),)),
+            "INVALID_START",
+            ["terminal-2", "Sun", "1.25 deg"],
+        ),
+        "start out of keep-in": (
+            make_scenario(3, keep_in=(link,)),
+            "INVALID_START",
+            ["terminal-2", "link", "2 deg"],
+        ),
+        "start beyond a joint limit": (
+            replace(free, start=replace(free.start, joints=beyond)),
+            "INVALID_START",
+            ["terminal-2 pitch", "2.5 deg", "15 deg"],
+        ),
+        "start too fast": (
+            replace(free, start=replace(free.start, angular_velocity=fast)),
+            "INVALID_START",
+            ["platform", "4 deg/s", "3 deg/s"],
+        ),
+        "goal in keep-out": (
+            make_scenario(3, keep_out=(replace(moon, devices=("terminal-3",)),)),
+            "INVALID_GOAL",
+            ["terminal-3", "Moon", "0.5 deg"],
+        ),
+        "no station in sight": (
+            make_scenario(3, keep_in=(replace(link, any_of="ground"),)),
+            "INVALID_START",
+            ["terminal-2", "link", "ground", "2 deg"],
+        ),
+        "goal not a number": (
+            replace(free, goal=replace(free.goal, joints=np.full(6, np.nan))),
+            "INVALID_GOAL",
+            ["terminal-1 yaw"],
+        ),
+    }
+
+
+@pytest.mark.parametrize("name", broken_scenarios())
+def test_a_start_or_goal_that_breaks_something_is_named_before_any_search(name):
+    scenario, status, words = broken_scenarios()[name]
+    plan = jp.plan(scenario, throw=False)
+    assert plan.status.name == status
+    assert plan.search is None
+    assert plan.path is None
+    assert plan.report is None
+    for word in words:
+        assert word in plan.message, plan.message
+    with pytest.raises(jp.PlanningError, match=status) as caught:
+        jp.plan(scenario)
+    assert caught.value.status is plan.status
+
+
+def test_targets_that_cannot_be_reached_together_say_by_how_much():
+    scenario = jp.paper_case(2)
+    opposite = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    goal = Targets(directions=opposite, angular_velocity=np.zeros(3), joint_rates=np.zeros(6))
+    plan = jp.plan(replace(scenario, goal=goal), throw=False)
+    assert plan.status is jp.Status.GOAL_UNREACHABLE
+    assert plan.goal is None
+    assert "deg beyond" in plan.message
+    assert "terminal-" in plan.message
+
+
+def test_an_instrument_keeps_the_platform_from_the_nearest_goal():
+    from jaxplan.spacecraft import Instrument
+
+    scenario = jp.paper_case(2)
+    nearest = jp.plan(scenario).goal
+    tracker = Instrument(name="star-tracker", boresight=np.array([0.0, 0.0, 1.0]))
+    craft = replace(scenario.spacecraft, instruments=(tracker,))
+    sun = KeepOut(
+        name="Sun", direction=nearest.attitude[:, 2], half_angle=np.deg2rad(10), devices=("star-tracker",)
+    )
+    plan = jp.plan(replace(scenario, spacecraft=craft, keep_out=(*scenario.keep_out, sun)))
+    assert plan.goal.slew_angle > nearest.slew_angle + 0.01
+    angle = np.arccos(plan.goal.attitude[:, 2] @ sun.direction)
+    assert angle >= sun.half_angle - 1e-9
+
+
+def test_a_search_without_success_names_the_setting_to_change():
+    scenario = with_search(jp.paper_case(3), max_expansions=2)
+    plan = jp.plan(scenario, throw=False)
+    assert plan.status is jp.Status.NODE_LIMIT
+    assert "search.max_expansions" in plan.message
+    assert plan.search.expansions == 2
+    assert plan.trajectory is None
+    late = jp.plan(with_search(jp.paper_case(3), time_limit=0.0), throw=False)
+    assert late.status is jp.Status.TIME_LIMIT
+    assert "search.time_limit_s" in late.message
+
+
+def test_a_duration_that_is_too_short_says_how_long_it_takes():
+    scenario = jp.paper_case(2)
+    short = replace(scenario, trajectory=replace(scenario.trajectory, duration=30.0))
+    plan = jp.plan(short, throw=False)
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert "trajectory.duration_s" in plan.message
+    hopeless = replace(scenario, trajectory=replace(scenario.trajectory, duration=2.0))
+    assert jp.plan(hopeless, throw=False).status in (
+        jp.Status.GOAL_UNREACHABLE,
+        jp.Status.LIMITS_TOO_TIGHT,
+    )
+
+
+def test_what_is_not_proved_is_never_ok(monkeypatch):
+    """A fit that ignores the path and cuts through a zone is refused after every attempt."""
+    scenario = jp.paper_case(3)
+    attempts = []
+
+    def straight_on(path, *rest, **more):
+        attempts.append(path)
+        ends = replace(
+            path, attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.array([1.0])
+        )
+        return real(ends, *rest, **more)
+
+    real = chain.METHODS["paper"]
+    monkeypatch.setattr(chain, "METHODS", {"paper": straight_on})
+    plan = jp.plan(scenario, throw=False)
+    assert plan.status is jp.Status.UNCERTIFIED
+    assert not plan.report.certified
+    assert plan.report.min_margin < 0
+    assert plan.trajectory is not None
+    assert "CZ" in plan.message
+    assert len(attempts) >= len(chain.LADDER)
+    assert len({len(path.edge_costs) for path in attempts}) > 1, "with more nodes too"
+
+
+def test_the_same_scenario_gives_the_same_plan():
+    first, second = (jp.plan(jp.paper_case(3)) for _ in range(2))
+    assert np.array_equal(first.trajectory.coefficients, second.trajectory.coefficients)
+    assert np.array_equal(first.trajectory.joint_coefficients, second.trajectory.joint_coefficients)
+    assert first.report.min_margin == second.report.min_margin
+    assert set(first.timings) == {"decompose", "search", "trajectory", "certificate", "total"}
+
+
+def test_a_plan_prints_itself_as_a_table(case_plans):
+    text, page = str(case_plans[2]), case_plans[2]._repr_html_()
+    for word in ("case 2", "OK", "deg", "steps", "certified"):
+        assert word in text
+        assert word in page
+    assert page.count("<tr>") == page.count("</tr>") == len(case_plans[2].rows())

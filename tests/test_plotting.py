@@ -1,0 +1,564 @@
+"""Figures: cones on the map, curves, limits, legends and where they are drawn; properties, not pixels."""
+
+from dataclasses import replace
+
+import jax
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from numpy.polynomial import Polynomial
+from numpy.polynomial.legendre import poly2leg
+from scenes import make_scenario
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan import path as motions
+from jaxplan import zones as zone_margins
+from jaxplan.certificate import Report
+from jaxplan.path import Goal, Path
+from jaxplan.planner import Plan
+from jaxplan.plotting import samples, style, unfolded
+from jaxplan.scenario import GivenState, Scenario, Targets
+from jaxplan.status import Status
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.zones import KeepIn, KeepOut
+
+OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
+
+
+def make_plan(
+    terminals: int = 3, instruments: int = 1, *, zones: int = 4, duration: float = 40.0, edges: int = 6
+) -> Plan:
+    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law."""
+    scenario = make_scenario(terminals, instruments, keep_out=_keep_out(zones), turn=(0.6, -1.1, 0.9))
+    still = 0.0 if duration == 0 else 1.0
+    start, end = scenario.start, scenario.goal
+    first = Rotation.from_rotvec(start.rotation_vector)
+    turn = still * (first.inv() * Rotation.from_rotvec(end.rotation_vector)).as_rotvec()
+    change = still * (end.joints - start.joints)
+    law = Polynomial([0, 0, 0, 10, -15, 6])
+    series = poly2leg(law(Polynomial([0.5, 0.5])).coef)[:, None]
+    joints = series * change
+    joints[0] += start.joints
+    share = np.linspace(0, 1, edges + 1)
+    trajectory = Trajectory(
+        breaks=np.array([0, duration]),
+        chart_attitude=first.as_matrix()[None],
+        chart_start=np.zeros(1),
+        chart_rate=np.zeros((1, 3)),
+        coefficients=(series * turn)[None],
+        joint_breaks=np.array([0, duration]),
+        joint_coefficients=joints[None],
+        node_times=duration * share,
+        smoothness=2,
+        method="paper",
+    )
+    path = Path(
+        attitudes=(first * Rotation.from_rotvec(law(share)[:, None] * turn)).as_matrix(),
+        joints=start.joints + law(share)[:, None] * change,
+        edge_costs=np.diff(law(share)),
+    )
+    bound = 0.02 if zones and terminals + instruments else None
+    report = Report(
+        certified=True,
+        min_margin=bound,
+        worst_time=None if bound is None else 0.25 * duration,
+        worst_device=None if bound is None else "terminal-1",
+        worst_zone=None if bound is None else "zone-0",
+        faults=(),
+    )
+    goal = Goal(attitude=path.attitudes[-1], joints=path.joints[-1], slew_angle=float(np.linalg.norm(turn)))
+    return Plan(
+        scenario=scenario, status=Status.OK, goal=goal, path=path, trajectory=trajectory, report=report
+    )
+
+
+def _keep_out(count: int) -> tuple[KeepOut, ...]:
+    rng = np.random.default_rng(5)
+    return tuple(
+        KeepOut(name=f"zone-{i}", direction=_unit(rng.standard_normal(3)), half_angle=rng.uniform(0.05, 0.4))
+        for i in range(count)
+    )
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return np.asarray(vector, dtype=float) / np.linalg.norm(vector)
+
+
+def _direction(points: np.ndarray) -> np.ndarray:
+    azimuth, elevation = np.deg2rad(points).T
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    first, second = np.broadcast_arrays(first, second)
+    return np.arctan2(np.linalg.norm(np.cross(first, second), axis=-1), np.sum(first * second, axis=-1))
+
+
+def _cones() -> list[tuple[np.ndarray, float]]:
+    """Random cones, and all that is awkward: on poles and edges, touching poles, half spheres, huge ones."""
+    rng = np.random.default_rng(0)
+    axes = [_unit(axis) for axis in rng.standard_normal((12, 3))]
+    special = [(0, 90), (0, -90), (180, 0), (-180, 20), (179.9, -10), (90, 0), (-90, 0), (0, 0), (35, 60)]
+    axes += list(_direction(np.array(special, dtype=float)))
+    half_angles = np.deg2rad([0.5, 12, 30, 60, 89.9, 90, 100, 150, 179])
+    cones = [(axis, half_angle) for axis in axes for half_angle in half_angles]
+    touching = [(_direction(np.array([[170.0, 90.0 - h]]))[0], np.deg2rad(h)) for h in (10, 40, 90, 130)]
+    nearly = [(axis, half_angle + gap) for axis, half_angle in touching for gap in (-1e-9, 1e-9, 1e-5)]
+    return cones + touching + nearly
+
+
+def _steps(line: np.ndarray) -> np.ndarray:
+    """Pairs of successive points of a line with gaps, (2, k, 2)."""
+    pairs = np.stack([line[:-1], line[1:]])
+    return pairs[:, ~np.isnan(pairs).any(axis=(0, 2))]
+
+
+# The map
+
+
+def test_outline_lies_on_the_cone_and_on_the_map() -> None:
+    for axis, half_angle in _cones():
+        line = unfolded.outline(axis, half_angle)
+        points = line[~np.isnan(line[:, 0])]
+        assert np.all(np.abs(points) <= [180, 90])
+        np.testing.assert_allclose(_angle(_direction(points), axis), half_angle, rtol=0, atol=1e-9)
+
+
+def test_outline_goes_all_the_way_round_without_a_streak() -> None:
+    for axis, half_angle in _cones():
+        first, second = _steps(unfolded.outline(axis, half_angle))
+        assert np.all(np.abs(second - first)[:, 0] <= 180)
+        lengths = _angle(_direction(first), _direction(second))
+        assert lengths.max() < np.deg2rad(0.6)
+        np.testing.assert_allclose(lengths.sum(), 2 * np.pi * np.sin(half_angle), rtol=1e-4)
+
+
+def _winding(rings: list[np.ndarray], points: np.ndarray) -> np.ndarray:
+    """How often rings run around each point, counter-clockwise."""
+    total = np.zeros(len(points))
+    for ring in rings:
+        spokes = ring - points[:, None]
+        bearing = np.arctan2(spokes[..., 1], spokes[..., 0])
+        turn = np.roll(bearing, -1, axis=1) - bearing
+        total += np.sum(turn - 2 * np.pi * np.round(turn / (2 * np.pi)), axis=1)
+    return total / (2 * np.pi)
+
+
+def test_region_holds_what_the_cone_holds_and_nothing_else() -> None:
+    rng = np.random.default_rng(1)
+    directions = rng.standard_normal((60, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    near_poles = _direction(np.array([[a, s * 89.7] for a in (-170.0, -60.0, 10.0, 120.0) for s in (-1, 1)]))
+    for axis, half_angle in _cones():
+        probes = np.concatenate([directions, near_poles])
+        depth = half_angle - _angle(probes, axis)
+        clear = np.abs(depth) > np.deg2rad(0.05)
+        azimuth, elevation = np.rad2deg(
+            [np.arctan2(probes[:, 1], probes[:, 0]), np.arcsin(np.clip(probes[:, 2], -1, 1))]
+        )
+        rings = unfolded.region(axis, half_angle)
+        assert all(np.all(np.abs(ring) <= [180, 90]) for ring in rings)
+        winding = _winding(rings, np.stack([azimuth, elevation], axis=-1)[clear])
+        np.testing.assert_allclose(winding, depth[clear] > 0, atol=1e-6)
+
+
+def test_region_holds_the_axis_and_not_its_opposite() -> None:
+    rng = np.random.default_rng(2)
+    for axis in rng.standard_normal((20, 3)):
+        for half_angle in np.deg2rad([3, 45, 90, 135, 177]):
+            points = unfolded.unfold(np.stack([axis, -axis]))
+            winding = _winding(unfolded.region(_unit(axis), half_angle), points)
+            np.testing.assert_allclose(winding, [1, 0], atol=1e-6)
+
+
+def test_a_line_is_cut_where_it_leaves_the_map() -> None:
+    line = unfolded.cut(
+        np.array([[170.0, 0.0], [-170.0, 10.0], [-175.0, 12.0], [175.0, 14.0], [180.0, 15.0]])
+    )
+    expected = [
+        [170, 0], [180, 5], [np.nan, np.nan], [-180, 5], [-170, 10],
+        [-175, 12], [-180, 13], [np.nan, np.nan], [180, 13], [175, 14], [180, 15],
+    ]  # fmt: skip
+    np.testing.assert_allclose(line, expected)
+
+
+def test_no_line_across_the_map_has_a_streak() -> None:
+    rng = np.random.default_rng(3)
+    for normal in [*rng.standard_normal((30, 3)), [0, 0, 1], [1, 0, 0], [0, 1e-9, 1]]:
+        turned = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 400), _unit(normal)))
+        way = turned.apply(_unit(np.cross(normal, [0.3, 0.5, 0.7])))
+        first, second = _steps(unfolded.cut(unfolded.unfold(way)))
+        assert np.all(np.abs(second - first)[:, 0] <= 180)
+        # where it is cut, the chord on the map leaves the great circle by far less than a step
+        assert _angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400
+
+
+# The numbers
+
+
+@pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (2, 0), (3, 2), (4, 1)])
+def test_boresights_are_those_of_the_spacecraft(terminals: int, instruments: int) -> None:
+    rng = np.random.default_rng(4)
+    craft = make_scenario(terminals, instruments).spacecraft
+    attitude = Rotation.random(5, rng=rng).as_matrix()
+    joints = rng.uniform(-1, 1, (5, 2 * terminals))
+    expected = craft.boresights(attitude, joints)
+    np.testing.assert_allclose(samples.boresights(craft, attitude, joints), expected, atol=1e-12)
+
+
+def _mixed_scenario() -> Scenario:
+    """Four terminals, an instrument, every kind of zone; the groups change hands along `_mixed_ways`."""
+    keep_out = (
+        KeepOut(name="sun", direction=_unit([1, 2, 3]), half_angle=0.3),
+        KeepOut(
+            name="moon", direction=_unit([-1, 2, -1]), half_angle=2.0, devices=("terminal-2", "camera-1")
+        ),
+    )
+    both = ("terminal-1", "terminal-3")
+    keep_in = (
+        KeepIn(name="earth", direction=_unit([1, 0, 1]), half_angle=1.2, devices=("terminal-4",)),
+        KeepIn(name="east", direction=_unit([1, 0.2, 0]), half_angle=1.0, devices=both, any_of="link"),
+        KeepIn(name="west", direction=_unit([-1, 0, 0.2]), half_angle=0.7, devices=both[1:], any_of="link"),
+        KeepIn(
+            name="north", direction=_unit([0, 1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
+        ),
+        KeepIn(
+            name="south", direction=_unit([0, -1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
+        ),
+    )
+    return make_scenario(4, 1, keep_out=keep_out, keep_in=keep_in)
+
+
+def _mixed_ways() -> np.ndarray:
+    ways = np.random.default_rng(6).standard_normal((200, 5, 3))
+    return ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+
+
+def test_margins_are_those_of_every_zone_and_device_it_binds() -> None:
+    scenario, ways = _mixed_scenario(), _mixed_ways()
+    names = scenario.spacecraft.device_names
+    found = {(names[margin.device], margin.zone): margin.values for margin in samples.margins(scenario, ways)}
+    expected = {}
+    for zone in (*scenario.keep_out, scenario.keep_in[0]):
+        for device in zone.devices or names:
+            angle = np.arccos(ways[:, names.index(device)] @ zone.direction)
+            inward = isinstance(zone, KeepIn)
+            expected[device, zone.name] = zone.half_angle - angle if inward else angle - zone.half_angle
+    assert {pair for pair in found if pair[1] not in ("link", "other")} == set(expected)
+    for pair, values in expected.items():
+        np.testing.assert_allclose(found[pair], values, atol=1e-9)
+
+
+def test_a_group_counts_as_its_best_zone() -> None:
+    scenario, ways = _mixed_scenario(), _mixed_ways()
+    names = scenario.spacecraft.device_names
+    found = {
+        names[margin.device]: margin.values
+        for margin in samples.margins(scenario, ways)
+        if margin.zone == "link"
+    }
+    east, west = scenario.keep_in[1:3]
+    for instant, directions in enumerate(ways):
+        inside = {
+            (zone.name, device): zone.half_angle - np.arccos(directions[names.index(device)] @ zone.direction)
+            for zone in (east, west)
+            for device in zone.devices
+        }
+        in_east = min(inside["east", "terminal-1"], inside["east", "terminal-3"])
+        if in_east >= inside["west", "terminal-3"]:
+            expected = [inside["east", "terminal-1"], inside["east", "terminal-3"]]
+        else:
+            expected = [np.nan, inside["west", "terminal-3"]]
+        values = [found["terminal-1"][instant], found["terminal-3"][instant]]
+        np.testing.assert_allclose(values, expected, atol=1e-9)
+
+
+def test_the_smallest_margin_is_that_of_the_scene() -> None:
+    scenario, ways = _mixed_scenario(), _mixed_ways()
+    cones = zone_margins.tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names)
+    expected = zone_margins.constraint_margins(cones, zone_margins.device_margins(cones, ways)).min(axis=-1)
+    values = np.nanmin([margin.values for margin in samples.margins(scenario, ways)], axis=0)
+    np.testing.assert_allclose(values, expected, atol=1e-9)
+
+
+def test_the_path_is_drawn_along_geodesics_and_lines() -> None:
+    plan = make_plan(3, 1)
+    craft, path = plan.scenario.spacecraft, plan.path
+    ways = samples.path_boresights(plan, points_an_edge=4)
+    turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).as_rotvec()
+    along = jax.vmap(lambda *edge: motions.motion(*edge, np.arange(5) / 4))
+    attitudes, joints = along(path.attitudes[:-1], path.joints[:-1], turns, np.diff(path.joints, axis=0))
+    expected = np.asarray(craft.boresights(attitudes, joints))
+    for edge, boresights in enumerate(expected):
+        np.testing.assert_allclose(ways[4 * edge : 4 * edge + 5], boresights, atol=1e-9)
+
+
+# The figures
+
+
+def _curves(axes: mpl.axes.Axes) -> list[mpl.lines.Line2D]:
+    """The lines that are drawn over the grid of times."""
+    return [line for line in axes.lines if len(line.get_xdata()) == samples.INSTANTS]
+
+
+def _limits(axes: mpl.axes.Axes) -> list[float]:
+    """Heights of the dashed lines across the panel."""
+    across = [line for line in axes.lines if list(line.get_xdata()) == [0, 1] and line.is_dashed()]
+    return sorted({round(float(line.get_ydata()[0]), 9) for line in across})
+
+
+def _plus_minus(*values: float) -> list[float]:
+    return sorted({sign * value for value in values for sign in (-1, 1)})
+
+
+def test_curves_are_the_trajectory_in_degrees_and_seconds() -> None:
+    plan = make_plan(4, 1)
+    times = np.linspace(0, plan.trajectory.duration, samples.INSTANTS)
+    values = plan.trajectory.sample(times)
+    yaw, pitch = slice(0, 4), slice(4, 8)
+    shown = [
+        (jp.plot.angles, [values.joints[:, yaw], values.joints[:, pitch]]),
+        (jp.plot.rates, [values.joint_rates[:, pitch], values.joint_rates[:, yaw], values.angular_velocity]),
+        (
+            jp.plot.accelerations,
+            [
+                values.joint_accelerations[:, pitch],
+                values.joint_accelerations[:, yaw],
+                values.angular_acceleration,
+            ],
+        ),
+    ]
+    for figure, panels in shown:
+        for axes, columns in zip(figure(plan), panels, strict=True):
+            curves = _curves(axes)
+            assert len(curves) == columns.shape[1]
+            for curve, column in zip(curves, columns.T, strict=True):
+                np.testing.assert_allclose(curve.get_xdata(), times)
+                np.testing.assert_allclose(np.deg2rad(curve.get_ydata()), column, atol=1e-12)
+
+
+def test_limits_stand_at_their_values() -> None:
+    plan = make_plan(3, 0)
+    yaw, pitch = jp.plot.angles(plan)
+    assert (_limits(yaw), _limits(pitch)) == (_plus_minus(90), _plus_minus(15))
+    assert [_limits(axes) for axes in jp.plot.rates(plan)] == [_plus_minus(v) for v in (4, 4, 3)]
+    assert [_limits(axes) for axes in jp.plot.accelerations(plan)] == [_plus_minus(v) for v in (3, 3, 2)]
+
+
+def test_different_limits_have_their_terminals_colours() -> None:
+    plan = make_plan(3, 0)
+    craft = plan.scenario.spacecraft
+    tight = replace(craft.terminals[1], yaw_limit=np.deg2rad(70))
+    other = replace(craft, terminals=(craft.terminals[0], tight, craft.terminals[2]))
+    yaw, pitch = jp.plot.angles(replace(plan, scenario=replace(plan.scenario, spacecraft=other)))
+    assert _limits(yaw) == _plus_minus(70, 90)
+    assert _limits(pitch) == _plus_minus(15)
+    colours = {abs(round(line.get_ydata()[0])): line.get_color() for line in yaw.lines if line.is_dashed()}
+    assert colours[70] == style.device_style(1)["color"]
+    assert colours[90] == style.GREY
+
+
+def test_path_nodes_are_marked_on_the_angles() -> None:
+    plan = make_plan(2, 0)
+    nodes = [line for axes in jp.plot.angles(plan) for line in axes.lines if line.get_marker() == "."]
+    for line, column in zip(nodes, plan.path.joints.T, strict=True):
+        np.testing.assert_allclose(line.get_xdata(), plan.trajectory.node_times)
+        np.testing.assert_allclose(np.deg2rad(line.get_ydata()), column)
+
+
+def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
+    plan = make_plan(3, 1, zones=3)
+    axes = jp.plot.margins(plan)
+    thin = [line for line in _curves(axes) if line.get_linewidth() < 1]
+    bold = [line for line in _curves(axes) if line.get_linewidth() > 1]
+    assert (len(thin), len(bold)) == (12, 4)
+    times = np.linspace(0, plan.trajectory.duration, samples.INSTANTS)
+    values = plan.trajectory.sample(times)
+    boresights = np.asarray(plan.scenario.spacecraft.boresights(values.attitude, values.joints))
+    table = np.stack(
+        [np.arccos(boresights @ zone.direction) - zone.half_angle for zone in plan.scenario.keep_out]
+    )
+    drawn = np.reshape([line.get_ydata() for line in thin], (3, 4, -1))
+    np.testing.assert_allclose(np.deg2rad(drawn), np.moveaxis(table, 2, 1), atol=1e-9)
+    for device, line in enumerate(bold):
+        np.testing.assert_allclose(np.deg2rad(line.get_ydata()), table[:, :, device].min(axis=0), atol=1e-9)
+    (mark,) = [line for line in axes.lines if line.get_marker() == "^"]
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (plan.report.worst_time, np.rad2deg(0.02))
+    assert any("1.146 deg" in text.get_text() for text in axes.get_legend().get_texts())
+    low, high = axes.get_ylim()
+    assert low < 0 < np.rad2deg(table.min(axis=0).max()) < high
+
+
+def test_every_boresight_starts_at_a_star_and_ends_at_a_square() -> None:
+    plan = make_plan(3, 1)
+    axes = jp.plot.sphere(plan)
+    for marker, node in (("*", 0), ("s", -1)):
+        marks = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == marker]
+        boresights = plan.scenario.spacecraft.boresights(plan.path.attitudes[node], plan.path.joints[node])
+        np.testing.assert_allclose(_angle(_direction(np.array(marks)), np.asarray(boresights)), 0, atol=1e-9)
+    names = {text.get_text() for text in axes.texts}
+    assert names == {"zone-0", "zone-1", "zone-2", "zone-3"}
+    assert len(axes.patches) == 4
+
+
+def test_a_device_has_one_look_in_all_figures() -> None:
+    plan = make_plan(12, 3)
+    looks: dict[str, set[object]] = {}
+    for figure in (jp.plot.sphere, jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins):
+        for axes in np.ravel(figure(plan)):
+            legend = axes.get_legend()
+            if legend is not None:
+                for handle, text in zip(legend.get_lines(), legend.get_texts(), strict=False):
+                    looks.setdefault(text.get_text(), set()).add(
+                        (handle.get_color(), str(handle._dash_pattern))
+                    )
+    devices = [looks[name] for name in plan.scenario.spacecraft.device_names]
+    assert all(len(look) == 1 for look in devices)
+    assert len({look.pop() for look in devices}) == 15
+
+
+def test_axes_say_their_units() -> None:
+    plan = make_plan()
+    axes = jp.plot.sphere(plan)
+    assert axes.get_xlabel().endswith("(deg)")
+    assert axes.get_ylabel().endswith("(deg)")
+    for figure in OVER_TIME[:-1]:
+        panels = list(np.ravel(figure(plan)))
+        assert all("(deg" in panel.get_ylabel() for panel in panels)
+        assert [panel.get_xlabel() for panel in panels] == ["", "", "", "time (s)"][-len(panels) :]
+    alone = Figure().subplots(2)
+    jp.plot.angles(plan, ax=alone)
+    assert [panel.get_xlabel() for panel in alone] == ["time (s)", "time (s)"]
+
+
+@pytest.mark.parametrize(("terminals", "instruments", "zones"), [(3, 1, 4), (12, 3, 64)])
+def test_legends_cover_no_panel_and_stay_on_the_page(terminals: int, instruments: int, zones: int) -> None:
+    plan = make_plan(terminals, instruments, zones=zones)
+    for name, figure in jp.plot.figures(plan):
+        figure.draw_without_rendering()
+        panels = [axes for part in [figure, *figure.subfigs] for axes in part.axes]
+        legends = [axes.get_legend() for axes in panels if axes.get_legend() is not None]
+        assert legends, name
+        for legend in legends:
+            box = legend.get_window_extent()
+            assert not any(box.overlaps(axes.get_window_extent()) for axes in panels), name
+            assert box.x1 <= figure.bbox.x1 + 1, name
+            assert box.y0 >= figure.bbox.y0 - 1, name
+        for axes in panels:
+            assert axes.get_tightbbox().x0 >= -1, name
+
+
+# Where they are drawn
+
+
+def test_given_axes_are_drawn_on_and_returned() -> None:
+    plan = make_plan()
+    for figure, count in ((jp.plot.sphere, 1), (jp.plot.margins, 1), (jp.plot.angles, 2), (jp.plot.rates, 3)):
+        given = list(np.ravel(Figure().subplots(count)))
+        answer = list(np.ravel(figure(plan, ax=given)))
+        assert all(one is other for one, other in zip(answer, given, strict=True))
+        assert all(axes.has_data() for axes in answer)
+    single = Figure().subplots()
+    assert jp.plot.sphere(plan, ax=single) is single
+    with pytest.raises(ValueError, match="3 panels, but 2 axes"):
+        jp.plot.accelerations(plan, ax=Figure().subplots(2))
+
+
+def test_a_figure_or_a_part_of_one_is_filled() -> None:
+    plan = make_plan()
+    left, right = Figure(layout="constrained").subfigures(1, 2)
+    assert jp.plot.rates(plan, ax=left) == left.axes
+    sphere, *panels = jp.plot.overview(plan, ax=right)
+    assert len(panels) == 4
+    assert all(axes.figure.figure is left.figure for axes in (sphere, *panels))
+
+
+def test_nothing_global_changes_and_no_figure_stays_open() -> None:
+    before = dict(mpl.rcParams)
+    plan = make_plan()
+    for figure in (jp.plot.sphere, *OVER_TIME):
+        figure(plan)
+    assert [type(figure) for _, figure in jp.plot.figures(plan)] == [Figure] * 6
+    assert pyplot.get_fignums() == []
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_notebook_shows_what_is_drawn() -> None:
+    pytest.importorskip("matplotlib_inline")
+    backend = mpl.get_backend()
+    mpl.use("module://matplotlib_inline.backend_inline")
+    try:
+        axes = jp.plot.sphere(make_plan(1, 0, zones=1))
+        assert [pyplot.figure(number) for number in pyplot.get_fignums()] == [axes.figure]
+    finally:
+        pyplot.close("all")
+        mpl.use(backend)
+
+
+# Edges
+
+
+@pytest.mark.parametrize(
+    ("plan", "expected"),
+    [
+        (make_plan(0, 2), "overview sphere rates accelerations margins"),
+        (make_plan(1, 0, zones=0), "overview sphere angles rates accelerations"),
+        (make_plan(0, 0), "overview sphere rates accelerations margins"),
+        (make_plan(2, 1, duration=0.0, edges=0), "overview sphere angles rates accelerations margins"),
+    ],
+    ids=["no terminals", "no zones", "no devices", "no time"],
+)
+def test_figures_are_those_that_the_plan_has(plan: Plan, expected: str) -> None:
+    drawn = []
+    for name, figure in jp.plot.figures(plan):
+        figure.draw_without_rendering()
+        drawn.append(name)
+    assert drawn == expected.split()
+    for draw in (jp.plot.angles, jp.plot.margins):
+        draw(plan)
+
+
+def test_a_plan_without_a_trajectory_says_what_it_lacks() -> None:
+    failed = replace(
+        make_plan(), status=Status.NODE_LIMIT, message="Raise it.", trajectory=None, report=None, path=None
+    )
+    for figure in OVER_TIME:
+        with pytest.raises(ValueError, match=r"'test' has no trajectory .* NODE_LIMIT: Raise it\."):
+            figure(failed)
+    assert [name for name, _ in jp.plot.figures(failed)] == ["sphere"]
+
+
+def test_the_sphere_of_a_failed_plan_shows_what_there_is() -> None:
+    plan = replace(make_plan(3, 1), status=Status.INFEASIBLE, trajectory=None, report=None)
+    craft = plan.scenario.spacecraft
+
+    def marks(plan: Plan) -> dict[str, int]:
+        lines = jp.plot.sphere(plan).lines
+        return {marker: sum(line.get_marker() == marker for line in lines) for marker in "*sx."}
+
+    assert marks(plan) == {"*": 4, "s": 4, "x": 0, ".": 4}
+    assert marks(replace(plan, path=None)) == {"*": 4, "s": 4, "x": 0, ".": 0}
+    assert isinstance(plan.scenario.goal, GivenState)
+    assert marks(replace(plan, path=None, goal=None)) == {"*": 4, "s": 4, "x": 0, ".": 0}
+    targets = Targets(directions=np.eye(3), angular_velocity=np.zeros(3), joint_rates=np.zeros(6))
+    lost = replace(plan, path=None, goal=None, scenario=replace(plan.scenario, goal=targets))
+    assert marks(lost) == {"*": 4, "s": 0, "x": 3, ".": 0}
+    assert len(craft.device_names) == 4
+    assert jp.plot.sphere(lost).get_title(loc="left") == "test: INFEASIBLE"
+
+
+def test_names_are_shown_letter_by_letter() -> None:
+    plan = make_plan(1, 0, zones=0)
+    craft = plan.scenario.spacecraft
+    odd = replace(craft, terminals=(replace(craft.terminals[0], name="_$x^{"),))
+    zone = KeepOut(name="$\\bad{$", direction=np.array([0.0, 0.0, 1.0]), half_angle=0.2)
+    scenario = replace(plan.scenario, name="a $ b $", spacecraft=odd, keep_out=(zone,))
+    odd_plan = replace(plan, scenario=scenario)
+    for axes in (jp.plot.sphere(odd_plan), jp.plot.margins(odd_plan)):
+        axes.figure.draw_without_rendering()
+        assert "_$x^{" in axes.get_legend().texts[0].get_text()
+        assert "$\\bad{$" in {text.get_text() for text in axes.texts}

@@ -1,0 +1,377 @@
+"""Malformed scenario files: every fault is named with its place, value and range; nothing else is raised."""
+
+import copy
+import pickle
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jaxplan.scenario as sc
+
+EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
+TABLES = tomllib.loads(EVERY_KEY.read_text())
+ABSENT = object()
+
+
+def split(place):
+    """The keys and indices of a place, such as ``keep_out[1].direction``."""
+    return [int(part) if part.isdigit() else part for part in re.findall(r"[\w-]+", place)]
+
+
+def places(value, path=""):
+    """Places of all values in nested tables and arrays, the tables and arrays among them."""
+    pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in pairs:
+        here = f"{path}[{key}]" if isinstance(key, int) else f"{path}.{key}".lstrip(".")
+        yield here
+        yield from places(item, here)
+
+
+def at(tables, place):
+    for key in split(place):
+        tables = tables[key]
+    return tables
+
+
+def changed(changes):
+    """The tables of the example, with the values at some places changed, added or taken out."""
+    tables = copy.deepcopy(TABLES)
+    for place, value in changes.items():
+        *parents, last = split(place)
+        parent = tables
+        for key in parents:
+            parent = parent[key]
+        if value is ABSENT:
+            del parent[last]
+        else:
+            parent[last] = value
+    return tables
+
+
+def faults_of(tables):
+    with pytest.raises(sc.ScenarioError) as caught:
+        sc.scenario_from_dict(tables)
+    return caught.value.faults
+
+
+PLACES = list(places(TABLES))
+NUMBERS = [place for place in PLACES if isinstance(at(TABLES, place), int | float)]
+INTEGERS = {
+    "schema_version",
+    "search.attitude_moves",
+    "search.max_expansions",
+    "search.max_goals",
+    "search.seed",
+}
+INTEGERS |= {"trajectory.segments", "trajectory.order"}
+
+# Each line is the fault that its value causes at its place, and the only one.
+WRONG_VALUES = """\
+keep_out[1].half_angle_deg = 210: must lie in (0, 180)
+keep_in[0].half_angle_deg = 0: must lie in (0, 180)
+keep_in[0].half_angle_deg = 180.0: must lie in (0, 180)
+spacecraft.terminal[0].yaw_limit_deg = 180.1: must lie in (0, 180]
+spacecraft.terminal[0].yaw_limit_deg = 0: must lie in (0, 180]
+spacecraft.terminal[0].pitch_limit_deg = 90: must lie in (0, 90)
+spacecraft.terminal[1].rate_limit_deg_s = 0.0: must be greater than 0
+spacecraft.terminal[1].acceleration_limit_deg_s2 = -3: must be greater than 0
+spacecraft.rate_limit_deg_s = -1.0: must be greater than 0
+spacecraft.acceleration_limit_deg_s2 = 0: must be greater than 0
+spacecraft.jerk_limit_deg_s3 = 0: must be greater than 0
+spacecraft.torque_limit_nm = 0: must be greater than 0
+spacecraft.torque_limit_nm[1] = -0.3: must be greater than 0
+spacecraft.torque_limit_nm = "much": must be a number, or 3 numbers, one a body axis
+spacecraft.wheel_momentum_limit_nms = [1, 2]: must be an array of 3 numbers, one a body axis, not of 2
+spacecraft.inertia_kg_m2 = 12.0: must be an array of 3 rows of 3 numbers
+keep_out[0].name = "": must be a line of text
+spacecraft.terminal[0].name = 7: must be a line of text
+spacecraft.instrument[0].boresight = [0.0, 0.0, 0.0]: must be a unit vector, not zero
+spacecraft.instrument[0].boresight = [0, 1]: must be an array of 3 numbers, not of 2
+keep_in[0].name = "earth": the same as keep_out[1].name
+keep_out[0].direction = [0.0, 0.0, 1.0011]: must be a unit vector, its norm is 1.0011
+keep_out[0].direction[1] = "north": must be a number
+keep_out[0].devices = []: must be an array of names of devices, at least one
+keep_in[0].devices = "fore": must be an array of names of devices, at least one
+keep_in[0].devices[0] = "for": no such device, perhaps fore is meant
+keep_in[0].devices[0] = "camera": no such device, the devices are fore, aft, star-tracker
+keep_out[0].devices[1] = "star-tracker": is named twice
+keep_out[0].devices[1] = 3: must be the name of a device
+keep_in[0].any_of = false: must be a line of text
+start.attitude = [0.0, 0.0]: must be an array of 3 numbers, not of 2
+start.yaw_rad = [0.1]: must be an array of 2 numbers, one a terminal, not of 1
+start.pitch_rad = 0.1: must be an array of 2 numbers, one a terminal
+goal.targets = (an array of 1): must be an array of 2 directions, one a terminal, not of 1
+goal.targets[1] = [0.0, 0.0, 2.0]: must be a unit vector, its norm is 2
+goal.yaw_limit_deg = 90.5: must not exceed spacecraft.terminal[1].yaw_limit_deg = 90.0
+goal.pitch_limit_deg = 16.0: must not exceed spacecraft.terminal[0].pitch_limit_deg = 15.5
+search.method = "dijkstra": must be "mha" or "mha-paper"
+search.method = 1: must be "mha" or "mha-paper"
+search.attitude_step_rad = 0: must lie in (0, 3.14]
+search.joint_step_rad = 3.2: must lie in (0, 3.14]
+search.terminal_step_scale = 0.5: must be a table from names of terminals to numbers
+search.terminal_step_scale.fore = 0: must be greater than 0
+search.heuristic_weight = 0.99: must be at least 1
+search.clearance_deg = 5e-324: too small to tell from zero
+search.anchor_weight = 0: must be at least 1
+search.attitude_moves = 0: must lie in [1, 256]
+search.attitude_moves = 6.0: must be an integer in [1, 256]
+search.clearance_deg = -0.1: must lie in [0, 90)
+search.max_expansions = 0: must be at least 1
+search.time_limit_s = 0: must be greater than 0
+search.time_limit_s = "none": must be a number in (0, inf) or "off"
+search.max_goals = 101: must lie in [1, 100]
+search.seed = -1: must be at least 0
+search.seed = true: must be an integer in [0, inf)
+trajectory.method = "spline": must be "paper"
+trajectory.duration_s = 0: must be greater than 0
+trajectory.duration_s = "long": must be a number in (0, inf) or "stretched"
+trajectory.segments = 0: must lie in [1, 1000]
+trajectory.order = 4: must lie in [5, 24]
+trajectory.order = 25: must lie in [5, 24]
+trajectory.rate_weight = -1: must be at least 0
+trajectory.acceleration_weight = 0: must be greater than 0
+schema_version = 2: must be 1
+schema_version = 1.0: must be 1
+name = "two\\nlines": must be a line of text
+spacecraft = 3: must be a table
+spacecraft.terminal[0] = 3: must be a table
+keep_out = (a table): must be an array of tables, each under [[keep_out]]
+search.method = "wastar": this version does not have it; it has "mha" or "mha-paper"
+search.method = "rrt_star": this version does not have it; it has "mha" or "mha-paper"
+search.method = "rrt_connect": this version does not have it; it has "mha" or "mha-paper"
+trajectory.method = "global": this version does not have it; it has "paper"
+trajectory.duration_s = "minimum": this version does not have it; it has a number in (0, inf) or "stretched"
+""".splitlines()
+SHORTENED = {"(an array of 1)": [[0.0, 0.0, 1.0]], "(a table)": {}}
+
+
+@pytest.mark.parametrize("line", WRONG_VALUES)
+def test_a_wrong_value_is_the_one_fault_with_place_value_and_range(line):
+    place, shown, _ = re.fullmatch(r"(\S+) = (.*?): (.*)", line).groups()
+    value = SHORTENED[shown] if shown in SHORTENED else tomllib.loads(f"x = {shown}")["x"]
+    assert faults_of(changed({place: value})) == (line,)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
+def test_every_number_must_be_finite(value):
+    for place in NUMBERS:
+        complaints = faults_of(changed({place: value}))
+        if place in INTEGERS:
+            assert len(complaints) == 1
+            assert re.match(rf"{re.escape(place)} = {value}: must be (an integer|1)", complaints[0])
+        else:
+            assert complaints == (f"{place} = {value}: must be finite",)
+
+
+def test_an_integer_beyond_all_floats_is_not_finite():
+    for place in set(NUMBERS) - INTEGERS:
+        assert faults_of(changed({place: 10**400})) == (f"{place} = (a huge integer): must be finite",)
+
+
+@pytest.mark.parametrize("value", [True, None, "text", {}, []], ids=str)
+def test_no_value_may_have_the_wrong_type(value):
+    for place in PLACES:
+        expected = at(TABLES, place)
+        if type(value) is type(expected) or isinstance(expected, dict | list):
+            continue
+        first = faults_of(changed({place: value}))[0]
+        assert first.startswith(place), (place, value)
+
+
+def test_an_integer_will_do_for_a_number():
+    for place in set(NUMBERS) - INTEGERS:
+        value = at(TABLES, place)
+        if value == int(value):
+            sc.scenario_from_dict(changed({place: int(value)}))
+
+
+def test_all_faults_are_reported_at_once():
+    found = faults_of(changed(dict.fromkeys(NUMBERS, np.nan)))
+    assert len(found) == len(NUMBERS)
+    assert {line.split(" = ")[0] for line in found} == set(NUMBERS)
+
+
+def test_the_message_lists_all_faults():
+    with pytest.raises(sc.ScenarioError) as caught:
+        sc.scenario_from_dict(changed({"keep_out[1].half_angle_deg": 210, "search.seed": -1}))
+    assert str(caught.value).splitlines() == [
+        "the scenario has 2 faults:",
+        "  keep_out[1].half_angle_deg = 210: must lie in (0, 180)",
+        "  search.seed = -1: must be at least 0",
+    ]
+    assert isinstance(caught.value, ValueError)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (again.faults, str(again)) == (caught.value.faults, str(caught.value))
+
+
+def test_a_misspelt_key_is_answered_with_the_nearest_one():
+    for place in PLACES:
+        parent, _, key = place.rpartition(".")
+        if "[" in key or parent == "search.terminal_step_scale" or key == "keep_out":
+            continue
+        misspelt = f"{parent}.{key[:-1]}{key[-2]}".lstrip(".")
+        found = faults_of(changed({place: ABSENT, misspelt: at(TABLES, place)}))
+        assert f"{misspelt}: unknown key, perhaps {key} is meant" in found
+
+
+def test_a_key_like_none_is_answered_with_the_known_ones():
+    found = faults_of(changed({"keep_out[0].colour": "red", "unit": 1}))
+    assert found == (
+        "unit: unknown key, the keys are schema_version, name, spacecraft, start, goal, keep_out, keep_in, "
+        "search, trajectory",
+        "keep_out[0].colour: unknown key, the keys are name, direction, half_angle_deg, devices",
+    )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "schema_version: missing, must be 1",
+        "name: missing, must be a line of text",
+        "spacecraft: missing, must be a table",
+        "start: missing, must be a table",
+        "goal: missing, must be a table with targets, or with attitude, yaw_rad and pitch_rad",
+        "spacecraft.rate_limit_deg_s: missing, must be a number in (0, inf)",
+        "spacecraft.terminal[1].pitch_limit_deg: missing, must be a number in (0, 90)",
+        "spacecraft.instrument[0].boresight: missing, must be a unit vector of 3 numbers",
+        "start.attitude: missing (or quaternion_wxyz), must be 3 numbers",
+        "start.yaw_rad: missing (or yaw_deg), must be numbers, one a terminal",
+        "start.pitch_rad: missing (or pitch_deg), must be numbers, one a terminal",
+        "keep_out[1].half_angle_deg: missing, must be a number in (0, 180)",
+        "keep_in[0].devices: missing, must be an array of names of devices",
+    ],
+)
+def test_a_missing_key_is_named_with_what_it_must_be(line):
+    assert line in faults_of(changed({line.partition(":")[0]: ABSENT}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        (
+            {"start.quaternion_wxyz": [1, 0, 0, 0]},
+            "start.quaternion_wxyz: says the same as attitude, only one of them can be given",
+        ),
+        ({"start.yaw_deg": [1, 2]}, "start.yaw_deg: says the same as yaw_rad, only one of them can be given"),
+        (
+            {"start.attitude": ABSENT, "start.quaternion_wxyz": [0.1, 0.2, 0.3, 0.4]},
+            "start.quaternion_wxyz = [0.1, 0.2, 0.3, 0.4]: must be a unit quaternion in the order w x y z, "
+            "its norm is 0.547723",
+        ),
+        (
+            {"goal.attitude": [0, 0, 1]},
+            "goal.attitude: the goal has targets, from which attitude and joints are found; give either",
+        ),
+        (
+            {"goal": {"attitude": [0, 0, 1], "yaw_rad": [0, 0], "pitch_rad": [0, 0], "yaw_limit_deg": 3}},
+            "goal.yaw_limit_deg: only a goal with targets has it",
+        ),
+        ({"goal": {}}, "goal: must be a table with targets, or with attitude, yaw_rad and pitch_rad"),
+        (
+            {"spacecraft.inertia_kg_m2": ABSENT, "spacecraft.torque_limit_nm": ABSENT},
+            "spacecraft.wheel_momentum_limit_nms = 4: needs spacecraft.inertia_kg_m2",
+        ),
+        (
+            {"search.terminal_step_scale": {"four": 0.5}},
+            "search.terminal_step_scale.four: no such terminal, perhaps fore is meant",
+        ),
+        ({"spacecraft.terminal[1].name": "fore", "keep_out[0].devices": ["fore"]},
+         'spacecraft.terminal[1].name = "fore": the same as spacecraft.terminal[0].name'),
+    ],
+)  # fmt: skip
+def test_keys_that_contradict_each_other_are_named(changes, line):
+    assert faults_of(changed(changes)) == (line,)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "complaint"),
+    [
+        ([[1, 0, 0], [0.1, 1, 0], [0, 0, 1]], "must be symmetric"),
+        ([[0, 0, 0], [0, 0, 0], [0, 0, 0]], "must be positive definite"),
+        ([[1, 2, 0], [2, 1, 0], [0, 0, 1]], "must be positive definite"),
+        ([[0.3, 0.3, 0], [0.3, 0.3, 0], [0, 0, 0.6]], "must be positive definite"),
+        (
+            [[1e300, 0, 0], [0, 1e300, 0], [0, 0, 2.01e300]],
+            "must have no principal moment above the sum of the other two, as no body has",
+        ),
+    ],
+)
+def test_an_inertia_must_be_that_of_a_body(inertia, complaint):
+    assert faults_of(changed({"spacecraft.inertia_kg_m2": inertia})) == (
+        f"spacecraft.inertia_kg_m2 = (an array of 3): {complaint}",
+    )
+    flat_plate = [[1e-9, 0, 0], [0, 1e-9, 0], [0, 0, 2e-9]]
+    assert sc.scenario_from_dict(changed({"spacecraft.inertia_kg_m2": flat_plate}))
+
+
+@pytest.mark.parametrize("key", ["jerk_weight", "node_tube_deg", "end_acceleration"])
+def test_a_key_of_a_later_version_is_told_from_a_misspelt_one(key):
+    (line,) = faults_of(changed({f"trajectory.{key}": 1.0}))
+    has = "method, duration_s, segments, order, rate_weight, acceleration_weight"
+    assert line == f"trajectory.{key}: this version does not have it; [trajectory] has {has}"
+
+
+def test_stretching_the_time_needs_rest_at_both_ends():
+    line = (
+        'trajectory.duration_s = "stretched": must be a number of seconds, since stretching the time would '
+        "change start.angular_velocity_rad_s, start.joint_rates_rad_s, goal.angular_velocity_rad_s"
+    )
+    at_goal = {"goal.joint_rates_rad_s": [0, 0, 0, 0]}
+    assert faults_of(changed({"trajectory.duration_s": "stretched", **at_goal})) == (line,)
+    assert faults_of(changed({"trajectory": {}, **at_goal})) == (line,)  # it is the default
+    rest = {
+        f"{table}.{key}": ABSENT
+        for table in ("start", "goal")
+        for key in ("angular_velocity_rad_s", "joint_rates_rad_s")
+    }
+    assert sc.scenario_from_dict(changed({"trajectory.duration_s": "stretched", **rest}))
+
+
+def test_a_start_outside_the_joint_limits_is_no_fault_of_the_file():
+    assert sc.scenario_from_dict(changed({"start.yaw_rad": [10.0, 3.0]})).start.joints[0] == 10
+
+
+def test_the_wrong_spacecraft_does_not_hide_what_is_wrong_elsewhere():
+    found = faults_of(changed({"spacecraft": 3, "keep_out[0].half_angle_deg": -1, "trajectory.order": 2}))
+    assert found == (
+        "spacecraft = 3: must be a table",
+        "keep_out[0].half_angle_deg = -1: must lie in (0, 180)",
+        "trajectory.order = 2: must lie in [5, 24]",
+    )
+
+
+def test_too_many_zones_or_faults_end_the_reading():
+    zone = TABLES["keep_out"][1]
+    assert faults_of(changed({"keep_out": [zone] * 1000})) == (
+        "the file: 1001 zones, more than the 1000 that are allowed",
+    )
+    found = faults_of({f"key {i}": 0 for i in range(100_000)})
+    assert (len(found), found[-1]) == (1001, "too many faults, reading stopped here")
+
+
+anything = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.sampled_from(["fore", "aft", ""]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.dictionaries(st.sampled_from(PLACES), anything, min_size=1, max_size=3))
+def test_no_value_anywhere_raises_anything_but_the_scenario_error(changes):
+    try:
+        tables = changed(dict(sorted(changes.items(), reverse=True)))
+        scenario = sc.scenario_from_dict(tables)
+    except sc.ScenarioError:
+        return
+    text = sc.dump_scenario(scenario)
+    assert sc.dump_scenario(sc.parse_scenario(text)) == text

@@ -1,0 +1,172 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
+from scipy.spatial.transform import Rotation
+
+from jaxplan.cases import paper_case
+from jaxplan.path import Goal
+from jaxplan.search import PLANNERS, Scene, SearchResult
+from jaxplan.search.tree import steps_between
+from jaxplan.status import Status
+from jaxplan.zones import KeepOut
+
+# Equations (50) and (53): attitude as rotation vector, yaws, pitches.
+PUBLISHED_GOALS = {
+    1: ([0.4025, 1.3486, 1.4256], [0.6032, 1.5359, -0.2236, 0.0253, -0.1317, -0.1396]),
+    2: ([1.9598, 1.2862, 1.8662], [-0.7386, 0.2610, -1.5359, -0.1394, -0.0092, 0.1396]),
+    3: ([0.1547, -0.1803, 1.5131], [0.6137, 1.5359, -0.5119, -0.0080, 0.1017, -0.2269]),
+    4: ([0.5993, 2.1165, 1.2377], [0.5054, 1.5359, -0.3006, 0.0717, -0.2269, -0.0151]),
+}
+
+
+def published_scene(number: int) -> Scene:
+    attitude, joints = PUBLISHED_GOALS[number]
+    goal = Goal(attitude=Rotation.from_rotvec(attitude).as_matrix(), joints=np.array(joints), slew_angle=0.0)
+    return scene_of(paper_case(number), goal)
+
+
+def solve(scene: Scene, number: int, method: str, **changes: object) -> SearchResult:
+    return PLANNERS[method](scene, replace(paper_case(number).search, method=method, **changes))
+
+
+def needed_steps(scene: Scene) -> float:
+    turn = Rotation.from_matrix(scene.start_attitude.T @ scene.goal_attitude).magnitude()
+    return float(steps_between(scene, turn, scene.goal_joints - scene.start_joints))
+
+
+def edge_margins(scene: Scene, result: SearchResult, samples: int = 201) -> np.ndarray:
+    """(edges,) sampled smallest margins."""
+    path = result.path
+    return np.array([
+        sampled_margin(
+            scene,
+            *edge_states(
+                path.attitudes[k], path.joints[k], path.attitudes[k + 1], path.joints[k + 1], samples
+            ),
+        ).min()
+        for k in range(path.edges)
+    ])  # fmt: skip
+
+
+@pytest.mark.paper
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_both_variants_solve_the_papers_cases(number):
+    scene = published_scene(number)
+    for method in ("mha", "mha-paper"):
+        result = solve(scene, number, method)
+        assert result.status is Status.OK
+        path = result.path
+        assert np.allclose(path.attitudes[0], scene.start_attitude, atol=1e-12)
+        assert np.array_equal(path.attitudes[-1], scene.goal_attitude)
+        assert np.array_equal(path.joints[0], scene.start_joints)
+        assert np.array_equal(path.joints[-1], scene.goal_joints)
+        assert np.all(np.abs(path.joints) <= scene.joint_limits + 1e-12)
+        assert np.all(sampled_margin(scene, path.attitudes, path.joints) >= 0)
+        assert np.all(path.edge_costs <= 1 + 1e-9)
+        turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
+        costs = steps_between(scene, turns, np.diff(path.joints, axis=0))
+        assert np.allclose(path.edge_costs, costs, atol=1e-9)
+        assert result.expansions == sum(result.queue_expansions)
+
+
+@pytest.mark.paper
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_default_paths_are_clear_along_every_edge_and_near_the_shortest(number):
+    scene = published_scene(number)
+    extra = []
+    for seed in range(5):
+        result = solve(scene, number, "mha", seed=seed)
+        assert np.all(edge_margins(scene, result) >= 0)
+        extra.append(result.path.length - needed_steps(scene))
+    assert min(extra) >= -1e-9
+    assert extra[0] <= 2 + 1e-9, "the case file's own seed"
+    assert np.median(extra) <= 2 + 1e-9
+
+
+def test_edges_keep_the_wanted_clearance_away_from_start_and_goal():
+    scene = published_scene(3)
+    wanted = np.deg2rad(0.5)
+    margins = edge_margins(scene, solve(scene, 3, "mha", clearance=wanted))
+    assert np.all(margins[4:-4] >= wanted - 1e-9)
+    bare = edge_margins(scene, solve(scene, 3, "mha", clearance=0.0))
+    assert np.all(bare >= 0)
+
+
+def test_the_same_seed_gives_the_same_path_and_another_seed_another():
+    scene = published_scene(3)
+    first, again, other = (solve(scene, 3, "mha", seed=seed) for seed in (4, 4, 5))
+    assert np.array_equal(first.path.attitudes, again.path.attitudes)
+    assert np.array_equal(first.path.joints, again.path.joints)
+    assert first.queue_expansions == again.queue_expansions
+    assert first.path.joints.shape != other.path.joints.shape or not np.array_equal(
+        first.path.joints, other.path.joints
+    )
+
+
+@pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (1, 0), (2, 2), (4, 0), (12, 1)])
+def test_any_number_of_devices_finds_a_way_round_a_zone_on_the_straight_motion(terminals, instruments):
+    free = scene_of(make_scenario(terminals, instruments))
+    attitudes, joints = edge_states(
+        free.start_attitude, free.start_joints, free.goal_attitude, free.goal_joints, 101
+    )
+    seen = boresights(free, attitudes, joints)[:, -1]  # of the last device
+    nearest_end = np.arccos(max(seen[0] @ seen[50], seen[-1] @ seen[50]))
+    zone = KeepOut(
+        name="Sun", direction=seen[50], half_angle=0.6 * nearest_end, devices=(device_names(free)[-1],)
+    )
+    scenario = with_search(make_scenario(terminals, instruments, keep_out=(zone,)), attitude_step=0.05)
+    scene = scene_of(scenario)
+    assert sampled_margin(scene, attitudes, joints).min() < 0, "the straight motion must be blocked"
+    result = PLANNERS["mha"](scene, scenario.search)
+    assert result.status is Status.OK
+    assert np.all(edge_margins(scene, result, 51) >= 0)
+
+
+def device_names(scene: Scene) -> list[str]:
+    terminals, cameras = len(scene.mounts), len(scene.fixed_boresights)
+    return [f"terminal-{i + 1}" for i in range(terminals)] + [f"camera-{i + 1}" for i in range(cameras)]
+
+
+def test_start_equal_to_goal_is_a_path_of_one_node():
+    scenario = make_scenario(3)
+    scene = scene_of(replace(scenario, goal=scenario.start))
+    for search in PLANNERS.values():
+        result = search(scene, scenario.search)
+        assert result.status is Status.OK
+        assert result.path.edges == 0
+        assert result.path.attitudes.shape == (1, 3, 3)
+        assert result.path.joints.shape == (1, 6)
+
+
+def test_half_a_turn_is_a_straight_motion_like_any_other():
+    scene = scene_of(make_scenario(3, turn=(0.0, 0.0, np.pi)))
+    result = PLANNERS["mha"](scene, make_scenario(3).search)
+    assert result.status is Status.OK
+    assert result.path.length == pytest.approx(np.pi / 0.1, abs=1e-9)
+
+
+def enclosed_scene() -> Scene:
+    """A telescope at the centre of a ring of zones that nothing passes."""
+    scene = scene_of(make_scenario(0, 1))
+    axis = boresights(scene, scene.start_attitude[None], scene.start_joints[None])[0, 0]
+    side = np.cross(axis, [0.3, -0.4, 0.5])
+    ring = [
+        Rotation.from_rotvec(axis * angle).apply(
+            Rotation.from_rotvec(side / np.linalg.norm(side) * 0.6).apply(axis)
+        )
+        for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ]
+    zones = tuple(KeepOut(name=f"Z{i}", direction=v, half_angle=0.35) for i, v in enumerate(ring))
+    return scene_of(make_scenario(0, 1, keep_out=zones, turn=(1.9, 1.9, 0.0)))
+
+
+def test_a_search_that_cannot_succeed_ends_at_its_limits():
+    settings = replace(make_scenario().search, max_expansions=40)
+    scene = enclosed_scene()
+    for search in PLANNERS.values():
+        spent = search(scene, settings)
+        assert (spent.status, spent.path, spent.expansions) == (Status.NODE_LIMIT, None, 40)
+        late = search(scene, replace(settings, time_limit=0.0))
+        assert (late.status, late.path) == (Status.TIME_LIMIT, None)
