@@ -114,8 +114,8 @@ def edge_states(
     attitude: np.ndarray, joints: np.ndarray, end_attitude: np.ndarray, end_joints: np.ndarray, samples: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """States along the motion between two nodes, by scipy."""
-    start = Rotation.from_matrix(attitude)
-    turn = (start.inv() * Rotation.from_matrix(end_attitude)).as_rotvec()
+    start = Rotation.from_matrix(np.array(attitude))  # scipy wants writable arrays
+    turn = (start.inv() * Rotation.from_matrix(np.array(end_attitude))).as_rotvec()
     fraction = np.linspace(0, 1, samples)[:, None]
     return (start * Rotation.from_rotvec(fraction * turn)).as_matrix(), joints + fraction * (
         end_joints - joints

@@ -283,6 +283,26 @@ def test_a_state_without_duration_is_checked_like_any_other():
         assert refused(judge(replace(still, **{name: value}), start=end, goal=end), "no duration")
 
 
+@pytest.mark.parametrize(("overrun", "certified"), [(0.0, True), (5e-10, True), (2e-9, False), (1e-3, False)])
+def test_allowances_are_a_billionth_and_no_more(overrun, certified):
+    still, end = static_trajectory(), EndState(attitude=rotation(TURN), joints=CHANGE)
+    terminal = replace(SPACECRAFT.terminals[0], yaw_limit=0.3 / (1 + overrun))
+    report = judge(still, replace(SPACECRAFT, terminals=(terminal,)), start=end, goal=end)
+    assert report.certified is certified
+    assert report.peaks["yaw"] == pytest.approx(1 + overrun, abs=3e-12)
+    yaw = np.rad2deg(0.3)
+    reached = f"yaw of t reaches {yaw:.6g} deg, {1 + overrun:.8g} of its limit, at t = 0 s"
+    assert certified or report.faults == (reached,)
+    angle = np.arccos((rotation(TURN) @ [0, 0, 1])[2])
+    cones = replace(CONES, half_angle=with_entry(CONES.half_angle, 1, angle - overrun))
+    report = judge(still, cones=cones, start=end, goal=end)
+    assert report.certified is certified
+    assert report.min_margin == pytest.approx(-overrun, abs=1e-12)
+    assert certified or report.faults[0].startswith(
+        f"i is {np.rad2deg(overrun):.3g} deg outside the keep-in zone in"
+    )
+
+
 def test_lengths_of_directions_within_their_tolerance_do_not_matter():
     still, end = static_trajectory(), EndState(attitude=rotation(TURN), joints=CHANGE)
     exact = judge(still, start=end, goal=end).min_margin

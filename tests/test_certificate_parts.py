@@ -1,5 +1,6 @@
 """The certificate's tools: jets, majorants, errors of interpolation and rounding, Bernstein bounds."""
 
+from dataclasses import replace
 from math import comb, factorial
 
 import numpy as np
@@ -10,9 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import bounds, errors, jets, limits
 from jaxplan.certificate.bounds import Layout, Minima, Rows
-from jaxplan.certificate.errors import Evidence
+from jaxplan.certificate.errors import Errors, Evidence
+from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion
 from jaxplan.certificate.pieces import ROUNDING, Pieces
+from jaxplan.zones import KeepOut, tabulate
 
 RNG = np.random.default_rng
 LONG = np.longdouble
@@ -238,6 +241,47 @@ def test_the_bound_of_what_is_left_out_is_attained(duration):
             exact = legendre.legval(np.linspace(-1, 1, 401), series)
             off = np.abs(legendre.legval(NODES, series) @ through - exact).max()
             assert 0.9 * stated <= off <= (1 + 1e-9) * stated
+
+
+def test_stated_errors_are_counted_into_margins_and_peaks():
+    spacecraft = craft(2)
+    motion = random_motion(40, size=0.05)
+    motion = replace(motion, chart_rate=0.1 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
+    on = motion.between(np.union1d(np.linspace(0, 60, 61), motion.platform.breaks))
+    majorants, samples = errors.majorants(motion, on), motion.sample(on)
+    none = errors.interpolation(on, majorants)
+    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
+    # Zones, one wider than a right angle, that two devices just touch.
+    axes, half_angles = [], []
+    for device, apart in enumerate((1.0, 2.5)):
+        boresight = samples.boresights[device, :, 30, 0]
+        sideways = np.cross(boresight, [0.3, 0.2, 0.9])
+        axes.append(np.cos(apart) * boresight + np.sin(apart) * sideways / np.linalg.norm(sideways))
+        half_angles.append(np.arccos(np.einsum("i,inm->nm", axes[device], samples.boresights[device])).min())
+    assert half_angles[1] > np.pi / 2
+    zones = [
+        KeepOut(name=name, direction=axis, half_angle=angle, devices=(name,))
+        for name, axis, angle in zip(spacecraft.device_names, axes, half_angles, strict=False)
+    ]
+    bindings = Bindings.of(tabulate(zones, [], spacecraft.device_names))
+
+    def proved(left_out, rounding):
+        evidence = Evidence(on=on, samples=samples, majorants=majorants, left_out=left_out, rounding=rounding)
+        room = limits.prove(limits.quantities(spacecraft, evidence), evidence)
+        return np.cos(bindings.prove(evidence).bound + half_angles), room.bound
+
+    cosine, room = proved(none, none)
+    # Limits are 9 and margins almost zero. Polynomials of cosines are off by as much as boresights are.
+    left_out = Errors(direction=none.direction + 1e-3, spin=none.spin + 0.09, joints=none.joints + 0.18)
+    raised, lowered = proved(left_out, none)
+    assert room - lowered == pytest.approx(np.array([0.01] * 6 + [0.02] * 12), abs=1e-5)
+    assert raised - cosine == pytest.approx(np.array([1e-3, 1e-3]), rel=0.05)
+    # Rounding moves the samples, and so a chord, and with it the cosine, by less.
+    noise = Errors(direction=none.direction + 1e-3, spin=none.spin + 0.09, joints=none.joints + 0.18)
+    raised, lowered = proved(none, noise)
+    assert room - lowered == pytest.approx(bounds.LEBESGUE * np.array([0.01] * 6 + [0.02] * 12), abs=1e-5)
+    chords = 2 * np.array([np.sin(half_angles[0] / 2), np.cos(half_angles[1] / 2)])
+    assert raised - cosine == pytest.approx(bounds.LEBESGUE * 1e-3 * chords, rel=0.15)
 
 
 @pytest.mark.parametrize("degree", [4, 8, 10])

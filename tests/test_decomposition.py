@@ -177,7 +177,7 @@ def test_slew_of_one_constraint_is_the_depth_in_it(depth):
     assert free_yaw.decompose().goals[0].slew_angle == pytest.approx(depth, abs=1e-11)
 
 
-@pytest.mark.parametrize("half_angle", [1e-7, 1e-3, 0.3])
+@pytest.mark.parametrize("half_angle", [1e-5, 1e-3, 0.3])
 def test_slew_up_to_half_a_turn(half_angle):
     away = KeepIn(name="away", direction=-START @ BORESIGHT, half_angle=half_angle, devices=("i0",))
     found = instrument_problem(keep_in=(away,)).decompose()
@@ -294,7 +294,7 @@ def least_joint_excess(problem: Problem) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("count", "yaw", "pitch"), [(2, 0.3, 0.05), (3, 0.2, 0.1), (3, 2.5, 0.02), (4, 1.0, 0.1)]
+    ("count", "yaw", "pitch"), [(2, 0.1, 0.02), (3, 0.2, 0.1), (3, 2.5, 0.02), (4, 1.0, 0.1)]
 )
 def test_unreachable_targets_give_the_least_joint_excess(count, yaw, pitch):
     directions = np.random.default_rng(17).standard_normal((count, 3))

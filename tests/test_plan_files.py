@@ -62,7 +62,8 @@ def test_plans_with_few_devices_and_failed_plans_can_be_kept(terminals, tmp_path
 def _invalid(scenario: jp.Scenario) -> jp.Scenario:
     from dataclasses import replace
 
-    return replace(scenario, start=replace(scenario.start, angular_velocity=np.array([1.0, 0.0, 0.0])))
+    fast = replace(scenario.start, angular_velocity=np.array([1.0, 0.0, 0.0]))
+    return replace(scenario, start=fast, trajectory=replace(scenario.trajectory, duration=80.0))
 
 
 def test_an_old_file_is_replaced_in_one_step(plan, tmp_path):

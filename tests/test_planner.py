@@ -141,7 +141,7 @@ def test_start_equal_to_goal_takes_no_time():
 def seen_at(state, device: int) -> np.ndarray:
     craft = make_scenario(3).spacecraft
     attitude = Rotation.from_rotvec(state.rotation_vector).as_matrix()
-    return np.asarray(craft.boresights(attitude, state.joints))[device]
+    return np.array(craft.boresights(attitude, state.joints))[device]
 
 
 def off(direction: np.ndarray, angle: float) -> np.ndarray:
@@ -218,8 +218,8 @@ def test_a_start_or_goal_that_breaks_something_is_named_before_any_search(name):
 
 def test_targets_that_cannot_be_reached_together_say_by_how_much():
     scenario = jp.paper_case(2)
-    opposite = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    goal = Targets(directions=opposite, angular_velocity=np.zeros(3), joint_rates=np.zeros(6))
+    same = np.array([[1.0, 0.0, 0.0]] * 3)  # no direction lies in the yaw ranges of all three
+    goal = Targets(directions=same, angular_velocity=np.zeros(3), joint_rates=np.zeros(6))
     plan = jp.plan(replace(scenario, goal=goal), throw=False)
     assert plan.status is jp.Status.GOAL_UNREACHABLE
     assert plan.goal is None

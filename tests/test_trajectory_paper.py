@@ -227,6 +227,20 @@ def test_a_curve_that_swings_between_its_nodes_is_cut_into_more_segments():
         assert np.all(between > np.minimum(path.joints[1:], path.joints[:-1]) - 0.1)
 
 
+def test_more_segments_are_tried_where_a_joint_leaves_its_range():
+    """So slow that rates do not matter, and so uneven that three segments swing."""
+    path, craft = wandering(26, 1, seed=5), make_spacecraft(1)
+    path = replace(path, edge_costs=np.random.default_rng(0).uniform(size=26) ** 4)
+    loose = replace(craft, terminals=(replace(craft.terminals[0], yaw_limit=1e6, pitch_limit=1e6),))
+    reached = []
+    for limits in (loose, craft):
+        fit = fit_paper(path, limits, TrajectorySettings(duration=1e7, segments=3))
+        assert fit.status is Status.OK
+        reached.append(np.abs(at(fit.trajectory, fine_times(fit.trajectory)).joints).max(axis=0))
+    assert np.any(reached[0] > craft.joint_limits)
+    assert np.all(reached[1] <= craft.joint_limits)
+
+
 def test_a_duration_too_short_says_which_would_do():
     path, craft = load("astar_c3"), make_spacecraft()
     fit = fit_paper(path, craft, TrajectorySettings(duration=30.0, segments=3))

@@ -1,10 +1,13 @@
 """The parts of step 3: Legendre basis, quadratic programs, schedule, and peaks over all time."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from node_paths import load, turning
+from node_paths import fit_stored, load, turning
 from numpy.polynomial import legendre as reference
+from scenes import make_spacecraft
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
@@ -203,3 +206,12 @@ def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
     assert np.all(np.isnan(scaling.largest(values)))
+
+
+def test_a_joint_beyond_its_range_between_nodes_is_told():
+    fit = fit_stored("astar_c1", 3)
+    reached = np.abs(fit.trajectory.sample(np.linspace(0, 80, 16_000)).joints).max(axis=0)[3:].max()
+    for margin, inside in ((1e-6, True), (-1e-6, False)):
+        craft = make_spacecraft()
+        terminals = tuple(replace(t, yaw_limit=3.0, pitch_limit=reached + margin) for t in craft.terminals)
+        assert scaling.peaks(fit.trajectory, replace(craft, terminals=terminals)).in_range == inside

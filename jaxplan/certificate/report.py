@@ -56,3 +56,19 @@ class Report:
     jumps: dict[str, float] = field(default_factory=dict)
     faults: tuple[str, ...]
     evaluations: int = 0
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What is proved, as (label, value) rows for a table."""
+        rows = [("certified", "yes, at every instant" if self.certified else "no: not certified")]
+        rows += [("", fault) for fault in self.faults]
+        if self.min_margin is not None:
+            where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"
+            rows.append(("smallest margin", f"{np.rad2deg(self.min_margin):.3f} deg, {where}"))
+        for name, peak in self.peaks.items():
+            rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
+        return rows
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(label) for label, _ in rows)
+        return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)

@@ -8,9 +8,9 @@ goal keeps one such vector out of a cap of the unit sphere in body axes, of axis
     keep-out zone    around an instrument's boresight, for the zone's direction; ``h`` is its half-angle
     keep-in zone     around the opposite of the boresight; ``h`` is pi less its half-angle
 
-So each is ``a . E^T R0^T z <= cos h``, linear in the entries of ``E``. Divided by ``sin h`` its excess is in
-radians near the boundary. Constraints of which one is enough (a yaw range wider than half a turn, zones of
-one group) are members of a group; a member may have several caps, all of which must be clear.
+So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is missing is the excess, in rad.
+Constraints of which one is enough (a yaw range wider than half a turn, zones of one group) are members of
+a group; a member may have several caps, all of which must be clear.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from jaxplan import zones
 from jaxplan.spacecraft import Spacecraft
 
 HAIR = 1e-12
-"""rad; caps are wider than the constraints by this, small ones by more, so that rounding breaks none."""
+"""rad; caps are wider than the constraints by this, so that rounding breaks none."""
 EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
 
@@ -33,7 +33,7 @@ class Caps:
     Attributes:
         axis: (m, 3) unit vectors in body axes; zero for an empty cap.
         direction: (m, 3) unit vectors that stay out of the caps, in the body axes of the start.
-        half_angle: (m,) rad, zero for an empty cap.
+        half_angle: (m,) rad, -1 for an empty cap.
         member: (m,) number of the member that the cap belongs to, ascending.
         group: (m,) number of the group that the member belongs to.
         zone: (m,) row of the zone that the cap is of; -1 for those of joints and empty ones.
@@ -48,16 +48,11 @@ class Caps:
     zone: np.ndarray
     instrument: np.ndarray
 
-    @property
-    def scale(self) -> np.ndarray:
-        """(m,) ``sin h``, which excess is divided by; more for small caps, or it would be all rounding."""
-        return np.maximum(np.sin(self.half_angle), 1e-3)
-
-    @property
-    def arguments(self) -> tuple[np.ndarray, ...]:
-        """What the kernels take: ``a``, ``z``, ``cos h`` (1 for an empty cap), members, groups; scaled."""
-        offset = np.where(self.half_angle > 0, np.cos(self.half_angle) / self.scale, 1)
-        return self.axis / self.scale[:, None], self.direction, offset, self.member, self.group
+    def excess(self, rotation: np.ndarray) -> np.ndarray:
+        """How deep (m,) the directions are inside the caps after a rotation ``E`` (3, 3), rad."""
+        body = self.direction @ rotation
+        sine = np.linalg.norm(np.cross(self.axis, body), axis=-1)
+        return self.half_angle - np.arctan2(sine, np.sum(self.axis * body, axis=-1))
 
 
 def assemble(
@@ -101,7 +96,7 @@ def assemble(
     return Caps(
         axis=np.where(there[:, None], padded(joint_axis, zone_axis, 0), 0),
         direction=padded(np.repeat(directions, 5, axis=0), cones.direction[zone], 0) @ start_attitude,
-        half_angle=np.where(there, half_angle + _hair(half_angle), 0),
+        half_angle=np.where(there, half_angle + HAIR, -1),
         member=padded(np.arange(joints), joints + _runs(zone), rest),
         group=padded(joint_group, joints + _runs(cones.group[zone]), rest),
         zone=padded(-1, zone, -1),
@@ -156,11 +151,6 @@ def _runs(keys: np.ndarray) -> np.ndarray:
     return np.cumsum(np.concatenate([[0], np.diff(keys) != 0]))[: len(keys)]
 
 
-def _hair(half_angle: np.ndarray) -> np.ndarray:
-    """How much wider caps are: `HAIR`, and what the rounding of a cosine amounts to in the angle."""
-    return HAIR + 1e-15 / np.maximum(np.sin(half_angle), EMPTY)
-
-
 def deepest_zone(caps: Caps, rotation: np.ndarray) -> tuple[float, int | None, int | None]:
     """The zone that a rotation from the start breaks most, or is nearest to breaking.
 
@@ -172,10 +162,7 @@ def deepest_zone(caps: Caps, rotation: np.ndarray) -> tuple[float, int | None, i
         How deep an instrument is inside, rad, negative when it is clear; the zone and the instrument. Of a
         group it is the zone broken least. Without zones ``(-inf, None, None)``.
     """
-    body = caps.direction @ rotation
-    cross = np.cross(caps.axis, body)
-    angle = np.arctan2(np.linalg.norm(cross, axis=-1), np.sum(caps.axis * body, axis=-1))
-    inside = caps.half_angle - _hair(caps.half_angle) - angle
+    inside = caps.excess(rotation) - HAIR
     worst_of_member: dict[tuple[int, int], tuple[float, int, int]] = {}
     for row in np.flatnonzero(caps.zone >= 0):
         found = (float(inside[row]), int(caps.zone[row]), int(caps.instrument[row]))

@@ -77,13 +77,13 @@ def depths(caps: Caps, seed: int) -> np.ndarray:
         seed: of the covering.
 
     Returns:
-        (N,) zero or less where a solution may lie within `RADIUS` of the point; else larger the deeper
-        the point is inside a cap.
+        (N,) zero or less where a solution may lie within `RADIUS` of the point; larger the deeper the point
+        is inside a cap.
     """
-    axis, direction, *_ = caps.arguments
-    entries = np.einsum("mi,mj->mji", axis, direction).reshape(-1, 9)  # a . E^T z = sum of entries * E
+    # a . E^T z is the sum of these times the entries of E
+    entries = np.einsum("mi,mj->mji", caps.axis, caps.direction).reshape(-1, 9)
     reach = caps.half_angle - RADIUS
-    excluded = np.where(reach > 0, np.cos(reach) / caps.scale, np.inf)
+    excluded = np.where(reach > 0, np.cos(reach), np.inf)
     single = np.float32
     return np.asarray(
         _depths(entries.astype(single), excluded.astype(single), _rotations(seed), caps.member, caps.group)

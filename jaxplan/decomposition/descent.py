@@ -2,10 +2,11 @@
 
 The variable is ``E = R0^T R_d`` as a unit quaternion; the objective is half the square of its angle
 ``theta``. Along ``E exp(d^)`` that has the gradient ``eta = theta u``, for ``D(eta)^T eta = eta`` in
-equation (2), and the Hessian ``k I + (1 - k) u u^T`` with ``k = (theta / 2) cot(theta / 2)``. A cap
-``a . b <= offset`` with ``b = E^T z`` has the gradient ``a x b`` and the Hessian
-``(a b^T + b a^T) / 2 - (a . b) I``. Each step solves the quadratic program of these exactly; where that
-has no solution, the step restores feasibility instead.
+equation (2), and the Hessian ``k I + (1 - k) u u^T`` with ``k = (theta / 2) cot(theta / 2)``. The excess
+over a cap, ``h - angle(a, b)`` with ``b = E^T z``, has the gradient ``n = a x b / s``, where
+``s = |a x b|``, and the Hessian ``((a b^T + b a^T) / 2 - c I + c n n^T) / s`` with ``c = a . b``. Each
+step solves the quadratic program of these exactly; where that has no solution, the step restores
+feasibility instead.
 
 Beyond half a turn the angle is that of the longer way round: the quaternion keeps its sign, so nothing
 jumps on the way. Shapes as in `lanes`: one start a lane, m caps.
@@ -27,6 +28,7 @@ from jaxplan.decomposition.quadratic import MET, Active
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
 LEAST_CURVATURE = 0.01  # that the Hessian is raised to
+TINY = 1e-20  # least square of the sine of an angle to a cap's axis, where the angle has no derivative
 # The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
 # where these are at their bounds; relative to the multipliers.
 PROXIMITY = 100.0
@@ -57,7 +59,8 @@ def descend(caps: Caps, starts: np.ndarray) -> Minima:
         caps: what directions must stay out of.
         starts: (K, 4) unit quaternions.
     """
-    packed = np.asarray(_descend(np.ascontiguousarray(starts.T), *caps.arguments))
+    arguments = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
+    packed = np.asarray(_descend(np.ascontiguousarray(starts.T), *arguments))
     return Minima(packed[:4].T, *packed[4:])
 
 
@@ -74,12 +77,12 @@ class _Point(NamedTuple):
 
 @jax.jit
 def _descend(
-    starts: Array, axis: Array, direction: Array, offset: Array, member: Array, group: Array
+    starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
     def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
         quaternion, active, _ = state
         slew, eta, hessian = _angle_terms(quaternion)
-        body, excess, gradients = _cap_terms(quaternion, axis, direction, offset)
+        body, excess, gradients = _cap_terms(quaternion, axis, direction, half_angle)
         excess = jnp.where(applies(excess, member, group), excess, MET)
         curved, normals, depth = _active_terms(active, axis, body, excess, gradients)
         lagrangian = hessian + curved
@@ -120,7 +123,9 @@ def _angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
     return angle, eta, across * identity(along) + (1 - across) * along
 
 
-def _cap_terms(quaternion: Array, axis: Array, direction: Array, offset: Array) -> tuple[Array, Array, Array]:
+def _cap_terms(
+    quaternion: Array, axis: Array, direction: Array, half_angle: Array
+) -> tuple[Array, Array, Array]:
     """Directions in body axes (3, m, K), excess over the caps (m, K), and its gradients (3, m, K)."""
     w, x, y, z = quaternion
     columns = (
@@ -130,7 +135,9 @@ def _cap_terms(quaternion: Array, axis: Array, direction: Array, offset: Array) 
     )
     a, d = axis.T[:, :, None], direction.T[:, :, None]
     body = jnp.stack([dot(d, jnp.stack(column)[:, None]) for column in columns])
-    return body, dot(a, body) - offset[:, None], cross(a, body)
+    normal = cross(a, body)
+    sine = jnp.sqrt(jnp.maximum(dot(normal, normal), TINY))
+    return body, half_angle[:, None] - jnp.arctan2(sine, dot(a, body)), normal / sine
 
 
 def _active_terms(
@@ -142,9 +149,12 @@ def _active_terms(
     used = (active.number >= 0) & (depth > MET)
     of = jnp.moveaxis(axis[cap], -1, 0)
     towards = jnp.take_along_axis(body, cap[None], axis=1)
-    product = jnp.sum(jnp.where(used, active.multiplier, 0) * of[:, None] * towards[None], axis=2)
-    curved = (product + jnp.swapaxes(product, 0, 1)) / 2 - jnp.trace(product) * identity(product)
     normals = jnp.where(used, jnp.take_along_axis(gradients, cap[None], axis=1), 0)
+    sine = jnp.sqrt(jnp.maximum(dot(normal := cross(of, towards), normal), TINY))
+    weight = jnp.where(used, active.multiplier / sine, 0)
+    product = jnp.sum(weight * of[:, None] * towards[None], axis=2)
+    curved = (product + jnp.swapaxes(product, 0, 1)) / 2 - jnp.trace(product) * identity(product)
+    curved = curved + jnp.sum(weight * dot(of, towards) * normals[:, None] * normals[None], axis=2)
     return curved, normals, jnp.where(used, depth, 0)
 
 

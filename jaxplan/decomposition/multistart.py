@@ -22,6 +22,8 @@ CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 TOLERANCE = 1e-10
 """rad; of the conditions of optimality."""
+LAST_TOLERANCE = 1e-7
+"""Likewise in the last round: rounding leaves more at the edge of a cone of arc seconds, bent as it is."""
 ROUNDS = 4
 """Descents in a row from one batch of starts."""
 APART = np.deg2rad(2.0)
@@ -68,11 +70,11 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
     Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
     """
     good = np.empty((0, 4))
-    for _ in range(ROUNDS if len(starts) else 0):
+    for round_ in range(ROUNDS if len(starts) else 0):
         ends = _descend(caps, starts)
         good = ends.quaternion[
             (ends.excess <= CLEAR)
-            & (ends.residual <= TOLERANCE)
+            & (ends.residual <= (TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE))
             & (ends.curvature >= -1e-6)
             & (ends.slew <= np.pi + 1e-9)  # the longer way round is no minimum
         ]

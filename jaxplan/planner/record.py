@@ -72,7 +72,7 @@ class Plan:
             )
             rows.append(("trajectory", text))
         if self.report is not None:
-            rows += _report_rows(self.report)
+            rows += self.report.rows()
         return rows
 
     def summary(self) -> dict[str, Any]:
@@ -111,16 +111,6 @@ class Plan:
             for label, value in self.rows()
         )
         return f"<table><caption>Plan of {escape(self.scenario.name)}</caption>{cells}</table>"
-
-
-def _report_rows(report: Report) -> list[tuple[str, str]]:
-    rows = [("certified", "yes, at every instant" if report.certified else "no")]
-    if report.min_margin is not None:
-        where = f"{report.worst_device} to {report.worst_zone} at {report.worst_time:.2f} s"
-        rows.append(("smallest margin", f"{np.rad2deg(report.min_margin):.3f} deg, {where}"))
-    for name, peak in report.peaks.items():
-        rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
-    return rows
 
 
 class PlanningError(Exception):

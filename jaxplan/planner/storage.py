@@ -165,8 +165,6 @@ def _array(table: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) ->
         value = np.array(table.get(key), dtype=float)
     except (TypeError, ValueError) as error:
         raise PlanFileError(f"{key}: must be numbers of shape {shape}") from error
-    if value.size == 0 and 0 in shape:  # nested empty lists lose their inner lengths
-        value = value.reshape([0 if n == 0 else (len(table[key]) if n is None else n) for n in shape])
     fits = len(shape) == value.ndim and all(n in (None, m) for n, m in zip(shape, value.shape, strict=True))
     if not fits or not np.all(np.isfinite(value)):
         raise PlanFileError(f"{key}: must be finite numbers of shape {shape}, has shape {value.shape}")
