@@ -1,6 +1,8 @@
-"""Speed of step 3, warm: fits of the stored node sequences, of long paths, and samples of a trajectory.
+"""Speed of step 3, warm, on the stored node sequences and on long random paths.
 
-python bench/trajectory.py [--repeats 50]
+Prints medians of fits at several durations and of samples of a trajectory.
+
+    python bench/trajectory.py [--repeats 50]
 """
 
 import argparse
