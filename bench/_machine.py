@@ -1,12 +1,20 @@
 """The head of every bench's output: on what machine, with which versions."""
 
+import contextlib
 import os
 import platform
 from importlib.metadata import version
 
 
 def print_machine() -> None:
-    """Print processor, cores and versions."""
+    """Keep to one core where the system allows it, and print processor, cores and versions.
+
+    On two cores the hand-over of small kernels between threads takes longer than the kernels and varies from
+    run to run.
+    """
+    cores = os.cpu_count()
+    with contextlib.suppress(AttributeError, OSError):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     model = platform.processor() or platform.machine()
     try:
         with open("/proc/cpuinfo", encoding="ascii") as info:
@@ -14,4 +22,4 @@ def print_machine() -> None:
     except (OSError, StopIteration):
         pass  # no such file on this system: the short name does
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy", "osqp"))
-    print(f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}\n")
+    print(f"{model}, {cores} cores (one used), Python {platform.python_version()}, {packages}\n")

@@ -18,7 +18,9 @@ from _machine import print_machine
 from jaxplan.cases import paper_case
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
-from jaxplan.search import PLANNERS, kernels, make_scene, mha
+from jaxplan.search import PLANNERS, make_scene, mha
+from jaxplan.search.kernels import expand
+from jaxplan.search.motions import STRAIGHT_INTERVALS
 from jaxplan.search.multi_heuristic import Rules, _Search
 from jaxplan.search.tree import make_root
 
@@ -40,14 +42,14 @@ def expansion_times(repeats: int) -> None:
     with jax.enable_x64(True):
         node, rng = make_root(scene), np.random.default_rng(0)
         moves = mha.propose(scene, node, rng, scenario.search)
-        clearance = np.zeros(kernels.STRAIGHT_INTERVALS + 1)
+        clearance = np.zeros(STRAIGHT_INTERVALS + 1)
         arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance)
         device = jax.device_put(scene)
         empty = jax.jit(lambda scene, packed, *rest: packed[:3] + rest[0].sum())
-        print(f"children an expansion          {moves.allowed.size:10d}")
+        print(f"children an expansion          {len(moves.turns) * len(moves.choice):10d}")
         nothing = median_us(lambda: np.asarray(empty(device, *arguments)), repeats)
         print(f"an empty jitted call           {nothing:10.0f} us")
-        kernel = median_us(lambda: kernels.expand(device, *arguments, edges=True), repeats)
+        kernel = median_us(lambda: expand(device, *arguments, edges=True), repeats)
         print(f"the expansion kernel           {kernel:10.0f} us")
         whole = []
         rules = mha.rules(scene)

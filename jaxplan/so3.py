@@ -7,7 +7,7 @@ Everything broadcasts over leading axes, follows the dtype of its input and comp
 functions of its square: below one radian by their series, above by the closed form. That keeps values
 and first derivatives right down to zero, where the printed closed forms lose all digits (Lemma 3 of
 the paper, with the sign and the threshold of its errata). The logarithm goes through the unit
-quaternion and ``atan2``, which needs no branch near half a turn.
+quaternion (`jaxplan.quaternion`), which needs no branch near half a turn.
 """
 
 from math import factorial
@@ -15,6 +15,8 @@ from math import factorial
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
+
+from jaxplan import quaternion
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
 _TERMS = 10
@@ -121,58 +123,6 @@ def exp(rotation_vector: ArrayLike) -> Array:
     return identity + sinc[..., None, None] * cross + cosc[..., None, None] * _hat_square(w)
 
 
-def to_quaternion(attitude: ArrayLike) -> Array:
-    """Unit quaternion of a rotation matrix, scalar first and not negative.
-
-    Of the four equivalent formulas the one with the largest divisor (at least one) is used, so no
-    digit is lost at any angle. At exactly half a turn the sign of the axis is free; the largest
-    component is made positive.
-
-    Args:
-        attitude: (..., 3, 3) rotation matrix.
-
-    Returns:
-        (..., 4) as ``w x y z``.
-    """
-    m = jnp.asarray(attitude)
-    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    p, q, r = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
-    s, t, u = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
-    squares = (1 + a + b + c, 1 + a - b - c, 1 - a + b - c, 1 - a - b + c)  # four times each component's
-    products = (  # row k: four times component k times every component
-        (squares[0], p - s, q - t, r - u),
-        (p - s, squares[1], r + u, q + t),
-        (q - t, r + u, squares[2], p + s),
-        (r - u, q + t, p + s, squares[3]),
-    )
-    # nested `where` instead of a gather: it fuses, and the sides not taken hold no division or root
-    largest, row = squares[0], jnp.stack(products[0], axis=-1)
-    for square, candidate in zip(squares[1:], products[1:], strict=True):
-        larger = square > largest
-        largest = jnp.where(larger, square, largest)
-        row = jnp.where(larger[..., None], jnp.stack(candidate, axis=-1), row)
-    quaternion = row / (2 * jnp.sqrt(largest))[..., None]
-    return jnp.where(quaternion[..., :1] < 0, -quaternion, quaternion)
-
-
-def from_quaternion(quaternion: ArrayLike) -> Array:
-    """Rotation matrix of a unit quaternion.
-
-    Args:
-        quaternion: (..., 4) as ``w x y z``; taken to be of unit length.
-
-    Returns:
-        (..., 3, 3).
-    """
-    w, x, y, z = jnp.moveaxis(jnp.asarray(quaternion), -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def log(attitude: ArrayLike) -> Array:
     """Rotation vector of a rotation matrix, of length at most pi.
 
@@ -184,15 +134,7 @@ def log(attitude: ArrayLike) -> Array:
         the one whose largest component is positive, and the derivative returned is finite: that of
         the branch the value belongs to.
     """
-    quaternion = to_quaternion(attitude)
-    cosine, vector = quaternion[..., 0], quaternion[..., 1:]  # of half the angle
-    square = jnp.sum(vector * vector, axis=-1)
-    small = square < jnp.finfo(quaternion.dtype).eps
-    sine = jnp.sqrt(jnp.where(small, 1, square))
-    # atan(x) / x = 1 - x^2 / 3 + ..., where x^2 is too small to be seen beside 1
-    near_zero = 2 / jnp.where(small, cosine, 1)
-    factor = jnp.where(small, near_zero, 2 * jnp.arctan2(sine, cosine) / sine)
-    return factor[..., None] * vector
+    return quaternion.log(quaternion.from_matrix(attitude))
 
 
 def angle(attitude: ArrayLike) -> Array:

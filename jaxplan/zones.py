@@ -215,21 +215,22 @@ def swept_cosines(cones: Cones, start: ArrayLike, end: ArrayLike, curvature: Arr
     return edge_bound(side * start, side * end, curvature)
 
 
-def cosine_slack(cones: Cones, signed_cosines: ArrayLike, clearance: ArrayLike) -> Array:
-    """Whether margins reach a clearance, decided without an arc cosine.
+def cosine_threshold(cones: Cones, clearance: ArrayLike) -> Array:
+    """The signed cosine at which a margin is just the wanted clearance.
+
+    Comparing with it tells whether margins reach a clearance without an arc cosine.
 
     Args:
         cones: the zones.
-        signed_cosines: (..., Z) ``side * cos(angle to the axis)``, -inf where a zone binds nothing.
         clearance: (...) rad wanted; a zone gives it up to half of the room that it leaves.
 
     Returns:
-        (..., Z), >= 0 where the margin is at least the clearance.
+        (..., Z); ``side * cos(angle to the axis)`` is at most this where the clearance is kept.
     """
     side = jnp.asarray(cones.side)
     room = jnp.where(side > 0, jnp.pi - cones.half_angle, cones.half_angle) / 2
     wanted = jnp.minimum(jnp.asarray(clearance)[..., None], room)
-    return side * jnp.cos(cones.half_angle + side * wanted) - signed_cosines
+    return side * jnp.cos(cones.half_angle + side * wanted)
 
 
 def margins_from_cosines(cones: Cones, signed_cosines: ArrayLike) -> Array:

@@ -5,8 +5,7 @@ from pointing import KINDS, PAPER_DIRECTIONS, Printed, Problem, make_problem, ra
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
-from jaxplan.decomposition import Decomposition, covering
-from jaxplan.decomposition.caps import assemble
+from jaxplan.decomposition import Decomposition
 from jaxplan.zones import KeepIn, KeepOut
 
 # Case by case: the start, the limits at the goal that its answer tells of, the goal as (50) and (53)
@@ -323,28 +322,6 @@ def test_contradicting_zones_share_the_overlap():
     assert found.worst_zone in (0, 1)
     assert found.worst_device == 0
     assert found.joint_excess == -np.inf
-
-
-def test_every_attitude_is_near_a_point_of_the_covering():
-    points = covering.points(0)
-    attitudes = Rotation.random(4000, rng=np.random.default_rng(5)).as_quat(scalar_first=True)
-    cosine = np.abs(attitudes @ points.T).max(axis=1)
-    assert 2 * np.arccos(cosine.min()) <= covering.RADIUS
-    near_half_turn = np.abs(points[:, 0]) <= np.sin(covering.RADIUS / 2)
-    assert np.sum(near_half_turn & (points[:, 0] < 0)) == np.sum(near_half_turn & (points[:, 0] > 0))
-
-
-def test_points_that_are_ruled_out_have_no_solution_near(solved):
-    for problem, found in solved[::3]:
-        for goal in found.goals:
-            goal_quaternion = Rotation.from_rotvec(turn(problem, goal.attitude)).as_quat(scalar_first=True)
-            caps = assemble(
-                problem.spacecraft, problem.start, problem.targets.directions, problem.limits, problem.cones
-            )
-            points = covering.points(0)
-            near = 2 * np.arccos(np.minimum(np.abs(points @ goal_quaternion), 1)) <= covering.RADIUS
-            assert np.any(near)
-            assert np.all(covering.depths(caps, 0)[near] <= 1e-6)
 
 
 def test_goals_depend_on_the_seed_by_rounding_only(solved):

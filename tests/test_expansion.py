@@ -4,9 +4,11 @@ import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
 from scipy.spatial.transform import Rotation
 
-from jaxplan.search import kernels, mha, mha_paper
+from jaxplan.search import mha, mha_paper
+from jaxplan.search.kernels import Expansion, expand
+from jaxplan.search.motions import STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene
-from jaxplan.search.tree import Moves, Node, make_root, steps_between
+from jaxplan.search.tree import Moves, Node, chosen, make_root, steps_between
 from jaxplan.zones import KeepIn, KeepOut
 
 CLEARANCE = np.deg2rad(0.5)
@@ -58,9 +60,15 @@ def expansion(scene: Scene, rules, clearance: float, edges: bool, seed: int = 0)
     node = make_root(scene)
     settings = make_scenario().search
     moves = rules.propose(scene, node, np.random.default_rng(seed), settings)
-    wanted = np.full(kernels.STRAIGHT_INTERVALS + 1, clearance)
-    answer = kernels.expand(scene, node.packed, moves.turns, moves.options, moves.choice, wanted, edges=edges)
+    wanted = np.full(STRAIGHT_INTERVALS + 1, clearance)
+    answer = expand(scene, node.packed, moves.turns, moves.options, moves.choice, wanted, edges=edges)
     return node, moves, answer
+
+
+def ends_of(scene: Scene, expansion: Expansion) -> Rotation:
+    """The attitudes that the moves lead to."""
+    since = Rotation.from_quat(expansion.places[:, :4], scalar_first=True)
+    return Rotation.from_matrix(scene.start_attitude) * since
 
 
 SCENES = {
@@ -77,14 +85,15 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
-    node, moves, (nodes, slacks, straight) = expansion(scene, mha, CLEARANCE, edges=True)
-    joints = node.joints + np.take_along_axis(moves.options, moves.choice, axis=0)
+    node, moves, found = expansion(scene, mha, CLEARANCE, edges=True)
+    slacks, straight = found.slacks, found.straight
+    joints = node.joints + chosen(moves.options, moves.choice)
     truth = np.array([
         [
-            sampled_margin(scene, *edge_states(node.attitude, node.joints, end, q, 41)).min()
+            sampled_margin(scene, *edge_states(scene.start_attitude, node.joints, end, q, 41)).min()
             for q in joints
         ]
-        for end in nodes[:, :9].reshape(-1, 3, 3)
+        for end in ends_of(scene, found).as_matrix()
     ])  # fmt: skip
     accepted = slacks >= 0
     assert np.all(truth[accepted] >= CLEARANCE - 1e-9)
@@ -92,7 +101,7 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     if name != "no zones":
         assert 0 < accepted.mean() < 1, "the scene decides nothing"
     along = edge_states(
-        node.attitude, node.joints, scene.goal_attitude, scene.goal_joints, 40 * len(straight) + 1
+        scene.start_attitude, node.joints, scene.goal_attitude, scene.goal_joints, 40 * len(straight) + 1
     )
     margins = sampled_margin(scene, *along)
     lowest = np.array([margins[40 * k : 40 * k + 41].min() for k in range(len(straight))])
@@ -102,24 +111,24 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
 
 def test_without_edges_the_slack_speaks_of_the_node_alone():
     scene = SCENES["three terminals"]()
-    node, moves, (nodes, slacks, _) = expansion(scene, mha_paper, 0.0, edges=False)
-    joints = node.joints + np.take_along_axis(moves.options, moves.choice, axis=0)
-    for attitude, row in zip(nodes[:, :9].reshape(-1, 3, 3), slacks, strict=True):
+    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
+    joints = node.joints + chosen(moves.options, moves.choice)
+    for attitude, row in zip(ends_of(scene, found).as_matrix(), found.slacks, strict=True):
         margin = sampled_margin(scene, np.broadcast_to(attitude, (len(joints), 3, 3)), joints)
         assert np.array_equal(row >= 0, margin >= 0)
 
 
 def test_attitude_moves_and_heuristics_are_those_of_the_paper():
     scene = SCENES["three terminals"]()
-    node, moves, (nodes, _, _) = expansion(scene, mha_paper, 0.0, edges=False)
+    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
     start, goal = Rotation.from_matrix(scene.start_attitude), Rotation.from_matrix(scene.goal_attitude)
-    ends = Rotation.from_matrix(nodes[:, :9].reshape(-1, 3, 3))
+    ends = ends_of(scene, found)
     # (10): a whole step on the left of the attitude relative to the start
-    relative = start.inv() * ends * Rotation.from_matrix(node.attitude).inv() * start
+    relative = start.inv() * ends  # of the root
     assert np.allclose(relative.magnitude(), scene.attitude_step, atol=1e-12)
-    assert np.allclose(nodes[:, 9:12], (ends.inv() * goal).as_rotvec(), atol=1e-12)
-    joints = node.joints + np.take_along_axis(moves.options, moves.choice, axis=0)
-    cost, heuristics = mha_paper.price(scene, moves, nodes, joints)
+    assert np.allclose(found.places[:, 4:], (ends.inv() * goal).as_rotvec(), atol=1e-12)
+    joints = node.joints + chosen(moves.options, moves.choice)
+    cost, heuristics = mha_paper.price(scene, found)
     left = np.abs(joints - scene.goal_joints)
     difference = (start.inv() * ends).as_rotvec() - (start.inv() * goal).as_rotvec()
     expected = [  # (15)
@@ -136,9 +145,9 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
     rng = np.random.default_rng(1)
     near = scene.goal_joints + 0.5 * scene.joint_steps * np.array([1, -1, 0, 3, 0.9, -4, 0.1, 1])
     near = np.clip(near, -scene.joint_limits, scene.joint_limits)
-    node = Node(np.concatenate([scene.goal_attitude.ravel(), np.zeros(3), near]), 0.0, None)
+    node = Node(np.concatenate([scene.goal_quaternion, np.zeros(3), near]), 0.0, 1.0, None)
     moves = mha_paper.propose(scene, node, rng, make_scenario().search)
-    ends = near + np.take_along_axis(moves.options, moves.choice, axis=0)
+    ends = near + chosen(moves.options, moves.choice)
     whole = np.isclose(np.abs(ends - near), scene.joint_steps)
     on_goal = np.isclose(ends, scene.goal_joints) & (np.abs(near - scene.goal_joints) <= scene.joint_steps)
     assert np.all(whole | on_goal)
@@ -152,13 +161,12 @@ def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
     scene = SCENES["four terminals"]()
     rng = np.random.default_rng(2)
     at_limit = scene.joint_limits * np.sign(rng.standard_normal(8))
-    node = Node(np.concatenate([make_root(scene).packed[:12], at_limit]), 0.0, None)
+    node = Node(np.concatenate([make_root(scene).packed[:7], at_limit]), 0.0, 1.0, None)
     moves: Moves = mha.propose(scene, node, rng, make_scenario().search)
-    ends = at_limit + np.take_along_axis(moves.options, moves.choice, axis=0)
+    ends = at_limit + chosen(moves.options, moves.choice)
     assert np.all(np.abs(ends) <= scene.joint_limits + 1e-12)
     cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], ends - at_limit)
     assert np.all(cost <= 1 + 1e-12)
-    assert np.all(cost[moves.allowed] > 0)
     assert np.allclose(ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -0.1, 0.1))
 
 

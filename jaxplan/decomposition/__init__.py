@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan import so3
+from jaxplan import quaternion
 from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
 from jaxplan.path import Goal
@@ -149,6 +149,6 @@ def _states(
 
 @jax.jit
 def _evaluate(quaternions: Array, start: Array, directions: Array, mounts: Array) -> Array:
-    attitudes = start @ so3.from_quaternion(quaternions)
+    attitudes = start @ quaternion.to_matrix(quaternions)
     joints = joints_toward(mounts, attitudes, directions)
     return jnp.concatenate([attitudes.reshape(-1, 9), joints], axis=-1)

@@ -87,8 +87,6 @@ def _plan(scenario: Scenario, clock: "_Clock") -> Plan:
                 best = candidate
             if candidate.status in (Status.OK, Status.TIME_LIMIT):
                 return best
-            if candidate.status is Status.LIMITS_TOO_TIGHT:
-                break  # more nodes or clearance do not make it shorter
     assert best is not None  # there is at least one goal, and at least one attempt at it
     return best
 

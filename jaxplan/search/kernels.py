@@ -1,135 +1,148 @@
-"""The jitted expansion: every child of a node with its slack and distances, in one call.
+"""The jitted expansion: all children of a node with their slack, cost and heuristics, in one call.
 
-A child is one of ``A`` attitude moves combined with one of ``M`` joint moves. What a device sees depends only
-on the attitude move and on its own terminal's two joints, each of which has three options. So zones are
-looked at once for every (attitude move, option pair, device) and the children read the result: nine
-entries a device instead of M. Edges are checked whole: each is cut into intervals, and on each of these
-a bound of the boresight's curvature makes its ends speak for what lies between. Slack is a difference
-of cosines, >= 0 where the wanted clearance is kept (`zones.cosine_slack`).
-
-Axes: a attitude move, o option pair (3 * yaw option + pitch option), m joint move, k sample or interval
-along the edge, d device, z zone.
+What a device sees depends only on the attitude move and on its own terminal's two joints, each of which has
+three options. So zones are looked at once for every (attitude move, option pair, device) and the children
+read the result: nine entries a device instead of one a joint move. Edges are checked whole: each is cut
+into intervals, and on each of these a bound of the boresight's curvature makes its ends speak for what
+lies between. Slack is a difference of cosines, >= 0 where the wanted clearance is kept.
+Letters of axes as in `jaxplan.search.motions`.
 """
 
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial, reduce
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
-from jaxplan import so3, spacecraft, zones
-from jaxplan.path import direction_curvature, interval_cosines
+from jaxplan import zones
+from jaxplan.search.motions import STRAIGHT_INTERVALS, Sight, dot, motions
 from jaxplan.search.problem import Scene
 
-EDGE_INTERVALS = 3
-STRAIGHT_INTERVALS = 64
-NODE_COLUMNS = 14  # attitude (9), rotation vector to the goal (3), the two norms of equation (15)
+PLACE_COLUMNS = 7  # attitude relative to the start (4), rotation vector to the goal (3)
+HEURISTICS = 4
 
 
-def _option_cosines(
-    scene: Scene, cones: zones.Cones, attitudes: Array, joints: Array, curvature: Array, edges: bool
-) -> Array:
-    """Each device's signed cosines under every option: worst of each interval, or at the edge's end alone.
+@dataclass(frozen=True, slots=True, eq=False)
+class Expansion:
+    """The children of a node: every attitude move (A) with every joint move (M).
 
-    Args:
-        scene: the problem.
-        cones: the zones asked about.
-        attitudes: (a, k + 1, 3, 3).
-        joints: (o, k + 1, 2n).
-        curvature: (a, o, d) of the boresight over the whole edge.
-        edges: whether the whole edge counts.
-
-    Returns:
-        (a, o, k, d, z), -inf where the zone does not bind the device; k is 1 without edges.
+    Attributes:
+        places: (A, 7) where the attitude moves lead: unit quaternion relative to the start (4), rotation
+            vector from there to the goal in body axes (3).
+        slacks: (A, M) smallest slack on the way, +inf without zones.
+        steps: (A, M) cost of the move, steps.
+        heuristics: (4, A, M) steps of the straight motion on to the goal; equation (15): rotation
+            angle, Euclidean and Manhattan distance, each with the joints', rad.
+        straight: (STRAIGHT_INTERVALS,) smallest slack along the node's straight motion to the goal.
     """
-    body = spacecraft.body_boresights(scene.mounts, scene.fixed_boresights, joints)
-    # products and sums instead of small matrix products: they fuse into one loop
-    axes = jnp.sum(attitudes[:, :, None, :, :] * cones.direction[:, :, None], axis=-2)  # (a, k, z, 3), body
-    dots = jnp.sum(axes[:, None, :, None] * body[:, :, :, None, :], axis=-1)  # (a, o, k, d, z)
+
+    places: np.ndarray
+    slacks: np.ndarray
+    steps: np.ndarray
+    heuristics: np.ndarray
+    straight: np.ndarray
+
+
+def _fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:
+    """Reduce a short axis by elementwise steps, which fuse; NaN is kept. `empty` is returned for none."""
+    parts = [jax.lax.index_in_dim(values, i, axis, keepdims=False) for i in range(values.shape[axis])]
+    if not parts:
+        return jnp.full(values.shape[:axis] + values.shape[axis:][1:], empty)
+    return reduce(combine, parts)
+
+
+def _signed_cosines(cones: zones.Cones, zone_axes: ArrayLike, sight: Sight, edges: bool) -> Array:
+    """Each device's signed cosines, worst of each interval, or at the end alone: (a, o, k or 1, d, z)."""
+    axes, body = jnp.asarray(zone_axes), jnp.asarray(sight.body)
+    dots = dot(axes[:, :, None, :, None, :], body[:, None, :, :, :, None])
     if edges:
-        intervals = joints.shape[1] - 1
-        local = curvature[:, :, None, :, None] / (2 * intervals**2)
-        cosines = zones.swept_cosines(cones, dots[:, :, :-1], dots[:, :, 1:], local)
+        sag = jnp.asarray(sight.sag)[:, :, None, :, None]
+        cosines = zones.swept_cosines(cones, dots[:, :, :-1], dots[:, :, 1:], sag)
     else:
         cosines = jnp.asarray(cones.side) * dots[:, :, -1:]
     return jnp.where(cones.bound.T, cosines, -jnp.inf)
 
 
 def _child_slacks(
-    scene: Scene, moved: tuple[Array, Array, Array], choice: Array, clearance: Array, edges: bool
+    scene: Scene, sight: Sight, choice: Array, wanted: tuple[Array, Array], edges: bool
 ) -> Array:
-    """Smallest slack of every child, (a, m); +inf without zones.
+    """Smallest slack of every child, (a, m).
 
     Args:
         scene: the problem.
-        moved: attitudes, joints and curvature as `_option_cosines` takes them.
+        sight: lines of sight of the moves.
         choice: (m, d) the option pair of each device's joints.
-        clearance: () rad.
+        wanted: (z,) cosines asked for by the zones, and by those of groups.
         edges: whether the whole edge counts.
     """
-    device = jnp.arange(choice.shape[1])
-    cosines = jnp.max(_option_cosines(scene, scene.cones, *moved, edges), axis=2)  # (a, o, d, z)
-    worst = jnp.min(zones.cosine_slack(scene.cones, cosines, clearance), axis=-1, initial=jnp.inf)
-    total = jnp.min(worst[:, choice, device], axis=-1, initial=jnp.inf)
+    devices = range(choice.shape[1])
+    cosines = _fold(jnp.maximum, _signed_cosines(scene.cones, sight.axes, sight, edges), 2, -jnp.inf)
+    worst = _fold(jnp.minimum, wanted[0] - cosines, 3, jnp.inf)  # (a, o, d)
+    total = jnp.full((worst.shape[0], choice.shape[0]), jnp.inf)
+    for device in devices:
+        total = jnp.minimum(total, worst[:, choice[:, device], device])
     if scene.grouped_cones.half_angle.shape[0]:  # a group's zone couples its devices at each instant
-        grouped = _option_cosines(scene, scene.grouped_cones, *moved, edges)
-        per_child = jnp.moveaxis(grouped, 2, 3)[:, choice, device]  # (a, m, d, k, z)
-        held = _group_slacks(scene, jnp.max(per_child, axis=2, initial=-jnp.inf), clearance)
-        total = jnp.minimum(total, jnp.min(held, axis=-1))
+        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges)
+        for interval in range(grouped.shape[2]):
+            seen = [grouped[:, choice[:, device], interval, device] for device in devices]  # (a, m, z)
+            held = reduce(jnp.maximum, seen)
+            total = jnp.minimum(total, _group_slacks(scene, wanted[1] - held))
     return total
 
 
-def _group_slacks(scene: Scene, cosines: Array, clearance: Array) -> Array:
-    """Smallest slack over all groups, (...), each group's best zone counting; cosines are (..., z)."""
-    slack = zones.cosine_slack(scene.grouped_cones, cosines, clearance)
-    return jnp.min(zones.group_margins(scene.grouped_cones, slack), axis=-1)
+def _group_slacks(scene: Scene, slacks: Array) -> Array:
+    """Smallest slack over all groups, (...), each group's best zone counting; slacks are (..., z)."""
+    return jnp.min(zones.group_margins(scene.grouped_cones, slacks), axis=-1)
 
 
-def _straight_slacks(scene: Scene, attitude: Array, joints: Array, to_goal: Array, clearance: Array) -> Array:
+def _straight_slacks(scene: Scene, sight: Sight, wanted: tuple[Array, Array]) -> Array:
     """Smallest slack on each interval of the straight motion to the goal, (k,)."""
-    motion = (scene.mounts, scene.fixed_boresights, attitude, joints, to_goal, scene.goal_joints - joints)
-    cosines = interval_cosines(scene.cones, *motion, STRAIGHT_INTERVALS)
-    total = jnp.min(zones.cosine_slack(scene.cones, cosines, clearance), axis=-1, initial=jnp.inf)
+    cosines = _signed_cosines(scene.cones, sight.axes, sight, edges=True)[0, 0]  # (k, d, z)
+    slacks = wanted[0] - _fold(jnp.maximum, cosines, 1, -jnp.inf)
+    total = _fold(jnp.minimum, slacks, 1, jnp.inf)
     if scene.grouped_cones.half_angle.shape[0]:
-        grouped = interval_cosines(scene.grouped_cones, *motion, STRAIGHT_INTERVALS)
-        total = jnp.minimum(total, _group_slacks(scene, grouped, clearance))
+        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[0, 0]
+        held = wanted[1] - _fold(jnp.maximum, grouped, 1, -jnp.inf)
+        total = jnp.minimum(total, _group_slacks(scene, held))
     return total
 
 
 @partial(jax.jit, static_argnames="edges")
 def _expand(
-    scene: Scene, node: Array, turns: Array, options: Array, moves: Array, clearance: Array, *, edges: bool
+    scene: Scene,
+    node: Array,
+    turns: Array,
+    options: Array,
+    choice: Array,
+    clearance: Array,
+    gate: Array,
+    *,
+    edges: bool,
 ) -> Array:
+    """The answer of `expand` as one array."""
+    parts = motions(scene, node, turns, options, choice, clearance, gate)
+    moved, straight, places, reach, ways, wanted = parts
     terminals = scene.mounts.shape[0]
-    attitude, to_goal, joints = node[:9].reshape(3, 3), node[9:12], node[12:]
-    fraction = jnp.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
-    steps = so3.exp(fraction[:, None] * turns[:, None, :])
-    attitudes = jnp.sum(attitude[:, :, None] * steps[:, :, None], axis=-2)
-    yaw = jnp.repeat(options[:, :terminals], 3, axis=0)
-    pitch = jnp.tile(options[:, terminals:], (3, 1))
-    changes = jnp.concatenate([yaw, pitch], axis=-1)  # (o, 2n)
-    rotation = jnp.sqrt(jnp.sum(turns * turns, axis=-1))
-    curvature = direction_curvature(rotation[:, None], changes, scene.fixed_boresights.shape[0])
-    pairs = 3 * moves[:, :terminals] + moves[:, terminals:]
-    still = jnp.zeros((moves.shape[0], scene.fixed_boresights.shape[0]), pairs.dtype)
-    choice = jnp.concatenate([pairs, still], axis=-1)
-    moved = (attitudes, joints + fraction[:, None] * changes[:, None, :], curvature)
-    slacks = _child_slacks(scene, moved, choice, clearance[0], edges)
-
-    ends = attitudes[:, -1]
-    onward = jnp.sum(ends[:, :, :, None] * scene.goal_attitude[:, None], axis=-3)
-    since = jnp.sum(scene.start_attitude[:, :, None] * ends[:, :, None], axis=-3)
-    whole = scene.start_attitude.T @ scene.goal_attitude
-    logs = so3.log(jnp.concatenate([onward, since, whole[None]]))
-    count = turns.shape[0]
-    difference = logs[count : 2 * count] - logs[2 * count]
-    euclidean = jnp.sqrt(jnp.sum(difference**2, axis=-1))
-    manhattan = jnp.sum(jnp.abs(difference), axis=-1)
-    nodes = [ends.reshape(-1, 9), logs[:count], euclidean[:, None], manhattan[:, None]]
-
-    straight = _straight_slacks(scene, attitude, joints, to_goal, clearance[1:])
-    return jnp.concatenate([jnp.concatenate(nodes, axis=-1).ravel(), slacks.ravel(), straight])
+    pairs = 3 * choice[:, :terminals] + choice[:, terminals:]
+    still = jnp.zeros((choice.shape[0], scene.fixed_boresights.shape[0]), pairs.dtype)
+    device_choice = jnp.concatenate([pairs, still], axis=-1)
+    slacks = _child_slacks(scene, moved, device_choice, (wanted[0][0], wanted[1][0]), edges)
+    along = _straight_slacks(scene, straight, (wanted[0][1:], wanted[1][1:]))
+    turn_steps, angle, euclidean, manhattan = reach[:, :, None]
+    joint_steps, steps_left, manhattan_left, euclidean_left = ways[:, None, :]
+    numbers = [
+        slacks,
+        jnp.maximum(turn_steps, joint_steps),
+        jnp.maximum(angle / scene.attitude_step, steps_left),
+        angle + manhattan_left,  # the three of (15)
+        euclidean + euclidean_left,
+        manhattan + manhattan_left,
+    ]
+    return jnp.concatenate([places.ravel(), *(number.ravel() for number in numbers), along])
 
 
 def expand(
@@ -137,30 +150,27 @@ def expand(
     node: np.ndarray,
     turns: np.ndarray,
     options: np.ndarray,
-    moves: np.ndarray,
+    choice: np.ndarray,
     clearance: np.ndarray,
     *,
     edges: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> Expansion:
     """All children of a node, and the straight motion from it to the goal.
 
     Args:
         scene: the problem.
-        node: (12 + 2n,) attitude (9), rotation vector to the goal in body axes (3), joints.
+        node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
+            axes (3), joints.
         turns: (A, 3) rotation vectors of the attitude moves, body axes.
         options: (3, 2n) change of each joint under each of its three options, rad.
-        moves: (M, 2n) int, the option of each joint in each joint move.
+        choice: (M, 2n) int, the option of each joint in each joint move.
         clearance: (1 + STRAIGHT_INTERVALS,) rad wanted of the children, and along the straight motion.
         edges: whether zones hold over the whole edge or at its end alone.
-
-    Returns:
-        (A, 14) of each attitude move: attitude (9), rotation vector to the goal (3), and the Euclidean and
-        the Manhattan norm of the difference to the goal in exponential coordinates about the start (15);
-        (A, M) smallest slack of each child, +inf without zones; (STRAIGHT_INTERVALS,) the same along the
-        straight motion to the goal.
     """
-    packed = np.asarray(_expand(scene, node, turns, options, moves, clearance, edges=edges))
-    count, joint_moves = len(turns), len(moves)
-    nodes = packed[: count * NODE_COLUMNS].reshape(count, NODE_COLUMNS)
-    slacks = packed[count * NODE_COLUMNS : -STRAIGHT_INTERVALS].reshape(count, joint_moves)
-    return nodes, slacks, packed[-STRAIGHT_INTERVALS:]
+    packed = np.asarray(_expand(scene, node, turns, options, choice, clearance, True, edges=edges))
+    shape = (len(turns), len(choice))
+    first, last = len(turns) * PLACE_COLUMNS, len(packed) - STRAIGHT_INTERVALS
+    numbers = packed[first:last].reshape(2 + HEURISTICS, *shape)
+    return Expansion(
+        packed[:first].reshape(-1, PLACE_COLUMNS), numbers[0], numbers[1], numbers[2:], packed[last:]
+    )

@@ -11,20 +11,22 @@ The further queues are the three heuristics of equation (15), each scaled to agr
 start, so that the weight ``w2`` compares like with like.
 """
 
+import math
 from functools import partial
 from itertools import product
 
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules, run
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.tree import Moves, Node, make_root, printed_heuristics, steps_between, to_go
+from jaxplan.search.tree import Moves, Node, make_root
 
 JOINT_MOVES = 48
 # Steps that moves away from the goal keep from the joint limits: a trajectory swings past its nodes.
 JOINT_RESERVE = 0.2
-_TOWARD = 0  # option 1 is to stay, 2 to go away
+_TOWARD, _AWAY = 0, 2  # option 1 is to stay
 
 
 def search(scene: Scene, settings: SearchSettings) -> SearchResult:
@@ -55,32 +57,28 @@ def rules(scene: Scene) -> Rules:
 
 def _scale_to_anchor(scene: Scene) -> np.ndarray:
     """(3,) factors that make the heuristics of equation (15) equal the anchor at the start."""
-    root = make_root(scene)
-    coordinates = root.to_goal  # the goal in exponential coordinates about the start
-    node = np.concatenate([root.packed[:12], [np.linalg.norm(coordinates), np.sum(np.abs(coordinates))]])
-    printed = printed_heuristics(node[None], (scene.goal_joints - root.joints)[None])[:, 0, 0]
-    return to_go(scene, root) / np.maximum(printed, 1e-300)
+    turn = scene.goal_coordinates  # of the goal about the start, where all of them are taken
+    left = np.abs(scene.goal_joints - scene.start_joints)
+    joints, angle = np.sum(left), np.linalg.norm(turn)
+    printed = [angle + joints, angle + np.linalg.norm(left), np.sum(np.abs(turn)) + joints]
+    return make_root(scene).ahead / np.maximum(printed, 1e-300)
 
 
 def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings) -> Moves:
     """Moves from a node, see the module's text."""
     turns = np.zeros((settings.attitude_moves + 2, 3))
-    angle = float(np.linalg.norm(node.to_goal))
+    angle = math.hypot(*node.to_goal.tolist())
     turns[0] = node.to_goal * min(1.0, scene.attitude_step / max(angle, 1e-300))
     vectors = rng.standard_normal((settings.attitude_moves, 3))
-    turns[2:] = scene.attitude_step * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    turns[2:] = vectors * (scene.attitude_step / np.sqrt(np.sum(vectors * vectors, axis=1)))[:, None]
 
     remaining = scene.goal_joints - node.joints
-    toward = np.clip(remaining, -scene.joint_steps, scene.joint_steps)
-    away = np.where(remaining > 0, -scene.joint_steps, scene.joint_steps)
+    options = np.zeros((3, len(remaining)))
+    options[_TOWARD] = np.maximum(np.minimum(remaining, scene.joint_steps), -scene.joint_steps)
+    away = node.joints + np.where(remaining > 0, -scene.joint_steps, scene.joint_steps)
     bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
-    away = np.clip(node.joints + away, -bound, bound) - node.joints
-    options = np.stack([toward, np.zeros_like(toward), away])
-
-    choice = _joint_moves(len(remaining), rng)
-    joint_moves = np.any(np.take_along_axis(options, choice, axis=0) != 0, axis=1)
-    allowed = np.any(turns != 0, axis=1)[:, None] | joint_moves  # staying altogether leads nowhere
-    return Moves(turns, options, choice, allowed)
+    options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
+    return Moves(turns, options, _joint_moves(len(remaining), rng))
 
 
 def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
@@ -92,23 +90,13 @@ def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
     return choice
 
 
-def price(
-    scene: Scene, moves: Moves, nodes: np.ndarray, joints: np.ndarray, *, scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Step costs and heuristics of the children, in steps.
+def price(scene: Scene, expansion: Expansion, *, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) and heuristics (4, A, M) of the children in steps, the anchor first.
 
     Args:
         scene: the problem.
-        moves: what was tried.
-        nodes: (A, 14) of the attitude moves, see `kernels.expand`.
-        joints: (M, 2n) rad of the joint moves.
+        expansion: the children.
         scale: (3,) factors of the printed heuristics.
-
-    Returns:
-        (A, M) costs and (4, A, M) heuristics, the anchor first.
     """
-    changes = np.take_along_axis(moves.options, moves.choice, axis=0)
-    cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], changes)
-    left = scene.goal_joints - joints
-    anchor = steps_between(scene, np.linalg.norm(nodes[:, 9:12], axis=1)[:, None], left)
-    return cost, np.concatenate([anchor[None], printed_heuristics(nodes, left) * scale[:, None, None]])
+    del scene  # the kernel has counted the steps
+    return expansion.steps, expansion.heuristics * np.concatenate([[1.0], scale])[:, None, None]

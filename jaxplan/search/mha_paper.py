@@ -13,9 +13,10 @@ from itertools import product
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules, run
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.tree import Moves, Node, printed_heuristics
+from jaxplan.search.tree import Moves, Node, chosen
 
 # Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.
 JOINT_MOVES = 64
@@ -40,9 +41,9 @@ def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: Search
     """Moves from a node by equations (9) and (10)."""
     vectors = rng.standard_normal((settings.attitude_moves, 3))
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    # (10) turns on the left of the attitude relative to the start: on the right of the attitude itself it
-    # is the same turn in body axes
-    turns = scene.attitude_step * unit @ scene.start_attitude.T @ node.attitude
+    # (10) turns on the left of the attitude relative to the start; on the right of it, it is the same
+    # turn in body axes
+    turns = scene.attitude_step * _unrotated(node.since, unit)
     reached = np.linalg.norm(node.to_goal) < scene.attitude_step
     if reached:
         turns[:] = node.to_goal
@@ -57,7 +58,7 @@ def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: Search
         ]
     )
     choice = _joint_moves(len(left), rng)
-    inside = np.abs(node.joints + np.take_along_axis(options, choice, axis=0)) <= scene.joint_limits
+    inside = np.abs(node.joints + chosen(options, choice)) <= scene.joint_limits
     repeated = snap & (choice == _DOWN)  # a joint on its way to the goal has one move, not two
     allowed = np.broadcast_to(np.all(inside & ~repeated, axis=1), (len(turns), len(choice))).copy()
     if reached:
@@ -72,7 +73,14 @@ def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
     return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
 
 
-def price(scene: Scene, moves: Moves, nodes: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _unrotated(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) turned by the inverse of a unit quaternion."""
+    scalar, vector = quaternion[0], quaternion[1:]
+    twice = 2 * np.cross(vectors, vector)
+    return vectors + scalar * twice + np.cross(twice, vector)
+
+
+def price(scene: Scene, expansion: Expansion) -> tuple[np.ndarray, np.ndarray]:
     """Costs (A, M) by equation (16) and heuristics (3, A, M) by equation (15), rad."""
     whole = scene.attitude_step + np.sum(scene.joint_steps)
-    return np.full(moves.allowed.shape, whole), printed_heuristics(nodes, scene.goal_joints - joints)
+    return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]

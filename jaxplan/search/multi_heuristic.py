@@ -17,14 +17,17 @@ import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search import kernels
+from jaxplan.search.kernels import Expansion, expand
+from jaxplan.search.motions import STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, SearchResult
 from jaxplan.search.queues import Block, LazyQueue
-from jaxplan.search.tree import ARRIVED, Children, Moves, Node, make_root, to_go, trace
+from jaxplan.search.tree import ARRIVED, Children, Moves, Node, make_root, trace
 from jaxplan.status import Status
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
+
+_FRACTION = np.arange(STRAIGHT_INTERVALS + 1) / STRAIGHT_INTERVALS
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +36,8 @@ class Rules:
 
     Attributes:
         propose: (scene, node, random generator, settings) -> Moves.
-        price: (scene, moves, (A, 14) nodes, (M, 2n) joints) -> (A, M) step costs and (queues, A, M)
-            heuristics, the anchor's first.
+        price: (scene, expansion) -> (A, M) costs of the moves and (queues, A, M) heuristics, the anchor's
+            first.
         edges: whether zones hold along edges, or at nodes alone.
         shared: whether the queues share their nodes.
         direct: whether every expansion tries the straight motion to the goal.
@@ -42,7 +45,7 @@ class Rules:
     """
 
     propose: Callable[[Scene, Node, np.random.Generator, SearchSettings], Moves]
-    price: Callable[[Scene, Moves, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    price: Callable[[Scene, Expansion], tuple[np.ndarray, np.ndarray]]
     edges: bool
     shared: bool
     direct: bool
@@ -64,14 +67,17 @@ def run(scene: Scene, settings: SearchSettings, rules: Rules) -> SearchResult:
         return _Search(scene, settings, rules).run()
 
 
+_to_device = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
+
+
 class _Search:
     """One run: the queues, what has been expanded, and the best way to the goal so far."""
 
     def __init__(self, scene: Scene, settings: SearchSettings, rules: Rules) -> None:
         self.scene, self.settings, self.rules = scene, settings, rules
-        self.on_device = jax.device_put(scene)
+        self.on_device = _to_device(scene)
         self.rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
-        self.queues = [LazyQueue() for _ in range(rules.queues)]
+        self.queues = [LazyQueue(row) for row in range(rules.queues)]
         self.best_costs: list[dict[bytes, float]] = [{} for _ in self.queues]
         self.expanded: list[Node] = []
         self.counts = [0] * rules.queues
@@ -82,7 +88,7 @@ class _Search:
         """Expand until the goal is reached or the effort is spent."""
         deadline = time.monotonic() + self.settings.time_limit
         root = make_root(self.scene)
-        if to_go(self.scene, root) <= ARRIVED:
+        if root.ahead <= ARRIVED:
             return self._result(Status.OK, trace(self.scene, root))
         for queue in range(1 if self.rules.shared else len(self.queues)):
             self._expand(root, queue)
@@ -108,14 +114,12 @@ class _Search:
 
     def _next(self, queue: int) -> Node | None:
         """The best open node of a queue; None if its state has been expanded at no higher cost before."""
-        if np.isinf(
-            self.queues[queue].min_key()
-        ):  # nothing open: look again from an old node, with new moves
+        if self.queues[queue].min_key() == np.inf:  # nothing open: try new moves from an old node
             return self.expanded[self.rng.integers(len(self.expanded))]
         block, child = self.queues[queue].pop()
         node = block.content.make(child)
         best = self.best_costs[0 if self.rules.shared else queue]
-        state = np.round(node.packed, 9).tobytes()
+        state = node.state()
         if best.get(state, np.inf) <= node.cost:
             return None
         best[state] = node.cost
@@ -124,7 +128,7 @@ class _Search:
     def _expand(self, node: Node, queue: int) -> None:
         """Make a node's children and push those that keep clear."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings)
-        nodes, slacks, straight = kernels.expand(
+        expansion = expand(
             self.on_device,
             node.packed,
             moves.turns,
@@ -133,22 +137,22 @@ class _Search:
             self._clearance(node),
             edges=self.rules.edges,
         )
-        joints = node.joints + np.take_along_axis(moves.options, moves.choice, axis=0)
-        step_costs, heuristics = self.rules.price(self.scene, moves, nodes, joints)
-        children = Children(node, nodes, joints, node.cost + step_costs)
+        costs, heuristics = self.rules.price(self.scene, expansion)
+        children = Children(node, moves, expansion, node.cost + costs)
         self.expanded.append(node)
         self.counts[queue] += 1
-        if self.rules.direct and np.all(straight >= 0):
-            self._arrive(node, node.cost + to_go(self.scene, node))
-        valid = np.flatnonzero(moves.allowed & (slacks >= 0))
-        costs = children.costs.ravel()[valid]
-        to_goal = heuristics.reshape(len(self.queues), -1)[:, valid]
-        for child in valid[to_goal[0] <= ARRIVED]:
+        if self.rules.direct and np.all(expansion.straight >= 0):
+            self._arrive(node, node.cost + node.ahead)
+        valid = (expansion.slacks >= 0) & (expansion.steps > 0)  # staying altogether leads nowhere
+        if moves.allowed is not None:
+            valid &= moves.allowed
+        for child in np.flatnonzero(valid & (expansion.heuristics[0] <= ARRIVED)):
             arrived = children.make(int(child))
             self._arrive(arrived, arrived.cost)
-        block = Block(children, np.zeros(children.costs.size, dtype=bool))
+        keys = children.costs + self.settings.heuristic_weight * heuristics
+        block = Block(children, np.where(valid, keys, np.inf).reshape(len(self.queues), -1))
         for index in range(len(self.queues)) if self.rules.shared else (queue,):
-            self.queues[index].push(block, valid, costs + self.settings.heuristic_weight * to_goal[index])
+            self.queues[index].push(block)
 
     def _arrive(self, node: Node, cost: float) -> None:
         """Remember the cheapest way to the goal."""
@@ -158,9 +162,8 @@ class _Search:
     def _clearance(self, node: Node) -> np.ndarray:
         """Clearance wanted of the children and along the straight motion, rad; none at start and goal."""
         if not self.rules.edges:  # the printed method knows no clearance
-            return np.zeros(kernels.STRAIGHT_INTERVALS + 1)
-        ahead = to_go(self.scene, node)
-        fraction = np.arange(kernels.STRAIGHT_INTERVALS + 1) / kernels.STRAIGHT_INTERVALS
-        along = np.minimum(node.cost + fraction[:-1] * ahead, (1 - fraction[1:]) * ahead)
-        steps = np.append(min(node.cost, ahead - 1), along)
-        return self.settings.clearance * np.clip(steps / TAPER_STEPS, 0, 1)
+            return np.zeros(STRAIGHT_INTERVALS + 1)
+        steps = np.empty(STRAIGHT_INTERVALS + 1)
+        steps[0] = min(node.cost, node.ahead - 1)
+        np.minimum(node.cost + _FRACTION[:-1] * node.ahead, (1 - _FRACTION[1:]) * node.ahead, out=steps[1:])
+        return self.settings.clearance * np.maximum(np.minimum(steps / TAPER_STEPS, 1), 0)

@@ -4,7 +4,9 @@ from dataclasses import dataclass, field
 
 import jax
 import numpy as np
+from jax import Array
 
+from jaxplan import quaternion
 from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
 from jaxplan.status import Status
@@ -28,6 +30,8 @@ class Scene:
         start_joints: (2n,) rad.
         goal_attitude: (3, 3).
         goal_joints: (2n,) rad.
+        goal_quaternion: (4,) of the goal relative to the start.
+        goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
 
     cones: Cones
@@ -41,6 +45,8 @@ class Scene:
     start_joints: np.ndarray
     goal_attitude: np.ndarray
     goal_joints: np.ndarray
+    goal_quaternion: np.ndarray
+    goal_coordinates: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +75,7 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         start_attitude: (3, 3) of the scenario's start.
     """
     craft = scenario.spacecraft
+    goal_quaternion, goal_coordinates = _relative(start_attitude, np.asarray(goal.attitude, float))
     single_in = [zone for zone in scenario.keep_in if zone.any_of is None]
     grouped_in = [zone for zone in scenario.keep_in if zone.any_of is not None]
     return Scene(
@@ -83,7 +90,21 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         start_joints=np.asarray(scenario.start.joints, float),
         goal_attitude=np.asarray(goal.attitude, float),
         goal_joints=np.asarray(goal.joints, float),
+        goal_quaternion=goal_quaternion,
+        goal_coordinates=goal_coordinates,
     )
+
+
+def _relative(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    with jax.enable_x64(True):
+        turned, coordinates = _coordinates(start, goal)
+        return np.asarray(turned), np.asarray(coordinates)
+
+
+@jax.jit
+def _coordinates(start: Array, goal: Array) -> tuple[Array, Array]:
+    turned = quaternion.from_matrix(start.T @ goal)
+    return turned, quaternion.log(turned)
 
 
 def joint_steps(scenario: Scenario) -> np.ndarray:

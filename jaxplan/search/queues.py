@@ -1,8 +1,9 @@
 """Priority queues that take the children of an expansion as one lazily opened block.
 
 Pushing several hundred children onto several heaps costs more than computing them. Here each heap holds one
-entry a block, keyed by the block's best child that is left; taking that child puts the block back under
-its next one. Ties are broken by the order of insertion, so that a search is deterministic.
+entry a block, under the key of the block's best child that is left; once that child is taken, from
+whichever queue, the block goes back under its next best. Ties are broken by the order of insertion, so
+that a search is deterministic.
 """
 
 import heapq
@@ -19,11 +20,11 @@ class Block:
 
     Attributes:
         content: whatever the search needs to make a child's node.
-        taken: (children,) bool, those that some queue has handed out.
+        keys: (queues, children), the smallest coming out first, +inf for a child that is not to be had.
     """
 
     content: Any
-    taken: np.ndarray
+    keys: np.ndarray
 
 
 @dataclass(slots=True)
@@ -31,45 +32,38 @@ class LazyQueue:
     """A priority queue of blocks of children.
 
     Attributes:
-        heap: entries (key, tie, order, sorted keys, position, block).
+        row: of the blocks' keys.
+        heap: entries (key, tie, child, block).
         ties: insertion counter.
     """
 
-    heap: list[tuple[float, int, np.ndarray, list[float], int, Block]] = field(default_factory=list)
+    row: int
+    heap: list[tuple[float, int, int, Block]] = field(default_factory=list)
     ties: count = field(default_factory=count)
 
-    def push(self, block: Block, children: np.ndarray, keys: np.ndarray) -> None:
-        """Add children of a block.
-
-        Args:
-            block: the block.
-            children: (c,) int, which of its children.
-            keys: (c,) their keys, the smallest coming out first; no NaN.
-        """
-        if len(children):
-            order = np.argsort(keys, kind="stable")
-            ranked = keys[order].tolist()
-            heapq.heappush(self.heap, (ranked[0], next(self.ties), children[order], ranked, 0, block))
+    def push(self, block: Block) -> None:
+        """Add the children of a block."""
+        best = int(block.keys[self.row].argmin())
+        key = float(block.keys[self.row, best])
+        if key < np.inf:
+            heapq.heappush(self.heap, (key, next(self.ties), best, block))
 
     def min_key(self) -> float:
         """Smallest key of a child that is still to be had, infinity when there is none."""
         while self.heap:
-            key, tie, order, ranked, position, block = self.heap[0]
-            start = position
-            while position < len(ranked) and block.taken[order[position]]:
-                position += 1
-            if position == start:
+            key, tie, child, block = self.heap[0]
+            keys = block.keys[self.row]
+            if keys[child] == key:
                 return key
-            if position == len(ranked):
+            best = int(keys.argmin())  # the child has been taken
+            if keys[best] == np.inf:
                 heapq.heappop(self.heap)
             else:
-                entry = (ranked[position], tie, order, ranked, position, block)
-                heapq.heapreplace(self.heap, entry)
+                heapq.heapreplace(self.heap, (float(keys[best]), tie, best, block))
         return float("inf")
 
     def pop(self) -> tuple[Block, int]:
-        """Take the child of smallest key; `min_key` must have been finite."""
-        _, _, order, _, position, block = self.heap[0]
-        child = int(order[position])
-        block.taken[child] = True
+        """Take the child of smallest key from all queues; `min_key` must have been finite."""
+        _, _, child, block = self.heap[0]
+        block.keys[:, child] = np.inf
         return block, child

@@ -4,18 +4,19 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
+from jax import Array
 from numpy.typing import ArrayLike
 
-from jaxplan import so3
+from jaxplan import quaternion
 from jaxplan.path import Path, motion
+from jaxplan.search.kernels import Expansion
 from jaxplan.search.problem import Scene
 from jaxplan.zones import capacity
 
-_log, _motion = jax.jit(so3.log), jax.jit(motion)
-
-
 # A node this near to the goal, in steps, is the goal.
 ARRIVED = 1e-9
+# Paths of up to this many nodes share their compiled kernels.
+_ROWS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,29 +24,36 @@ class Node:
     """A state of the search.
 
     Attributes:
-        packed: (12 + 2n,) attitude, rotation vector to the goal, joints, as the kernel takes it.
+        packed: (7 + 2n,) attitude relative to the start as a unit quaternion, rotation vector to the goal in
+            body axes, joints, as the kernel takes it.
         cost: ``g``, of the way from the start.
+        ahead: cost in steps of the straight motion to the goal, ``h_max``.
         parent: the node before, None for the start.
     """
 
     packed: np.ndarray
     cost: float
+    ahead: float
     parent: "Node | None"
 
     @property
-    def attitude(self) -> np.ndarray:
-        """(3, 3)."""
-        return self.packed[:9].reshape(3, 3)
+    def since(self) -> np.ndarray:
+        """(4,) unit quaternion of the attitude relative to the start."""
+        return self.packed[:4]
 
     @property
     def to_goal(self) -> np.ndarray:
         """(3,) rotation vector to the goal, body axes."""
-        return self.packed[9:12]
+        return self.packed[4:7]
 
     @property
     def joints(self) -> np.ndarray:
         """(2n,) rad."""
-        return self.packed[12:]
+        return self.packed[7:]
+
+    def state(self) -> bytes:
+        """The same for nodes of the same state; the way to the goal tells the attitude."""
+        return (np.rint(self.packed[4:] * 1e9) + 0.0).tobytes()  # + 0.0: no negative zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,13 +64,13 @@ class Moves:
         turns: (A, 3) rotation vectors, body axes.
         options: (3, 2n) change of each joint under its three options, rad.
         choice: (M, 2n) int32, the option of each joint in each joint move.
-        allowed: (A, M) bool.
+        allowed: (A, M) bool, or None where nothing is ruled out beforehand.
     """
 
     turns: np.ndarray
     options: np.ndarray
     choice: np.ndarray
-    allowed: np.ndarray
+    allowed: np.ndarray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,21 +79,32 @@ class Children:
 
     Attributes:
         parent: their parent.
-        nodes: (A, 14) of the attitude moves, as `kernels.expand` returns them.
-        joints: (M, 2n) rad of the joint moves.
+        moves: what was tried.
+        expansion: what the kernel says of it.
         costs: (A, M) ``g``.
     """
 
     parent: Node
-    nodes: np.ndarray
-    joints: np.ndarray
+    moves: Moves
+    expansion: Expansion
     costs: np.ndarray
 
     def make(self, child: int) -> Node:
         """The node of one child, numbered attitude move first."""
-        attitude_move, joint_move = divmod(child, len(self.joints))
-        packed = np.concatenate([self.nodes[attitude_move, :12], self.joints[joint_move]])
-        return Node(packed, float(self.costs[attitude_move, joint_move]), self.parent)
+        attitude_move, joint_move = divmod(child, len(self.moves.choice))
+        change = chosen(self.moves.options, self.moves.choice[joint_move])
+        packed = np.concatenate([self.expansion.places[attitude_move], self.parent.joints + change])
+        return Node(
+            packed,
+            float(self.costs[attitude_move, joint_move]),
+            float(self.expansion.heuristics[0, attitude_move, joint_move]),
+            self.parent,
+        )
+
+
+def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
+    """Changes of the joints, (..., 2n), of choices (..., 2n) among options (3, 2n)."""
+    return options[choice, np.arange(options.shape[1])]
 
 
 def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:
@@ -100,31 +119,27 @@ def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -
     return np.maximum(np.asarray(rotation) / scene.attitude_step, joint)
 
 
-def printed_heuristics(nodes: np.ndarray, joints_left: np.ndarray) -> np.ndarray:
-    """The three heuristics of equation (15): rotation angle, Euclidean and Manhattan distance.
-
-    Args:
-        nodes: (A, 14) of the attitude moves, see `kernels.expand`.
-        joints_left: (M, 2n) rad from each joint move to the goal.
-
-    Returns:
-        (3, A, M) rad.
-    """
-    absolute = np.sum(np.abs(joints_left), axis=-1)
-    euclidean = np.linalg.norm(joints_left, axis=-1)
-    attitude = np.stack([np.linalg.norm(nodes[:, 9:12], axis=1), nodes[:, 12], nodes[:, 13]])
-    return attitude[:, :, None] + np.stack([absolute, euclidean, absolute])[:, None, :]
-
-
 def make_root(scene: Scene) -> Node:
     """The start as a node."""
-    to_goal = np.asarray(_log(scene.start_attitude.T @ scene.goal_attitude))
-    return Node(np.concatenate([scene.start_attitude.ravel(), to_goal, scene.start_joints]), 0.0, None)
+    packed = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.goal_coordinates, scene.start_joints])
+    change = scene.goal_joints - scene.start_joints
+    ahead = float(steps_between(scene, np.linalg.norm(scene.goal_coordinates), change))
+    return Node(packed, 0.0, ahead, None)
 
 
-def to_go(scene: Scene, node: Node) -> float:
-    """Cost in steps of the straight motion from a node to the goal, ``h_max``."""
-    return float(steps_between(scene, np.linalg.norm(node.to_goal), scene.goal_joints - node.joints))
+@jax.jit
+def _attitudes(scene: Scene, since: Array) -> Array:
+    return jax.numpy.asarray(scene.start_attitude) @ quaternion.to_matrix(since)
+
+
+_motion = jax.jit(motion)
+
+
+def attitudes(scene: Scene, nodes: list[Node]) -> np.ndarray:
+    """(k, 3, 3) body to inertial, of k nodes."""
+    since = np.tile([1.0, 0.0, 0.0, 0.0], (max(_ROWS, capacity(len(nodes))), 1))
+    since[: len(nodes)] = [node.since for node in nodes]
+    return np.asarray(_attitudes(scene, since))[: len(nodes)]
 
 
 def trace(scene: Scene, arrival: Node) -> Path:
@@ -142,27 +157,28 @@ def trace(scene: Scene, arrival: Node) -> Path:
         chain.append(node)
         node = node.parent
     chain.reverse()
-    steps = to_go(scene, arrival)
-    parts = int(np.ceil(steps - ARRIVED)) if steps > ARRIVED else 0
-    fractions = np.zeros(capacity(parts))
+    parts = int(np.ceil(arrival.ahead - ARRIVED)) if arrival.ahead > ARRIVED else 0
+    fractions = np.zeros(max(_ROWS, capacity(parts)))
     fractions[:parts] = np.arange(1, parts + 1) / max(parts, 1)
     change = scene.goal_joints - arrival.joints
-    onward = _motion(arrival.attitude, arrival.joints, arrival.to_goal, change, fractions)
-    attitudes = np.concatenate([[n.attitude for n in chain], np.asarray(onward[0])[:parts]])
+    before = attitudes(scene, chain)
+    onward = _motion(before[-1], arrival.joints, arrival.to_goal, change, fractions)
+    path_attitudes = np.concatenate([before, np.asarray(onward[0])[:parts]])
     joints = np.concatenate([[n.joints for n in chain], np.asarray(onward[1])[:parts]])
-    attitudes[-1], joints[-1] = scene.goal_attitude, scene.goal_joints  # to the last bit
-    return make_path(scene, attitudes, joints)
+    path_attitudes[0] = scene.start_attitude  # both ends to the last bit
+    path_attitudes[-1], joints[-1] = scene.goal_attitude, scene.goal_joints
+    return make_path(scene, path_attitudes, joints)
 
 
-def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
+def make_path(scene: Scene, path_attitudes: np.ndarray, joints: np.ndarray) -> Path:
     """A path with the cost of its edges.
 
     Args:
         scene: gives the steps.
-        attitudes: (m + 1, 3, 3).
+        path_attitudes: (m + 1, 3, 3).
         joints: (m + 1, 2n) rad.
     """
-    chord = np.linalg.norm(np.diff(attitudes, axis=0), axis=(1, 2))  # 2 sqrt(2) sin(rotation / 2)
+    chord = np.linalg.norm(np.diff(path_attitudes, axis=0), axis=(1, 2))  # 2 sqrt(2) sin(rotation / 2)
     rotation = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1))
     costs = steps_between(scene, rotation, np.diff(joints, axis=0))
-    return Path(attitudes=attitudes, joints=joints, edge_costs=costs)
+    return Path(attitudes=path_attitudes, joints=joints, edge_costs=costs)

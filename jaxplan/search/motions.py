@@ -1,0 +1,187 @@
+"""The first half of an expansion: where moves lead, what they cost, and what devices see on the way.
+
+A child is one of ``A`` attitude moves combined with one of ``M`` joint moves, so nothing here is computed per
+child: attitude moves and joint moves are priced apart, and lines of sight are tabulated as the zones' axes
+in body coordinates along each attitude move, and the boresights in body coordinates under each option
+pair of a device's joints. `jaxplan.search.kernels` puts the two together. Attitudes are unit quaternions
+relative to the start.
+
+Axes: a attitude move, o option pair (3 * yaw option + pitch option), m joint move, k sample along the
+motion, d device, z zone. Components of vectors come first and small products are written out, so that
+loops run over the batch.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import quaternion, spacecraft, zones
+from jaxplan.path import direction_curvature
+from jaxplan.search.problem import Scene
+
+EDGE_INTERVALS = 3
+STRAIGHT_INTERVALS = 64
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sight:
+    """What is needed to tell the angles between boresights and zones along motions.
+
+    Attributes:
+        axes: (3, a, k + 1, z) axes of the zones in body coordinates.
+        grouped_axes: likewise for the zones of groups.
+        body: (3, o, k + 1, d) boresights in body coordinates.
+        sag: (a, o, d) of each interval, ``C h^2 / 2`` of `zones.edge_bound`.
+    """
+
+    axes: ArrayLike
+    grouped_axes: ArrayLike
+    body: ArrayLike
+    sag: ArrayLike
+
+
+def computed_once(gate: ArrayLike, values: Any) -> Any:
+    """The same values, kept by the compiler as arrays instead of being fused into the loops that read them.
+
+    Without it the sines and cosines of a few angles are taken anew for every zone, device and move. A
+    conditional whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on
+    the CPU.
+
+    Args:
+        gate: () bool, true, and an argument of the jitted function.
+        values: any tree of floating-point arrays.
+    """
+    return jax.lax.cond(
+        gate, lambda v: v, lambda v: jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), v), values
+    )
+
+
+def dot(first: ArrayLike, second: ArrayLike) -> Array:
+    """Scalar product over the leading axis, of length three."""
+    a, b = jnp.asarray(first), jnp.asarray(second)
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _body_axes(cones: zones.Cones, start: Array, since: Array) -> Array:
+    """(3, z) axes of the zones in body coordinates at an attitude relative to the start."""
+    inertial = jnp.asarray(cones.direction).T[:, None]
+    at_start = dot(start[:, :, None], inertial)
+    return dot(quaternion.to_matrix(since)[:, :, None], at_start[:, None])
+
+
+def _turned(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
+    """Body coordinates of fixed directions while the platform turns about a body axis, (3, a, k + 1, z).
+
+    Args:
+        vectors: (3, z) directions in body coordinates before the turn.
+        axis: (3, a) unit vectors, or zero for no turn.
+        cosine: (a, k + 1) of the angles turned.
+        sine: likewise.
+    """
+    across = jnp.cross(axis[:, :, None], vectors[:, None, :], axis=0)
+    along = axis[:, :, None] * dot(axis[:, :, None], vectors[:, None, :])
+    rest = vectors[:, None, :] - along
+    return (
+        along[:, :, None, :]
+        + rest[:, :, None, :] * cosine[None, :, :, None]
+        - across[:, :, None, :] * sine[None, :, :, None]
+    )
+
+
+def _sight(
+    scene: Scene, since: Array, joints: Array, turns: Array, changes: Array, intervals: int, gate: Array
+) -> tuple[Sight, Array]:
+    """Lines of sight along motions, and the unit quaternions of the whole turns.
+
+    Args:
+        scene: the problem.
+        since: (4,) attitude where the motions start, relative to the start.
+        joints: (2n,) there.
+        turns: (a, 3) rotation vectors, body axes.
+        changes: (o, 2n) of the joints.
+        intervals: of equal length.
+        gate: see `computed_once`.
+
+    Returns:
+        The lines of sight; (4, a).
+    """
+    fraction = jnp.arange(intervals + 1) / intervals
+    vectors = turns.T
+    angle = jnp.sqrt(dot(vectors, vectors))
+    axis = vectors / jnp.where(angle > 0, angle, 1)
+    angles = jnp.concatenate([angle[:, None] * fraction, angle[:, None] / 2], axis=-1)
+    cosines, sines = computed_once(gate, (jnp.cos(angles), jnp.sin(angles)))
+    cosine, sine = cosines[:, :-1], sines[:, :-1]
+    start = jnp.asarray(scene.start_attitude)
+    tables = [
+        _turned(_body_axes(cones, start, since), axis, cosine, sine)
+        for cones in (scene.cones, scene.grouped_cones)
+    ]
+    path = joints + fraction[:, None] * changes[:, None, :]
+    body = spacecraft.body_boresights(scene.mounts, scene.fixed_boresights, path)
+    curvature = direction_curvature(angle[:, None], changes, np.shape(scene.fixed_boresights)[0])
+    sight = Sight(
+        axes=tables[0],
+        grouped_axes=tables[1],
+        body=jnp.moveaxis(body, -1, 0),
+        sag=curvature / (2 * intervals**2),
+    )
+    return sight, jnp.concatenate([cosines[None, :, -1], axis * sines[:, -1]])
+
+
+def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array) -> tuple[Array, Array]:
+    """Where attitude moves lead, (a, 7), and their cost and distances to the goal, (4, a)."""
+    ends = quaternion.product(since, whole_turns.T)
+    to_goal = quaternion.log(quaternion.product(quaternion.conjugate(ends), scene.goal_quaternion))
+    difference = (quaternion.log(ends) - scene.goal_coordinates).T
+    onward = to_goal.T
+    size = jnp.abs(difference)
+    rows = [
+        jnp.sqrt(dot(turns.T, turns.T)) / scene.attitude_step,
+        jnp.sqrt(dot(onward, onward)),
+        jnp.sqrt(dot(difference, difference)),
+        size[0] + size[1] + size[2],
+    ]
+    return jnp.concatenate([ends, to_goal], axis=-1), jnp.stack(rows)
+
+
+def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
+    """Cost and distances to the goal of joint moves, (4, m): steps, steps left, L1 and L2 of what is left."""
+    left = jnp.abs(scene.goal_joints - joints - changes)
+    steps = jnp.asarray(scene.joint_steps)
+    return jnp.stack([
+        jnp.max(jnp.abs(changes) / steps, axis=-1, initial=0.0),
+        jnp.max(left / steps, axis=-1, initial=0.0),
+        jnp.sum(left, axis=-1),
+        jnp.sqrt(jnp.sum(left * left, axis=-1)),
+    ])  # fmt: skip
+
+
+def motions(
+    scene: Scene, node: Array, turns: Array, options: Array, choice: Array, clearance: Array, gate: Array
+) -> tuple[Sight, Sight, Array, Array, Array, tuple[Array, Array]]:
+    """Everything about an expansion that is not per child; arguments as for `kernels.expand`, and the gate.
+
+    Returns:
+        Lines of sight of the moves, and of the straight motion to the goal; (a, 7) and (4, a) of
+        `_attitude_moves`; (4, m) of `_joint_moves`; (1 + STRAIGHT_INTERVALS, z) cosines that the zones, and
+        the zones of groups, ask for at the wanted clearance.
+    """
+    terminals = scene.mounts.shape[0]
+    since, to_goal, joints = node[:4], node[4:7], node[7:]
+    yaw = jnp.repeat(options[:, :terminals], 3, axis=0)
+    pitch = jnp.tile(options[:, terminals:], (3, 1))
+    pairs = jnp.concatenate([yaw, pitch], axis=-1)  # (o, 2n)
+    moved, whole_turns = _sight(scene, since, joints, turns, pairs, EDGE_INTERVALS, gate)
+    left = (jnp.asarray(scene.goal_joints) - joints)[None]
+    straight, _ = _sight(scene, since, joints, to_goal[None], left, STRAIGHT_INTERVALS, gate)
+    places, reach = _attitude_moves(scene, since, whole_turns, turns)
+    ways = _joint_moves(scene, joints, jnp.take_along_axis(options, choice, axis=0))
+    wanted = tuple(zones.cosine_threshold(cones, clearance) for cones in (scene.cones, scene.grouped_cones))
+    return computed_once(gate, (moved, straight, places, reach, ways, wanted))
