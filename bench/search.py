@@ -19,8 +19,9 @@ from jaxplan.cases import paper_case
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
+from jaxplan.search.fields import distance_fields
 from jaxplan.search.kernels import expand
-from jaxplan.search.motions import STRAIGHT_INTERVALS
+from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS
 from jaxplan.search.multi_heuristic import Rules, _Search
 from jaxplan.search.tree import make_root
 
@@ -41,9 +42,10 @@ def expansion_times(repeats: int) -> None:
     scene = make_scene(scenario, find_goals(scenario, attitude)[0], attitude)
     with jax.enable_x64(True):
         node, rng = make_root(scene), np.random.default_rng(0)
-        moves = mha.propose(scene, node, rng, scenario.search)
-        clearance = np.zeros(STRAIGHT_INTERVALS + 1)
-        arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance)
+        moves = mha.propose(scene, node, rng, scenario.search, 0)
+        clearance = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
+        fields = distance_fields(scene).table
+        arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance, fields)
         device = jax.device_put(scene)
         empty = jax.jit(lambda scene, packed, *rest: packed[:3] + rest[0].sum())
         print(f"children an expansion          {len(moves.turns) * len(moves.choice):10d}")
@@ -71,7 +73,7 @@ def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[
         node = search._next(queue)
         if node is not None:
             search._expand(node, queue)
-        seconds.append(time.perf_counter() - begin)
+            seconds.append(time.perf_counter() - begin)
     return seconds
 
 

@@ -4,9 +4,9 @@
     >>> plan = jp.plan(jp.paper_case(2))
     >>> print(plan)
 
-A scenario (`load_scenario`, `paper_case`) goes through goal, path, trajectory and certificate and comes back
-as a `Plan`. Radians, seconds, body to inertial everywhere; files have the unit in the key. Names are loaded
-when they are first used, so that importing the package is quick.
+A scenario (`load_scenario`, `paper_case`, `random_scenario`) goes through goal, path, trajectory and
+certificate and comes back as a `Plan`. Radians, seconds, body to inertial everywhere; files have the unit in
+the key. Names are loaded when they are first used, so that importing the package is quick.
 """
 
 from importlib import import_module
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
-    from jaxplan.cases import paper_case
+    from jaxplan.cases import paper_case, random_scenario
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
     from jaxplan.status import Status
@@ -34,6 +34,7 @@ _HOMES = {
     "load_scenario": "jaxplan.scenario",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
+    "random_scenario": "jaxplan.cases",
     "save_scenario": "jaxplan.scenario",
 }
 
@@ -50,6 +51,7 @@ __all__ = [
     "paper_case",
     "plan",
     "plot",
+    "random_scenario",
     "save_scenario",
 ]
 

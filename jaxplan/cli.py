@@ -8,6 +8,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except (OSError, ValueError) as error:  # ScenarioError and PlanFileError are ValueErrors
+    except OSError as error:
+        place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
+        return _complain(f"{place}{error.strerror or error}", BAD_INPUT)
+    except ValueError as error:  # ScenarioError and PlanFileError are such
         return _complain(str(error), BAD_INPUT)
 
 
@@ -54,20 +58,20 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument(
         "scenario", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
     )
-    plan.add_argument("-o", "--out", type=Path, metavar="DIR", help="write plan.json and figures there")
+    plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
     plan.add_argument("--json", action="store_true", help="print a summary for machines")
     plan.set_defaults(run=_plan)
     check = commands.add_parser(
         "check", help="certify a plan file anew", description="Prove a plan file's trajectory safe, anew."
     )
-    check.add_argument("plan", type=Path, metavar="PLAN", help="a plan.json")
+    check.add_argument("plan", metavar="PLAN", help="a plan.json")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     check.set_defaults(run=_check)
     plot = commands.add_parser(
         "plot", help="draw a plan file", description="Draw the figures of a plan file."
     )
-    plot.add_argument("plan", type=Path, metavar="PLAN", help="a plan.json")
-    plot.add_argument("-o", "--out", type=Path, metavar="DIR", help="where to; by default beside the plan")
+    plot.add_argument("plan", metavar="PLAN", help="a plan.json")
+    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
     parser.set_defaults(run=lambda options: _no_command(parser, options))
     return parser
@@ -87,13 +91,14 @@ def _plan(options: argparse.Namespace) -> int:
     from jaxplan.planner import plan, save_plan
 
     scenario = _scenario(options.scenario)
+    folder = None if options.out is None else _folder(options.out)
     _keep_compiled_code()
     result = plan(scenario, throw=False)
     _print(result.summary() if options.json else result)
-    if options.out is not None:
-        save_plan(result, options.out / "plan.json")
-        _say(f"wrote {options.out / 'plan.json'}")
-        _draw(result, options.out)
+    if folder is not None:
+        save_plan(result, folder / "plan.json")
+        _say(f"wrote {folder / 'plan.json'}")
+        _draw(result, folder)
     return {"OK": DONE, "UNCERTIFIED": NOT_CERTIFIED}.get(result.status.name, NO_PLAN)
 
 
@@ -103,31 +108,54 @@ def _scenario(name: str) -> "Scenario":
 
     if name in CASE_NAMES:
         return load_scenario(case_path(name))
+    if not name:
+        raise ValueError(f"SCENARIO is empty, it must name a file or one of {', '.join(CASE_NAMES)}")
     if not Path(name).exists():
         raise ValueError(f"{name}: no such file, and none of the cases {', '.join(CASE_NAMES)}")
     return load_scenario(name)
 
 
 def _check(options: argparse.Namespace) -> int:
-    from jaxplan.planner import check_plan, load_plan
+    from jaxplan.planner import check_plan
+    from jaxplan.planner.record import report_summary
 
-    plan = load_plan(options.plan)
+    plan = _load(options.plan)
     _keep_compiled_code()
     report = check_plan(plan)
-    if options.json:
-        _print({"certified": report.certified, "faults": list(report.faults), "peaks": dict(report.peaks)})
-    else:
-        _print(report)
+    _print(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
 
 
 def _plot(options: argparse.Namespace) -> int:
+    plan = _load(options.plan)
+    folder = _folder(str(Path(options.plan).parent) if options.out is None else options.out)
+    _keep_compiled_code()
+    _draw(plan, folder)
+    return DONE if plan.ok else NO_PLAN
+
+
+def _load(name: str) -> "Plan":
     from jaxplan.planner import load_plan
 
-    plan = load_plan(options.plan)
-    _keep_compiled_code()
-    _draw(plan, options.out or options.plan.parent)
-    return DONE if plan.ok else NO_PLAN
+    if not name:
+        raise ValueError("PLAN is empty, it must name a plan.json")
+    return load_plan(name)
+
+
+def _folder(name: str) -> Path:
+    """The folder for results, made and tried before anything is computed for it."""
+    if not name:
+        raise ValueError("DIR of -o is empty, it must name a folder")
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except (FileExistsError, NotADirectoryError) as error:
+        file = next(place for place in (folder, *folder.parents) if place.exists())
+        raise ValueError(f"{name}: cannot be a folder, {file} is a file") from error
+    except OSError as error:
+        raise ValueError(f"{name}: nothing can be written there: {error.strerror}") from error
 
 
 def _print(result: Any) -> None:
@@ -139,14 +167,20 @@ def _say(message: str) -> None:
 
 
 def _draw(plan: "Plan", folder: Path) -> None:
-    """Write every figure that a plan has to a folder."""
+    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
     from jaxplan import plotting
 
-    folder.mkdir(parents=True, exist_ok=True)
+    mark = "jaxplan"
+    left = set(plotting.FIGURE_NAMES)
     for name, figure in plotting.figures(plan):
         file = folder / f"{name}.png"
-        figure.savefig(file, dpi=150)
+        figure.savefig(file, dpi=150, metadata={"Software": mark})
         _say(f"wrote {file}")
+        left.remove(name)
+    for file in (folder / f"{name}.png" for name in sorted(left)):
+        if file.is_file() and mark.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+            file.unlink()
+            _say(f"removed {file}, which was of an earlier plan")
 
 
 def _keep_compiled_code() -> None:

@@ -117,6 +117,5 @@ def edge_states(
     start = Rotation.from_matrix(np.array(attitude))  # scipy wants writable arrays
     turn = (start.inv() * Rotation.from_matrix(np.array(end_attitude))).as_rotvec()
     fraction = np.linspace(0, 1, samples)[:, None]
-    return (start * Rotation.from_rotvec(fraction * turn)).as_matrix(), joints + fraction * (
-        end_joints - joints
-    )
+    path = joints + fraction * (end_joints - joints).reshape(1, -1)
+    return (start * Rotation.from_rotvec(fraction * turn)).as_matrix(), path

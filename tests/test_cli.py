@@ -77,6 +77,10 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         "case-5": ("plan", "case-5"),
         "missing.json": ("check", tmp_path / "missing.json"),
         "not a plan file": ("plot", broken),
+        "SCENARIO is empty": ("plan", ""),
+        "PLAN is empty": ("check", ""),
+        f"{tmp_path}: cannot be read: Is a directory": ("check", tmp_path),
+        "cannot be read: Is a directory": ("plan", tmp_path),
     }
     for word, words in cases.items():
         code, out, err = run(capsys, *words)
@@ -97,6 +101,48 @@ def test_a_plan_that_does_not_hold_fails_the_check(capsys, tmp_path):
     code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")
     assert code == 3
     assert json.loads(out)["certified"] is False
+
+
+def test_the_folder_is_tried_before_anything_is_planned(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("jaxplan.planner.plan", lambda *_, **__: pytest.fail("planned"))
+    (tmp_path / "file").write_text("mine")
+    for out, words in {
+        "": "DIR of -o is empty",
+        tmp_path / "file": f"{tmp_path / 'file'} is a file",
+        tmp_path / "file" / "below": f"cannot be a folder, {tmp_path / 'file'} is a file",
+        "/proc/nowhere": "/proc/nowhere: nothing can be written there",
+        "/proc/self": "/proc/self: nothing can be written there",
+    }.items():
+        code, printed, err = run(capsys, "plan", "case-4", "-o", out)
+        assert (code, printed) == (2, "")
+        assert words in err
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, tmp_path):
+    run(capsys, "plan", "case-4", "-o", tmp_path)
+    foreign = tmp_path / "rates.png"
+    foreign.write_bytes(b"somebody's own")
+    (tmp_path / "mine.png").write_bytes((tmp_path / "angles.png").read_bytes())
+    scene = edited(case_file, tmp_path / "scene.toml", "half_angle_deg = 28.0", "half_angle_deg = 80.0")
+    code, _, err = run(capsys, "plan", scene, "-o", tmp_path)
+    assert code == 1
+    assert "removed" in err
+    assert {file.name for file in tmp_path.glob("*.png")} == {"sphere.png", "rates.png", "mine.png"}
+
+
+def test_the_check_says_all_of_the_certificate_that_the_plan_says(capsys, tmp_path):
+    planned = json.loads(run(capsys, "plan", "case-4", "--json", "-o", tmp_path)[1])
+    code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")
+    checked = json.loads(out)
+    assert code == 0
+    assert {key: planned[key] for key in checked} == checked
+    assert 0 < checked["min_margin_deg"] < 30
+    assert checked["worst_device"].startswith("terminal-")
+    assert checked["worst_zone"].startswith("CZ")
+    assert 0 <= checked["worst_time_s"] <= planned["duration_s"] == 80
+    assert checked["peak_times_s"].keys() == checked["peaks"].keys()
+    assert checked["faults"] == []
 
 
 def test_the_command_without_words_says_what_it_can_do(capsys):

@@ -1,5 +1,5 @@
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -60,8 +60,6 @@ def test_plans_with_few_devices_and_failed_plans_can_be_kept(terminals, tmp_path
 
 
 def _invalid(scenario: jp.Scenario) -> jp.Scenario:
-    from dataclasses import replace
-
     fast = replace(scenario.start, angular_velocity=np.array([1.0, 0.0, 0.0]))
     return replace(scenario, start=fast, trajectory=replace(scenario.trajectory, duration=80.0))
 
@@ -131,6 +129,128 @@ def test_a_damaged_file_is_refused_by_name(plan, tmp_path, name):
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(jp.PlanFileError, match=word):
         jp.load_plan(tmp_path / "bad.json")
+
+
+# What stands at a place of the file of case 1, and the complaint about it.
+WRONG_VALUES = {
+    ("search", "status"): ([], 'must be "OK"'),
+    ("search", "expansions"): (-3, "must be at least 0"),
+    ("search", "queue_expansions", 0): (0.5, "must be an integer"),
+    ("search", "path"): (None, 'must be a table, since search.status = "OK"'),
+    ("message",): ([], "must be text"),
+    ("goal", "slew_angle"): (-1, "must lie in [0, 3.1416]"),
+    ("goal",): (None, 'must be a table, since status = "OK"'),
+    ("report",): (None, 'must be a table, since status = "OK"'),
+    ("path", "attitudes", 0, 0, 0): (1e300, "must lie in"),
+    ("path", "attitudes", 2): ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], "must be a rotation matrix"),
+    ("trajectory", "method"): ({}, "must be a line of text"),
+    ("trajectory", "breaks"): ([0.0], "must have 2 entries"),
+    ("trajectory", "breaks", 1): (90.0, ""),
+    ("trajectory", "node_times"): ([], "must have 15 entries"),
+    ("trajectory", "node_times", 3): (1e300, "must lie in"),
+    ("trajectory", "node_times", 14): (80.001, "must lie within the trajectory, which ends at 80 s"),
+    ("trajectory", "chart_rate", 0, 1): ("1", "must be a number"),
+    ("report", "certified"): (1, "must be true or false"),
+    ("report", "min_margin"): ("x", "must be a number"),
+    ("report", "worst_time"): (1e300, "must lie within the trajectory"),
+    ("report", "worst_device"): ("nobody", "the devices are terminal-1, terminal-2, terminal-3"),
+    ("report", "worst_zone"): (None, "must not be null"),
+    ("report", "peaks"): ("x", "must be a table of numbers"),
+    ("report", "peaks", "yaw"): (-0.1, "must be at least 0"),
+    ("report", "peak_times", "yaw"): (81, "must lie within the trajectory"),
+    ("report", "jumps", "joints"): (None, "must be a number"),
+    ("report", "faults"): ([1], "must be text"),
+    ("comment",): ("mine", "unknown key"),
+}
+
+
+def spelled(keys: tuple[object, ...]) -> str:
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).lstrip(".")
+
+
+def refusal_of(content: dict[str, object], path) -> str:
+    path.write_text(json.dumps(content))
+    with pytest.raises(jp.PlanFileError) as caught:
+        jp.load_plan(path)
+    return str(caught.value)
+
+
+def written(plan: jp.Plan, path) -> dict[str, object]:
+    plan.save(path)
+    return json.loads(path.read_text())
+
+
+def put(content: dict[str, object], keys: tuple[object, ...], value: object) -> dict[str, object]:
+    copy = json.loads(json.dumps(content))
+    inner = copy
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    return copy
+
+
+def test_a_wrong_value_is_refused_with_its_file_key_and_range(plan, tmp_path):
+    content = written(plan, tmp_path / "plan.json")
+    for keys, (value, complaint) in WRONG_VALUES.items():
+        message = refusal_of(put(content, keys, value), tmp_path / "bad.json")
+        assert str(tmp_path / "bad.json") in message
+        assert spelled(keys).partition("[")[0] in message
+        assert complaint in message, message
+
+
+def places(content: object, keys: tuple[object, ...] = ()):
+    """Every place of a plan file, of long arrays only the first entry."""
+    pairs = content.items() if isinstance(content, dict) else enumerate(content[:1])
+    for key, value in pairs:
+        if key != "scenario":
+            yield (*keys, key)
+            if isinstance(value, dict | list):
+                yield from places(value, (*keys, key))
+
+
+@pytest.mark.parametrize("value", [None, True, "x", -1e300, 1e300, [], {}], ids=str)
+def test_no_value_anywhere_gives_a_plan_that_cannot_be_shown(plan, tmp_path, value):
+    content = written(plan, tmp_path / "plan.json")
+    for keys in places(content):
+        (tmp_path / "odd.json").write_text(json.dumps(put(content, keys, value)))
+        try:
+            odd = jp.load_plan(tmp_path / "odd.json")
+        except jp.PlanFileError:
+            continue
+        assert str(odd)
+        assert json.dumps(odd.summary())
+
+
+def test_a_plan_file_that_contradicts_itself_says_how(plan, tmp_path):
+    content = written(plan, tmp_path / "plan.json")
+    found = refusal_of(content | {"status": "INVALID_START"}, tmp_path / "bad.json")
+    assert 'goal: must be null, since status = "INVALID_START"' in found
+    found = refusal_of(content | {"status": "UNCERTIFIED"}, tmp_path / "bad.json")
+    assert 'report.certified = true: must be false, since status = "UNCERTIFIED"' in found
+    found = refusal_of(content | {"status": "INFEASIBLE", "trajectory": None}, tmp_path / "bad.json")
+    assert "trajectory = null: must be a table, since report is one" in found
+
+
+def test_an_empty_table_is_told_what_it_lacks_in_the_words_of_its_file(tmp_path):
+    found = refusal_of({}, tmp_path / "bad.json")
+    assert "bad.json" in found
+    assert "schema_version: missing, must be 1" in found
+    assert "None" not in found
+
+
+def test_a_damaged_timings_file_is_refused_by_name(plan, tmp_path):
+    plan.save(tmp_path / "plan.json")
+    for text, word in (('{"total": "long"}', "total"), ("[", "not a timings file")):
+        (tmp_path / "plan.timings.json").write_text(text)
+        with pytest.raises(jp.PlanFileError, match=rf"plan\.timings\.json: .*{word}"):
+            jp.load_plan(tmp_path / "plan.json")
+
+
+def test_a_plan_that_takes_no_time_can_be_kept(tmp_path):
+    scenario = make_scenario(2)
+    still = jp.plan(replace(scenario, goal=scenario.start))
+    still.save(tmp_path / "plan.json")
+    assert_same(still, jp.load_plan(tmp_path / "plan.json"))
 
 
 def test_a_missing_file_is_refused_by_name(tmp_path):

@@ -7,9 +7,11 @@ from scenes import make_scenario, sampled_margin, with_search
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.planner import chain
+from jaxplan.certificate import Report
+from jaxplan.planner import chain, messages
 from jaxplan.planner.check import check_plan
-from jaxplan.scenario import Targets
+from jaxplan.planner.validity import breaches
+from jaxplan.scenario import STRETCHED, Targets
 from jaxplan.search import make_scene
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -161,6 +163,7 @@ def broken_scenarios() -> dict[str, tuple[jp.Scenario, str, list[str]]]:
     beyond = np.array(free.start.joints)
     beyond[4] = np.deg2rad(17.5)
     fast = np.array([0.0, np.deg2rad(4.0), 0.0])
+    at_limit, onward = (np.deg2rad(value) * (np.arange(6) == 4) for value in (15.0, 1.0))
     only = {"devices": ("terminal-2",)}
     return {
         "start in keep-out": (
@@ -182,6 +185,21 @@ def broken_scenarios() -> dict[str, tuple[jp.Scenario, str, list[str]]]:
             replace(free, start=replace(free.start, angular_velocity=fast)),
             "INVALID_START",
             ["platform", "4 deg/s", "3 deg/s"],
+        ),
+        "start at a joint limit and going on": (
+            replace(free, start=replace(free.start, joints=at_limit, joint_rates=onward)),
+            "INVALID_START",
+            ["terminal-2 pitch", "0 deg from its limit of 15 deg", "toward it at 1 deg/s"],
+        ),
+        "start too near a joint limit to stop": (
+            replace(free, start=replace(free.start, joints=0.99 * at_limit, joint_rates=2 * onward)),
+            "INVALID_START",
+            ["terminal-2 pitch", "0.15 deg from its limit", "toward it at 2 deg/s"],
+        ),
+        "goal at a joint limit and coming from beyond": (
+            replace(free, goal=replace(free.goal, joints=-at_limit, joint_rates=onward)),
+            "INVALID_GOAL",
+            ["terminal-2 pitch", "0 deg from its limit of 15 deg", "away from it at 1 deg/s"],
         ),
         "goal in keep-out": (
             make_scenario(3, keep_out=(replace(moon, devices=("terminal-3",)),)),
@@ -216,6 +234,46 @@ def test_a_start_or_goal_that_breaks_something_is_named_before_any_search(name):
     assert caught.value.status is plan.status
 
 
+def test_a_joint_at_its_limit_may_rest_or_turn_back():
+    scenario = make_scenario(2)
+    limit, rate = (np.deg2rad(value) * (np.arange(4) == 0) for value in (90.0, 1.0))
+    for side in (-1, 1):
+        for outward in (-1, 0, 1):
+            for arriving in (False, True):
+                rates = (-1 if arriving else 1) * outward * side * rate
+                found = breaches(scenario, np.eye(3), side * limit, np.zeros(3), rates, arriving=arriving)
+                assert len(found) == (outward == 1)
+
+
+@pytest.mark.parametrize("given", ["case-2", None, 2], ids=str)
+def test_what_is_no_scenario_is_told_how_to_get_one(given):
+    with pytest.raises(TypeError, match=rf"Scenario, not {type(given).__name__}; jp\.load_scenario"):
+        jp.plan(given)
+
+
+def test_limits_at_the_ends_of_their_ranges_are_planned():
+    scenario = make_scenario(1)
+    craft = scenario.spacecraft
+    slow = replace(craft, acceleration_limit=np.deg2rad(1e-9))
+    weak = replace(craft, inertia=np.eye(3) * 1e12, torque_limit=np.full(3, 1e-12))
+    quick = replace(craft, rate_limit=np.deg2rad(1e6), acceleration_limit=np.deg2rad(1e9))
+    for name, odd in (("slow", slow), ("weak", weak), ("quick", quick)):
+        assert jp.plan(replace(scenario, spacecraft=odd)).ok, name
+
+
+def test_advice_on_what_is_not_proved_follows_from_what_fails():
+    fault = Report(certified=False, faults=("terminal-1 yaw is beyond",), peaks={"yaw": 1.01}, min_margin=0.1)
+    assert "joint limits" in messages.uncertified(fault)
+    assert "clearance" not in messages.uncertified(fault)
+    fast = replace(fault, peaks={"yaw": 0.9, "angular_velocity": 1.2})
+    assert "duration_s" in messages.uncertified(fast)
+    assert "joint limits" not in messages.uncertified(fast)
+    near = replace(fault, peaks={"yaw": 1.0}, min_margin=-0.01)
+    assert "clearance_deg" in messages.uncertified(near)
+    assert "duration_s" not in messages.uncertified(near)
+    assert messages.uncertified(Report(certified=False, faults=("odd",))).startswith("odd: ")
+
+
 def test_targets_that_cannot_be_reached_together_say_by_how_much():
     scenario = jp.paper_case(2)
     same = np.array([[1.0, 0.0, 0.0]] * 3)  # no direction lies in the yaw ranges of all three
@@ -243,16 +301,41 @@ def test_an_instrument_keeps_the_platform_from_the_nearest_goal():
     assert angle >= sun.half_angle - 1e-9
 
 
-def test_a_search_without_success_names_the_setting_to_change():
-    scenario = with_search(jp.paper_case(3), max_expansions=2)
+def test_a_search_without_success_names_the_setting_to_change_and_the_zone_in_the_way():
+    scenario = with_search(jp.random_scenario(6, "hard_keep_out"), max_expansions=1)
     plan = jp.plan(scenario, throw=False)
     assert plan.status is jp.Status.NODE_LIMIT
     assert "search.max_expansions" in plan.message
-    assert plan.search.expansions == 2
+    assert any(zone.name in plan.message for zone in scenario.keep_out)
     assert plan.trajectory is None
-    late = jp.plan(with_search(jp.paper_case(3), time_limit=0.0), throw=False)
+    late = jp.plan(with_search(jp.random_scenario(6, "hard_keep_out"), time_limit=0.0), throw=False)
     assert late.status is jp.Status.TIME_LIMIT
     assert "search.time_limit_s" in late.message
+
+
+def test_a_ring_of_zones_around_the_goal_is_a_proof_that_no_path_exists():
+    scenario = jp.paper_case(2)
+    assert isinstance(scenario.goal, Targets)
+    target = scenario.goal.directions[0]
+    side = np.cross(target, [0.0, 0.0, 1.0])
+    out = Rotation.from_rotvec(np.deg2rad(30) * side / np.linalg.norm(side)).apply(target)
+    ring = tuple(
+        KeepOut(
+            name=f"ring-{k}",
+            direction=Rotation.from_rotvec(2 * np.pi * k / 12 * target).apply(out),
+            half_angle=np.deg2rad(9.0),
+            devices=("terminal-1",),
+        )
+        for k in range(12)
+    )
+    plan = jp.plan(replace(scenario, keep_out=ring), throw=False)
+    assert plan.status is jp.Status.NO_PATH
+    assert plan.goal is not None
+    assert plan.path is plan.trajectory is None
+    assert "terminal-1" in plan.message
+    assert all(zone.name in plan.message for zone in ring)
+    gap = jp.plan(replace(scenario, keep_out=ring[1:]), throw=False)
+    assert gap.status is jp.Status.OK
 
 
 def test_a_duration_that_is_too_short_says_how_long_it_takes():
@@ -306,3 +389,20 @@ def test_a_plan_prints_itself_as_a_table(case_plans):
         assert word in text
         assert word in page
     assert page.count("<tr>") == page.count("</tr>") == len(case_plans[2].rows())
+
+
+def test_actuator_limits_a_body_axis_are_kept():
+    case = jp.paper_case(1)
+    inertia = np.array([[120.0, 3.0, -2.0], [3.0, 90.0, 1.0], [-2.0, 1.0, 60.0]])
+    torque, momentum = np.array([0.5, 0.4, 0.3]), np.array([5.0, 4.0, 3.0])
+    craft = replace(case.spacecraft, inertia=inertia, torque_limit=torque, wheel_momentum_limit=momentum)
+    case = replace(case, spacecraft=craft, trajectory=replace(case.trajectory, duration=STRETCHED))
+    plan = jp.plan(case, progress=False)
+    assert max(plan.report.peaks.values()) <= 1
+    assert {"torque", "wheel_momentum"} <= set(plan.report.peaks)
+    s = plan.trajectory.sample(np.linspace(0, plan.trajectory.duration, 20_001))
+    spin = s.angular_velocity @ inertia
+    load = s.angular_acceleration @ inertia + np.cross(s.angular_velocity, spin)
+    for name, sampled, limit in (("torque", load, torque), ("wheel_momentum", spin, momentum)):
+        peak = np.max(np.abs(sampled) / limit)
+        assert peak <= plan.report.peaks[name] <= peak + 1e-3

@@ -402,7 +402,7 @@ def test_every_boresight_starts_at_a_star_and_ends_at_a_square() -> None:
         np.testing.assert_allclose(_angle(_direction(np.array(marks)), np.asarray(boresights)), 0, atol=1e-9)
     names = {text.get_text() for text in axes.texts}
     assert names == {"zone-0", "zone-1", "zone-2", "zone-3"}
-    assert len(axes.patches) == 4
+    assert sum(isinstance(patch, mpl.patches.PathPatch) for patch in axes.patches) == 4
 
 
 def test_a_device_has_one_look_in_all_figures() -> None:
@@ -450,6 +450,103 @@ def test_legends_cover_no_panel_and_stay_on_the_page(terminals: int, instruments
             assert box.y0 >= figure.bbox.y0 - 1, name
         for axes in panels:
             assert axes.get_tightbbox().x0 >= -1, name
+
+
+def _legend(axes: mpl.axes.Axes) -> set[str]:
+    return {text.get_text() for text in axes.get_legend().get_texts()}
+
+
+def test_the_overview_says_what_thick_and_thin_margins_are() -> None:
+    margin_axes = jp.plot.overview(make_plan())[3]
+    assert {"smallest of a device", "to each zone"} <= _legend(margin_axes)
+
+
+@pytest.mark.parametrize("figure", [lambda plan: jp.plot.overview(plan)[3], jp.plot.margins])
+@pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
+def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -> None:
+    plan = make_plan(3, 1)
+    times = np.linspace(0, 1, samples.INSTANTS)
+    lines = {device: np.rad2deg(abs(times - place) + 0.005 * device + 0.02) for device in range(4)}
+    moves = samples.motion(plan)
+    made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in lines.items()]
+    report = replace(plan.report, worst_time=place * 40.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "margins", lambda *_: made)
+        axes = figure(replace(plan, report=report))
+    axes.figure.figure.draw_without_rendering()
+    assert len(moves.times) == len(times)
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert len(boxes) >= 2
+    panel = axes.get_window_extent()
+    assert all(panel.x0 - 1 <= box.x0 and box.x1 <= panel.x1 + 1 for box in boxes)
+    (mark,) = [line for line in axes.lines if line.get_marker() == "^"]
+    x, y = axes.transData.transform(mark.get_xydata()[0])
+    radius = 0.4 * mark.get_markersize() * axes.figure.figure.dpi / 72
+    boxes.append(mpl.transforms.Bbox.from_extents(x - radius, y - radius, x + radius, y + radius))
+    pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
+    assert not any(one.overlaps(other) for one, other in pairs)
+
+
+def test_the_duration_can_be_read_off_the_time_axis() -> None:
+    for duration, text in ((49.72, "49.7"), (80.0, "80"), (5.678, "5.68"), (1234.4, "1234"), (0.02, "0.02")):
+        axes = jp.plot.margins(make_plan(duration=duration))
+        axes.figure.draw_without_rendering()
+        labels = {label.get_position()[0]: label.get_text() for label in axes.get_xticklabels()}
+        assert labels[duration] == text
+        shown = sorted(time for time in labels if 0 <= time <= duration)
+        assert np.diff(shown).min() > 0.07 * duration
+
+
+def test_start_and_goal_both_show_where_a_device_does_not_move() -> None:
+    axes = jp.plot.sphere(make_plan(2, 1, duration=0.0, edges=0))
+    stars, squares = ([line for line in axes.lines if line.get_marker() == marker] for marker in "*s")
+    for star, square in zip(stars, squares, strict=True):
+        np.testing.assert_allclose(star.get_xydata(), square.get_xydata())
+        assert square.get_fillstyle() == "none"
+        assert square.get_markersize() >= star.get_markersize()
+        assert star.get_zorder() > square.get_zorder()
+
+
+def test_marks_at_the_edges_of_the_map_are_within_the_frame() -> None:
+    plan = make_plan(0, 2, zones=0)
+    start = replace(plan.scenario.start, rotation_vector=np.zeros(3))
+    looks = [np.array([0.0, 0.0, 1.0]), np.array([-1.0, 0.0, 0.0])]
+    instruments = tuple(
+        replace(instrument, boresight=axis)
+        for instrument, axis in zip(plan.scenario.spacecraft.instruments, looks, strict=True)
+    )
+    craft = replace(plan.scenario.spacecraft, instruments=instruments)
+    axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, start=start, spacecraft=craft)))
+    axes.figure.draw_without_rendering()
+    frame = axes.get_window_extent()
+    stars = [line for line in axes.lines if line.get_marker() == "*"]
+    assert len(stars) == 2
+    for star in stars:
+        x, y = axes.transData.transform(star.get_xydata()[0])
+        radius = star.get_markersize() / 2 * axes.figure.dpi / 72
+        assert frame.x0 <= x - radius
+        assert x + radius <= frame.x1
+        assert y + radius <= frame.y1
+
+
+def test_a_map_without_devices_says_so() -> None:
+    axes = jp.plot.sphere(make_plan(0, 0, zones=0))
+    assert [text.get_text() for text in axes.texts] == ["no devices"]
+    assert axes.get_legend() is None
+
+
+def test_the_name_of_a_keep_in_zone_of_more_than_half_the_sphere_stands_in_it() -> None:
+    plan = make_plan(1, 0, zones=0)
+    for azimuth, elevation in ((0, 60), (120, -80), (-170, 5), (40, 20)):
+        for half_angle in (95, 120, 160):
+            axis = _direction(np.array([[azimuth, elevation]], dtype=float))[0]
+            zone = KeepIn(
+                name="wide", direction=axis, half_angle=np.deg2rad(half_angle), devices=("terminal-1",)
+            )
+            axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_in=(zone,))))
+            (label,) = axes.texts
+            spot = _direction(np.array([label.get_position()], dtype=float))[0]
+            assert np.rad2deg(_angle(spot, axis)) < half_angle
 
 
 # Where they are drawn

@@ -1,6 +1,6 @@
 import numpy as np
 
-from jaxplan.search.queues import Block, LazyQueue
+from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 
 
 def drain(queue: LazyQueue) -> list[tuple[object, int]]:
@@ -48,3 +48,20 @@ def test_children_of_infinite_key_do_not_come_out():
     queue.push(Block("b", np.array([[np.inf, 1.0, np.inf, 0.5]])))
     queue.push(Block("closed", np.full((1, 3), np.inf)))
     assert drain(queue) == [("b", 3), ("b", 1)]
+
+
+def test_exploration_takes_every_open_child_once_and_types_alike():
+    rng = np.random.default_rng(1)
+    queue, key_queue = ExplorationQueue(), LazyQueue(0)
+    blocks = [Block(name, np.ones((1, 50))) for name in ("a", "b")] + [Block("c", np.full((1, 50), np.inf))]
+    blocks[0].keys[0, 7] = np.inf
+    for block, kind in zip(blocks, ((0, 1), (2, 3), (2, 3)), strict=True):
+        queue.push(block, kind)
+        key_queue.push(block)
+    first = [queue.pop(rng)[0].content for _ in range(60)]
+    assert 15 <= first.count("a") <= 45, "a type has its turn however many children it has"
+    rest = []
+    while (drawn := queue.pop(rng)) is not None:
+        rest.append(drawn[0].content)
+    assert len(first) + len(rest) == 99
+    assert key_queue.min_key() == np.inf

@@ -37,6 +37,16 @@ def with_start(text):
     return sc.parse_scenario(MINIMAL.replace("start = { attitude = [0, 0, 0] }", f"start = {{ {text} }}"))
 
 
+def test_scenarios_are_equal_if_their_files_are():
+    one, other = sc.load_scenario(EVERY_KEY), sc.load_scenario(EVERY_KEY)
+    assert one == other
+    assert len({one, other}) == 1
+    wider = replace(one.keep_out[1], half_angle=one.keep_out[1].half_angle + 1e-9)
+    assert one != replace(one, keep_out=(one.keep_out[0], wider))
+    assert one != replace(one, name="another")
+    assert one != "every key"
+
+
 def test_a_file_is_read_in_radians_and_seconds():
     s = sc.load_scenario(EVERY_KEY)
     craft = s.spacecraft

@@ -78,17 +78,18 @@ keep_in[0].half_angle_deg = 180.0: must lie in (0, 180)
 spacecraft.terminal[0].yaw_limit_deg = 180.1: must lie in (0, 180]
 spacecraft.terminal[0].yaw_limit_deg = 0: must lie in (0, 180]
 spacecraft.terminal[0].pitch_limit_deg = 90: must lie in (0, 90)
-spacecraft.terminal[1].rate_limit_deg_s = 0.0: must be greater than 0
-spacecraft.terminal[1].acceleration_limit_deg_s2 = -3: must be greater than 0
-spacecraft.rate_limit_deg_s = -1.0: must be greater than 0
-spacecraft.acceleration_limit_deg_s2 = 0: must be greater than 0
-spacecraft.jerk_limit_deg_s3 = 0: must be greater than 0
-spacecraft.torque_limit_nm = 0: must be greater than 0
-spacecraft.torque_limit_nm[1] = -0.3: must be greater than 0
+spacecraft.terminal[1].rate_limit_deg_s = 0.0: must lie in [1e-6, 1e6]
+spacecraft.terminal[1].acceleration_limit_deg_s2 = -3: must lie in [1e-9, 1e9]
+spacecraft.rate_limit_deg_s = -1.0: must lie in [1e-6, 1e6]
+spacecraft.acceleration_limit_deg_s2 = 0: must lie in [1e-9, 1e9]
+spacecraft.jerk_limit_deg_s3 = 0: must lie in [1e-12, 1e12]
+spacecraft.torque_limit_nm = 0: must lie in [1e-12, 1e12]
+spacecraft.torque_limit_nm[1] = -0.3: must lie in [1e-12, 1e12]
 spacecraft.torque_limit_nm = "much": must be a number, or 3 numbers, one a body axis
 spacecraft.wheel_momentum_limit_nms = [1, 2]: must be an array of 3 numbers, one a body axis, not of 2
 spacecraft.inertia_kg_m2 = 12.0: must be an array of 3 rows of 3 numbers
-keep_out[0].name = "": must be a line of text
+keep_out[0].name = "": must not be empty
+keep_in[0].any_of = "  ": must not be empty
 spacecraft.terminal[0].name = 7: must be a line of text
 spacecraft.instrument[0].boresight = [0.0, 0.0, 0.0]: must be a unit vector, not zero
 spacecraft.instrument[0].boresight = [0, 1]: must be an array of 3 numbers, not of 2
@@ -105,19 +106,19 @@ keep_in[0].any_of = false: must be a line of text
 start.attitude = [0.0, 0.0]: must be an array of 3 numbers, not of 2
 start.yaw_rad = [0.1]: must be an array of 2 numbers, one a terminal, not of 1
 start.pitch_rad = 0.1: must be an array of 2 numbers, one a terminal
-goal.targets = (an array of 1): must be an array of 2 directions, one a terminal, not of 1
+goal.targets = [[0.0, 0.0, 1.0]]: must be an array of 2 directions, one a terminal, not of 1
 goal.targets[1] = [0.0, 0.0, 2.0]: must be a unit vector, its norm is 2
 goal.yaw_limit_deg = 90.5: must not exceed spacecraft.terminal[1].yaw_limit_deg = 90.0
 goal.pitch_limit_deg = 16.0: must not exceed spacecraft.terminal[0].pitch_limit_deg = 15.5
 search.method = "dijkstra": must be "mha" or "mha-paper"
 search.method = 1: must be "mha" or "mha-paper"
-search.attitude_step_rad = 0: must lie in (0, 3.14]
-search.joint_step_rad = 3.2: must lie in (0, 3.14]
+search.attitude_step_rad = 0: must lie in [1e-3, 3.14]
+search.joint_step_rad = 3.2: must lie in [1e-3, 3.14]
 search.terminal_step_scale = 0.5: must be a table from names of terminals to numbers
-search.terminal_step_scale.fore = 0: must be greater than 0
-search.heuristic_weight = 0.99: must be at least 1
+search.terminal_step_scale.fore = 0: must lie in [1e-3, 1e3]
+search.heuristic_weight = 0.99: must lie in [1, 1e6]
 search.clearance_deg = 5e-324: too small to tell from zero
-search.anchor_weight = 0: must be at least 1
+search.anchor_weight = 0: must lie in [1, 1e6]
 search.attitude_moves = 0: must lie in [1, 256]
 search.attitude_moves = 6.0: must be an integer in [1, 256]
 search.clearance_deg = -0.1: must lie in [0, 90)
@@ -128,13 +129,13 @@ search.max_goals = 101: must lie in [1, 100]
 search.seed = -1: must be at least 0
 search.seed = true: must be an integer in [0, inf)
 trajectory.method = "spline": must be "paper"
-trajectory.duration_s = 0: must be greater than 0
-trajectory.duration_s = "long": must be a number in (0, inf) or "stretched"
+trajectory.duration_s = 0: must lie in [1e-3, 1e7]
+trajectory.duration_s = "long": must be a number in [1e-3, 1e7] or "stretched"
 trajectory.segments = 0: must lie in [1, 1000]
 trajectory.order = 4: must lie in [5, 24]
 trajectory.order = 25: must lie in [5, 24]
-trajectory.rate_weight = -1: must be at least 0
-trajectory.acceleration_weight = 0: must be greater than 0
+trajectory.rate_weight = -1: must lie in [0, 1e6]
+trajectory.acceleration_weight = 0: must lie in [1e-6, 1e6]
 schema_version = 2: must be 1
 schema_version = 1.0: must be 1
 name = "two\\nlines": must be a line of text
@@ -145,9 +146,12 @@ search.method = "wastar": this version does not have it; it has "mha" or "mha-pa
 search.method = "rrt_star": this version does not have it; it has "mha" or "mha-paper"
 search.method = "rrt_connect": this version does not have it; it has "mha" or "mha-paper"
 trajectory.method = "global": this version does not have it; it has "paper"
-trajectory.duration_s = "minimum": this version does not have it; it has a number in (0, inf) or "stretched"
 """.splitlines()
-SHORTENED = {"(an array of 1)": [[0.0, 0.0, 1.0]], "(a table)": {}}
+WRONG_VALUES.append(
+    'trajectory.duration_s = "minimum": this version does not have it; '
+    'it has a number in [1e-3, 1e7] or "stretched"'
+)
+SHORTENED = {"(a table)": {}}
 
 
 @pytest.mark.parametrize("line", WRONG_VALUES)
@@ -166,6 +170,44 @@ def test_every_number_must_be_finite(value):
             assert re.match(rf"{re.escape(place)} = {value}: must be (an integer|1)", complaints[0])
         else:
             assert complaints == (f"{place} = {value}: must be finite",)
+
+
+# Settings that go into nothing that could overflow, and tests of whose sign or norm already refuse them.
+HARMLESS = {"search.time_limit_s", "search.seed", "search.max_expansions"}
+
+
+def test_no_number_may_be_absurdly_large():
+    for place in sorted(set(NUMBERS) - HARMLESS):
+        for value in (10**18, -(10**18)) if place in INTEGERS else (1e308, -1e308):
+            first = faults_of(changed({place: value}))[0]
+            assert first.startswith((f"{place} = ", f"{place.partition('[')[0]}")), place
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "start.attitude[0] = 1e+308: must lie in [-1e3, 1e3]",
+        "start.yaw_rad[1] = -1e+308: must lie in [-1e3, 1e3]",
+        "start.joint_rates_rad_s[3] = 1001.0: must lie in [-1e3, 1e3]",
+        "spacecraft.terminal[0].mount_deg = 60000.0: must lie in [-5e4, 5e4]",
+        "spacecraft.inertia_kg_m2[0][0] = 1e+300: must lie in [-1e12, 1e12]",
+        "spacecraft.wheel_momentum_limit_nms = 1e-300: must lie in [1e-12, 1e12]",
+        "search.terminal_step_scale.fore = 1e-300: must lie in [1e-3, 1e3]",
+        "trajectory.duration_s = 1e-300: must lie in [1e-3, 1e7]",
+        "trajectory.duration_s = 1e+308: must lie in [1e-3, 1e7]",
+    ],
+)
+def test_an_absurd_magnitude_is_refused_with_the_range(line):
+    place, shown, _ = re.fullmatch(r"(\S+) = (.*?): (.*)", line).groups()
+    assert faults_of(changed({place: float(shown)})) == (line,)
+
+
+def test_one_of_something_is_singular():
+    alone = changed({"spacecraft.terminal": TABLES["spacecraft"]["terminal"][:1]})
+    found = faults_of(alone)
+    assert "start.yaw_rad = [0.9272, 1.2532]: must be an array of 1 number, one a terminal, not of 2" in found
+    targets = "[[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832]]"
+    assert f"goal.targets = {targets}: must be an array of 1 direction, one a terminal, not of 2" in found
 
 
 def test_an_integer_beyond_all_floats_is_not_finite():
@@ -236,7 +278,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "spacecraft: missing, must be a table",
         "start: missing, must be a table",
         "goal: missing, must be a table with targets, or with attitude, yaw_rad and pitch_rad",
-        "spacecraft.rate_limit_deg_s: missing, must be a number in (0, inf)",
+        "spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6]",
         "spacecraft.terminal[1].pitch_limit_deg: missing, must be a number in (0, 90)",
         "spacecraft.instrument[0].boresight: missing, must be a unit vector of 3 numbers",
         "start.attitude: missing (or quaternion_wxyz), must be 3 numbers",
@@ -293,17 +335,18 @@ def test_keys_that_contradict_each_other_are_named(changes, line):
     [
         ([[1, 0, 0], [0.1, 1, 0], [0, 0, 1]], "must be symmetric"),
         ([[0, 0, 0], [0, 0, 0], [0, 0, 0]], "must be positive definite"),
+        (np.diag([1e-13] * 3).tolist(), "must have its largest moment in [1e-12, 1e12]"),
         ([[1, 2, 0], [2, 1, 0], [0, 0, 1]], "must be positive definite"),
         ([[0.3, 0.3, 0], [0.3, 0.3, 0], [0, 0, 0.6]], "must be positive definite"),
         (
-            [[1e300, 0, 0], [0, 1e300, 0], [0, 0, 2.01e300]],
+            [[1e9, 0, 0], [0, 1e9, 0], [0, 0, 2.01e9]],
             "must have no principal moment above the sum of the other two, as no body has",
         ),
     ],
 )
 def test_an_inertia_must_be_that_of_a_body(inertia, complaint):
     assert faults_of(changed({"spacecraft.inertia_kg_m2": inertia})) == (
-        f"spacecraft.inertia_kg_m2 = (an array of 3): {complaint}",
+        f"spacecraft.inertia_kg_m2 = {inertia}: {complaint}",
     )
     flat_plate = [[1e-9, 0, 0], [0, 1e-9, 0], [0, 0, 2e-9]]
     assert sc.scenario_from_dict(changed({"spacecraft.inertia_kg_m2": flat_plate}))

@@ -112,7 +112,7 @@ def _negligible(spacecraft: "Spacecraft", bindings: Bindings) -> Errors:
     if spacecraft.inertia is not None:
         inertia = np.linalg.norm(spacecraft.inertia, 2)
         for order, limit in enumerate((spacecraft.wheel_momentum_limit, spacecraft.torque_limit)):
-            spin[order] = np.minimum(spin[order], np.inf if limit is None else limit / inertia)
+            spin[order] = np.minimum(spin[order], np.inf if limit is None else np.min(limit) / inertia)
     angle = np.sin(np.min(bindings.angle, initial=np.pi / 2))
     joints = (spacecraft.joint_limits, spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits)
     return Errors(

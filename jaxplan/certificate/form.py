@@ -80,8 +80,8 @@ def _finite(name: str, array: Any) -> Iterator[str]:
 
 
 def _positive(name: str, value: Any) -> Iterator[str]:
-    if not (np.isfinite(value) and value > 0):
-        yield f"{name} = {value:g} is not positive and finite"
+    if not np.all(np.isfinite(value) & (np.asarray(value) > 0)):
+        yield f"{name} = {', '.join(f'{number:g}' for number in np.ravel(value))} is not positive and finite"
 
 
 def _rotation(name: str, attitude: np.ndarray) -> Iterator[str]:
@@ -164,6 +164,8 @@ def _spacecraft_numbers(spacecraft: "Spacecraft") -> Iterator[str]:
     for name in ("jerk_limit", "torque_limit", "wheel_momentum_limit"):
         limit = getattr(spacecraft, name)
         if limit is not None:
+            if np.shape(limit) not in ((), (3,)):
+                yield from _shape(f"spacecraft.{name}", limit, (3,))
             yield from _positive(f"spacecraft.{name}", limit)
             if name != "jerk_limit" and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"

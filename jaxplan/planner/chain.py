@@ -20,7 +20,7 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario
-from jaxplan.search import PLANNERS, SearchResult, make_scene
+from jaxplan.search import PLANNERS, SearchResult, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import METHODS
 
@@ -31,6 +31,7 @@ BARE_LADDER = ((0.0, 0), (0.0, 1))
 
 # Of two failures the later one here says more about what to change.
 _TELLING = (
+    Status.NO_PATH,  # to one goal
     Status.TIME_LIMIT,
     Status.NODE_LIMIT,
     Status.INFEASIBLE,
@@ -54,6 +55,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
 
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
+        TypeError: if it is no scenario.
 
     Example:
         >>> import jaxplan as jp
@@ -61,6 +63,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         >>> plan.trajectory.sample(10.0).attitude.shape
         (3, 3)
     """
+    _expect_scenario(scenario)
     clock = _Clock(scenario.search.time_limit, progress)
     with clock.bar():
         result = _plan(scenario, clock)
@@ -68,6 +71,13 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     if throw and not result.ok:
         raise PlanningError(result)
     return result
+
+
+def _expect_scenario(given: object) -> None:
+    """Raise for what is none, such as the name of a file."""
+    if not isinstance(given, Scenario):
+        kind = type(given).__name__
+        raise TypeError(f"scenario must be a Scenario, not {kind}; jp.load_scenario reads one from a file")
 
 
 def _plan(scenario: Scenario, clock: "_Clock") -> Plan:
@@ -94,6 +104,12 @@ def _plan(scenario: Scenario, clock: "_Clock") -> Plan:
 def _attempts(scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: "_Clock") -> Iterator[Plan]:
     """Climb the ladder at one goal."""
     scene = make_scene(scenario, goal, attitude)
+    with clock.step("search"):
+        barrier = find_barrier(scene)
+    if barrier is not None:
+        message = messages.parted(scenario, barrier)
+        yield Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal)
+        return
     found: dict[float, SearchResult] = {}
 
     def search(factor: float) -> SearchResult:
@@ -113,7 +129,7 @@ def _attempts(scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: "_Clo
         result = search(factor)
         failed = Plan(scenario=scenario, status=result.status, goal=goal, search=result)
         if result.path is None:
-            yield replace(failed, message=messages.no_path(scenario, result))
+            yield replace(failed, message=messages.no_path(scenario, scene, result))
             return
         path = result.path
         for _ in range(halvings):

@@ -63,12 +63,11 @@ def check_plan(plan: Plan) -> Report:
         plan: with a trajectory.
 
     Raises:
-        ValueError: if the plan has no trajectory.
+        ValueError: if the plan has no trajectory, or no goal.
     """
     if plan.trajectory is None or plan.goal is None:
-        raise ValueError(
-            f"the plan of {plan.scenario.name} has no trajectory: it ended as {plan.status.name}"
-        )
+        missing = "trajectory" if plan.trajectory is None else "goal"
+        raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
     report = prove(plan.scenario, plan.goal, plan.trajectory)
     off = _goal_faults(plan.scenario, plan.goal)
     return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))

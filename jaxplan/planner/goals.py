@@ -40,7 +40,7 @@ def find_goals(scenario: Scenario, attitude: np.ndarray) -> tuple[Goal, ...] | P
         candidates = found.goals
     end = scenario.goal
     broken = [
-        breaches(scenario, goal.attitude, goal.joints, end.angular_velocity, end.joint_rates)
+        breaches(scenario, goal.attitude, goal.joints, end.angular_velocity, end.joint_rates, arriving=True)
         for goal in candidates
     ]
     valid = tuple(goal for goal, faults in zip(candidates, broken, strict=True) if not faults)

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.scenario import Scenario
-from jaxplan.search import SearchResult
+from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 from jaxplan.status import Status
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -38,20 +38,46 @@ def unreachable(scenario: Scenario, found: Decomposition) -> str:
     )
 
 
-def no_path(scenario: Scenario, result: SearchResult) -> str:
+def parted(scenario: Scenario, barrier: Barrier) -> str:
+    """Of a device that no motion brings to its goal direction."""
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
+    names = [zones[row].name for row in barrier.zones]
+    return (
+        f"{scenario.spacecraft.device_names[barrier.device]} cannot get from its start direction to its goal "
+        f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
+        "make one of them smaller, or do not bind the device to it"
+    )
+
+
+def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
     """Of a search without success."""
     settings = scenario.search
+    obstacle = most_obstructive(scene)
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
+    blocked = "" if obstacle is None else f"; zone {zones[obstacle].name} is most in the way"
     if result.status is Status.TIME_LIMIT:
         return (
             f"no path within search.time_limit_s = {settings.time_limit:g} "
-            f"({result.expansions} expansions): raise it, or search.heuristic_weight"
+            f"({result.expansions} expansions): raise it, or search.heuristic_weight{blocked}"
         )
     return (
         f"no path within search.max_expansions = {settings.max_expansions}: raise it, "
         f"try another search.seed, or lower search.clearance_deg = {np.rad2deg(settings.clearance):.3g}"
+        f"{blocked}"
     )
 
 
 def uncertified(report: Report) -> str:
     """Of a trajectory that is not proved safe."""
-    return "; ".join(report.faults) + ": try a larger search.clearance_deg or smaller search steps"
+    beyond = {name for name, peak in report.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
+    advice = []
+    if beyond & {"yaw", "pitch"}:
+        advice.append(
+            "keep start and goal farther inside the joint limits, lower their joint rates, "
+            "or try smaller search steps"
+        )
+    if beyond - {"yaw", "pitch"}:
+        advice.append('set a longer trajectory.duration_s, or "stretched"')
+    if report.min_margin is not None and not report.min_margin >= -MARGIN_ALLOWANCE:
+        advice.append("try a larger search.clearance_deg or smaller search steps")
+    return "; ".join(report.faults) + ": " + ("; ".join(advice) or "try another trajectory.order")

@@ -16,6 +16,23 @@ from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory
 
 
+def report_summary(report: Report | None) -> dict[str, Any]:
+    """What a certificate says, in the units of files, for machines; of none, the same keys with None."""
+    found = Report(certified=False, faults=()) if report is None else report
+    margin = found.min_margin
+    summary = {
+        "certified": found.certified,
+        "faults": list(found.faults),
+        "min_margin_deg": None if margin is None else float(np.rad2deg(margin)),
+        "worst_device": found.worst_device,
+        "worst_zone": found.worst_zone,
+        "worst_time_s": found.worst_time,
+        "peaks": dict(found.peaks),
+        "peak_times_s": dict(found.peak_times),
+    }
+    return dict.fromkeys(summary) if report is None else summary
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
     """The answer to a scenario. Of a plan that failed, the fields of later steps are None.
@@ -77,8 +94,7 @@ class Plan:
 
     def summary(self) -> dict[str, Any]:
         """What the plan is, in the units of files, for machines; times included."""
-        report, trajectory = self.report, self.trajectory
-        margin = report.min_margin if report is not None else None
+        trajectory = self.trajectory
         return {
             "name": self.scenario.name,
             "status": self.status.name,
@@ -88,9 +104,7 @@ class Plan:
             "length_steps": None if self.path is None else self.path.length,
             "edges": None if self.path is None else self.path.edges,
             "duration_s": None if trajectory is None else trajectory.duration,
-            "certified": None if report is None else report.certified,
-            "min_margin_deg": None if margin is None else float(np.rad2deg(margin)),
-            "peaks": None if report is None else dict(report.peaks),
+            **report_summary(self.report),
             "timings_s": dict(self.timings),
         }
 

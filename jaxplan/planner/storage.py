@@ -1,30 +1,27 @@
 """Plan files: a plan as JSON, and its timings in a file beside it, since they alone are not deterministic.
 
 Numbers are written with all their digits, so a plan that is loaded again is the same to the last bit. Nothing
-in a file is executed, and nothing is taken on trust: the scenario goes through the scenario's own checks, the
-shape of every array is checked against it, and NaN and infinity are refused. The stored certificate is only a
-record; ``jaxplan check`` makes it anew.
+in a file is executed, and nothing is taken on trust: the scenario goes through the scenario's own checks, all
+else through those of `layout`, and NaN and infinity are refused. The stored certificate is only a record;
+``jaxplan check`` makes it anew.
 """
 
 import json
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
-from jaxplan.certificate import Report
-from jaxplan.path import Goal, Path
+from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
-from jaxplan.search import SearchResult
+from jaxplan.scenario.faults import DeviceNames, Place
 from jaxplan.status import Status
-from jaxplan.trajectory import Trajectory
 
-SCHEMA_VERSION = 1
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
 LARGEST_FILE = 64 * 2**20
 
@@ -42,11 +39,11 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
     """
     target = FilePath(path)
     content = {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": layout.SCHEMA_VERSION,
         "scenario": scenario_to_dict(plan.scenario),
         "status": plan.status.name,
         "message": plan.message,
-        **{key: _plain(getattr(plan, key)) for key in ("goal", "search", "path", "trajectory", "report")},
+        **{key: _plain(getattr(plan, key)) for key in layout.STEPS},
     }
     _write(target, content)
     _write(_timings_file(target), dict(plan.timings))
@@ -62,37 +59,43 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
         PlanFileError: if the file is missing, too large, no JSON, or not a plan.
     """
     source = FilePath(path)
-    content = _read(source)
-    if content.get("schema_version") != SCHEMA_VERSION:
-        found = content.get("schema_version")
-        raise PlanFileError(f"schema_version = {found!r}: this version reads {SCHEMA_VERSION}")
+    content = _read(source, "plan")
     try:
-        scenario = scenario_from_dict(_mapping(content, "scenario"))
+        return _plan(content, _timings(_timings_file(source)))
     except ScenarioError as error:
-        raise PlanFileError(f"scenario: {error}") from error
-    status = content.get("status")
-    if not isinstance(status, str) or status not in Status.__members__:
-        raise PlanFileError(f"status = {status!r}: must be one of {', '.join(Status.__members__)}")
-    timings_file = _timings_file(source)
-    joints = 2 * len(scenario.spacecraft.terminals)
-    readers = {
-        "goal": _goal,
-        "path": _path,
-        "trajectory": _trajectory,
-        "search": _search,
-        "report": _report,
-    }
-    parts = {
-        key: reader(_mapping(content, key), joints) if content.get(key) is not None else None
-        for key, reader in readers.items()
-    }
-    return Plan(
-        scenario=scenario,
-        status=Status[status],
-        message=str(content.get("message", "")),
-        timings=_read(timings_file) if timings_file.exists() else {},
-        **parts,  # type: ignore[arg-type]
-    )
+        raise PlanFileError(str(ScenarioError(error.faults, os.fspath(path)))) from error
+
+
+def _plan(content: dict[str, Any], timings: dict[str, float]) -> Plan:
+    """The plan that a file's content stands for; its faults are raised as those of a scenario are."""
+    root = Place(faults=[], devices=DeviceNames(None, None))
+    rest = dict(content)
+    layout.HEAD.read({f.key: rest.pop(f.key) for f in layout.HEAD.fields if f.key in content}, root)
+    if root.faults:
+        raise ScenarioError(root.faults)
+    try:
+        scenario = scenario_from_dict(content["scenario"])
+    except ScenarioError as error:
+        raise ScenarioError([f"scenario: {fault}" for fault in error.faults]) from error
+    table = layout.plan_table(scenario)
+    read = table.read(rest, root)
+    if not root.faults:
+        layout.check_agreement(read or {}, root)
+    if root.faults:
+        raise ScenarioError(root.faults)
+    plan: Plan = table.build(read)
+    return replace(plan, timings=timings)
+
+
+def _timings(path: FilePath) -> dict[str, float]:
+    """The seconds by step of a plan; none where their file is not there."""
+    if not path.exists():
+        return {}
+    root = Place(faults=[], devices=DeviceNames(None, None))
+    read = layout.TIMINGS.read(_read(path, "timings"), root)
+    if read is None:
+        raise PlanFileError(str(ScenarioError(root.faults, os.fspath(path))))
+    return read
 
 
 def _timings_file(path: FilePath) -> FilePath:
@@ -134,93 +137,23 @@ def _umask() -> int:
     return mask
 
 
-def _read(path: FilePath) -> dict[str, Any]:
+def _read(path: FilePath, kind: str) -> dict[str, Any]:
+    """The table of a JSON file; of which kind, a message says if it is none."""
+
     def refuse(word: str) -> float:
-        raise PlanFileError(f"{path}: {word} is not allowed")
+        raise ValueError(f"{word} is not allowed")
 
     try:
         size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise PlanFileError(f"{path}: {size} bytes, at most {LARGEST_FILE} are read")
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+        text = path.read_bytes() if size <= LARGEST_FILE else b""
     except OSError as error:
-        raise PlanFileError(f"{path}: {error.strerror}") from error
-    except (UnicodeDecodeError, RecursionError, json.JSONDecodeError) as error:
-        raise PlanFileError(f"{path}: not a plan file ({error})") from error
-    if not isinstance(content, dict):
-        raise PlanFileError(f"{path}: not a plan file (no table at its top)")
-    return content
-
-
-def _mapping(content: Mapping[str, Any], key: str) -> dict[str, Any]:
-    value = content.get(key)
-    if not isinstance(value, dict):
-        raise PlanFileError(f"{key}: must be a table")
-    return value
-
-
-def _array(table: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """An array of finite numbers; None in the shape stands for any length."""
+        raise PlanFileError(f"{path}: cannot be read: {error.strerror}") from error
+    if size > LARGEST_FILE:
+        raise PlanFileError(f"{path}: {size} bytes, at most {LARGEST_FILE} are read")
     try:
-        value = np.array(table.get(key), dtype=float)
-    except (TypeError, ValueError) as error:
-        raise PlanFileError(f"{key}: must be numbers of shape {shape}") from error
-    fits = len(shape) == value.ndim and all(n in (None, m) for n, m in zip(shape, value.shape, strict=True))
-    if not fits or not np.all(np.isfinite(value)):
-        raise PlanFileError(f"{key}: must be finite numbers of shape {shape}, has shape {value.shape}")
-    return value
-
-
-def _goal(table: Mapping[str, Any], joints: int) -> Goal:
-    return Goal(
-        attitude=_array(table, "attitude", (3, 3)),
-        joints=_array(table, "joints", (joints,)),
-        slew_angle=float(_array(table, "slew_angle", ())),
-    )
-
-
-def _path(table: Mapping[str, Any], joints: int) -> Path:
-    costs = _array(table, "edge_costs", (None,))
-    nodes = len(costs) + 1
-    return Path(
-        attitudes=_array(table, "attitudes", (nodes, 3, 3)),
-        joints=_array(table, "joints", (nodes, joints)),
-        edge_costs=costs,
-    )
-
-
-def _trajectory(table: Mapping[str, Any], joints: int) -> Trajectory:
-    breaks, joint_breaks = _array(table, "breaks", (None,)), _array(table, "joint_breaks", (None,))
-    pieces, joint_pieces = len(breaks) - 1, len(joint_breaks) - 1
-    return Trajectory(
-        breaks=breaks,
-        chart_attitude=_array(table, "chart_attitude", (pieces, 3, 3)),
-        chart_start=_array(table, "chart_start", (pieces,)),
-        chart_rate=_array(table, "chart_rate", (pieces, 3)),
-        coefficients=_array(table, "coefficients", (pieces, None, 3)),
-        joint_breaks=joint_breaks,
-        joint_coefficients=_array(table, "joint_coefficients", (joint_pieces, None, joints)),
-        node_times=_array(table, "node_times", (None,)),
-        smoothness=int(_array(table, "smoothness", ())),
-        method=str(table.get("method")),
-    )
-
-
-def _search(table: Mapping[str, Any], joints: int) -> SearchResult:
-    if table.get("status") not in Status.__members__:
-        raise PlanFileError(f"search.status = {table.get('status')!r}: unknown")
-    counts = _array(table, "queue_expansions", (None,))
-    return SearchResult(
-        status=Status[table["status"]],
-        path=_path(_mapping(table, "path"), joints) if table.get("path") is not None else None,
-        expansions=int(_array(table, "expansions", ())),
-        queue_expansions=tuple(int(count) for count in counts),
-    )
-
-
-def _report(table: Mapping[str, Any], joints: int) -> Report:
-    known = {field.name for field in fields(Report)}
-    if set(table) != known:
-        raise PlanFileError(f"report: must have the keys {', '.join(sorted(known))}")
-    content: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
-    return Report(**content)
+        content = json.loads(text.decode(), parse_constant=refuse)
+    except (ValueError, RecursionError) as error:  # of the former, no UTF-8 and no JSON are kinds
+        raise PlanFileError(f"{path}: not a {kind} file ({error})") from error
+    if not isinstance(content, dict):
+        raise PlanFileError(f"{path}: not a {kind} file (no table at its top)")
+    return content

@@ -1,6 +1,6 @@
 """Whether a state is within the joint limits and clear of every zone, said in words when it is not."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import numpy as np
@@ -27,8 +27,10 @@ def breaches(
     joints: np.ndarray,
     angular_velocity: np.ndarray,
     joint_rates: np.ndarray,
+    *,
+    arriving: bool = False,
 ) -> tuple[str, ...]:
-    """Everything a state breaks: joint limits, rate limits and zones.
+    """Everything a state breaks: joint limits, also those that it cannot but break next, rates and zones.
 
     Args:
         scenario: limits and zones.
@@ -36,6 +38,7 @@ def breaches(
         joints: (2n,) rad.
         angular_velocity: (3,) rad/s, body axes.
         joint_rates: (2n,) rad/s.
+        arriving: whether the state ends a motion instead of starting one: what was just before counts.
 
     Returns:
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
@@ -62,7 +65,25 @@ def breaches(
         for name, rate, limit in rates
         if not rate <= limit * (1 + ROUNDING)
     ]
+    found += _overruns(scenario, joints, joint_rates, arriving)
     return (*found, *_zone_breaches(scenario, attitude, joints))
+
+
+def _overruns(
+    scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
+) -> Iterator[str]:
+    """Joints within their limits that even full braking takes beyond, or that come from there."""
+    craft = scenario.spacecraft
+    room = craft.joint_limits - np.abs(joints)
+    outward = np.where(arriving, -1, 1) * np.sign(joints) * joint_rates
+    braking = joint_rates**2 / (2 * craft.joint_acceleration_limits)
+    for j in np.flatnonzero((room >= -ROUNDING) & (outward > 0) & (braking > room + ROUNDING)):
+        gap, rate, limit = np.rad2deg([max(room[j], 0), abs(joint_rates[j]), craft.joint_limits[j]])
+        where = f"{craft.joint_names[j]}, {gap:.4g} deg from its limit of {limit:.4g} deg,"
+        if arriving:
+            yield f"{where} moves away from it at {rate:.4g} deg/s, so it must have been beyond it"
+        else:
+            yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
 
 
 def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> list[str]:

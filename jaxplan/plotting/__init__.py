@@ -12,6 +12,6 @@ seconds.
 from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, rates
 from jaxplan.plotting.sphere_map import sphere
-from jaxplan.plotting.whole_plan import figures, overview
+from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
-__all__ = ["accelerations", "angles", "figures", "margins", "overview", "rates", "sphere"]
+__all__ = ["FIGURE_NAMES", "accelerations", "angles", "figures", "margins", "overview", "rates", "sphere"]

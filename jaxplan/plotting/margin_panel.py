@@ -10,6 +10,7 @@ from matplotlib.patheffects import withStroke
 
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.style import (
     GREY,
     KEEP_OUT,
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan
 
 SIZE = (9.0, 4.2)  # inches
+MARK_SIZE = 7  # points, of the triangle
+# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
+_OFFSETS = np.array(
+    [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
+)
 _CROWD = 60  # curves, beyond which they are drawn fainter
 
 
@@ -53,15 +59,15 @@ def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """
     moves = samples.motion(plan)
     (axes,) = panels(ax, 1, SIZE)
-    devices, proved = draw(axes, plan, moves)
+    devices, others = draw(axes, plan, moves)
     time_axis([axes], moves)
     if legend:
-        legend_beside(axes, [*devices, *proved])
+        legend_beside(axes, [*devices, *others])
     return axes
 
 
 def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
-    """Draw the panel; returns the legend entries of the devices and of the proved bound."""
+    """Draw the panel; returns the legend entries of the devices, and of all else."""
     found = samples.margins(plan.scenario, moves.boresights)
     alpha = 0.6 if len(found) <= _CROWD else 0.3
     for margin in found:
@@ -73,17 +79,20 @@ def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entr
         for device, line in smallest.items():
             curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
         axes.axhline(0, color=KEEP_OUT, linewidth=1.2, zorder=1.5)
-        _span(axes, [bound for _, bound, _ in _proved(plan)], list(smallest.values()))
-        _name_zones(axes, moves.times, smallest)
+        marks = [(time, bound) for time, bound, _ in _proved(plan)]
+        _span(axes, [bound for _, bound in marks], list(smallest.values()))
+        _name_zones(axes, moves.times, smallest, marks)
     else:
         note(axes, "no zones")
+        axes.set_yticks([])
     axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
     names = device_entries(plan.scenario.spacecraft.device_names)
     kinds: Entries = [
         (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
         (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),
     ]
-    return [*(names[device] for device in devices), *(kinds if found else [])], _mark_proved(axes, plan)
+    proved = _mark_proved(axes, plan)
+    return [names[device] for device in devices], [*(kinds if found else []), *proved]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,27 +122,45 @@ def _span(axes: Axes, marks: list[float], lines: list[_Smallest]) -> None:
     axes.set_ylim(low - pad, high + pad)
 
 
-def _name_zones(axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest]) -> None:
+def _name_zones(
+    axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
+) -> None:
     """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room."""
+    panel = axes.get_window_extent()
+    size = np.array([panel.width, panel.height]) * 72 / axes.figure.dpi  # points, before the final layout
     low, high = axes.get_ylim()
-    taken: list[np.ndarray] = []
+
+    def on_page(time: np.ndarray | float, value: np.ndarray | float) -> np.ndarray:
+        across = np.divide(time, times[-1]) if times[-1] > 0 else np.full_like(time, 0.5)
+        return np.stack([across, (value - low) / (high - low)], axis=-1) * size
+
+    drawn = [np.zeros_like(times), *(line.values for line in smallest.values())]  # with the line at zero
+    labels = Labels(np.concatenate([on_page(times, values) for values in drawn]))
+    labels.taken.extend((on_page(*mark), np.full(2, MARK_SIZE + 2.0)) for mark in marks)
     for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
-        value = line.values[line.lowest]
-        spot = np.array([line.lowest / max(len(times) - 1, 1), (value - low) / (high - low)])
-        if any(np.all(np.abs(spot - other) < (0.12, 0.06)) for other in taken):
+        lowest = float(times[line.lowest]), float(line.values[line.lowest])
+        corner, extent = on_page(*lowest), SMALL * np.array([0.62 * len(line.zone) + 0.5, 1.2])
+        places = [corner + offset for offset in _OFFSETS * (extent / 2 + 2)]
+        spot = labels.place([p for p in places if _within(p, extent, size)], extent)
+        if spot is None:
             continue
-        taken.append(spot)
         text = axes.annotate(
             line.zone,
-            (float(times[line.lowest]), float(value)),
-            xytext=(0, 4),
+            lowest,
+            xytext=tuple(spot - corner),
             textcoords="offset points",
-            ha="left" if spot[0] < 0.1 else "right" if spot[0] > 0.9 else "center",
+            ha="center",
+            va="center",
             color=device_style(device)["color"],
             fontsize=SMALL,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
         )
         plain(text)
+
+
+def _within(centre: np.ndarray, extent: np.ndarray, size: np.ndarray) -> bool:
+    """Whether a label is on the panel, all of it."""
+    return bool(np.all((centre >= extent / 2) & (centre <= size - extent / 2)))
 
 
 def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
@@ -150,7 +177,7 @@ def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
 
 def _mark_proved(axes: Axes, plan: "Plan") -> Entries:
     """Mark the certificate's lower bound; returns the legend entry that explains the mark."""
-    look: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
+    look: Look = {"marker": "^", "color": "black", "markersize": MARK_SIZE, "linestyle": "none"}
     entries: Entries = []
     for time, bound, text in _proved(plan):
         axes.plot([time], [bound], **look, zorder=5, clip_on=False)

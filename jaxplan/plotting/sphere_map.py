@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import Patch, PathPatch, Rectangle
 from matplotlib.path import Path as Shape
-from matplotlib.patheffects import withStroke
 
 from jaxplan.plotting import samples, unfolded
 from jaxplan.plotting.canvas import Canvas, panels
@@ -16,16 +15,17 @@ from jaxplan.plotting.style import (
     GREY,
     KEEP_IN,
     KEEP_OUT,
-    SMALL,
     TEXT,
     Entries,
     Look,
     device_entries,
     device_style,
     legend_beside,
+    note,
     plain,
     tidy,
 )
+from jaxplan.plotting.zone_names import name_zones
 from jaxplan.scenario import GivenState
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -35,13 +35,17 @@ if TYPE_CHECKING:
 
 SIZE = (11.0, 4.9)  # inches
 
-_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
-
-_START: Look = {"marker": "*", "markersize": 14, "linestyle": "none", "markeredgewidth": 0.7}
-_END: Look = {"marker": "s", "markersize": 8, "linestyle": "none", "markeredgewidth": 0.7}
+# The square is open, and the star fits into it, so that both show where a device does not move.
+_START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
+_END: Look = {
+    "marker": "s",
+    "markersize": 12,
+    "linestyle": "none",
+    "fillstyle": "none",
+    "markeredgewidth": 1.8,
+}
 _TARGET: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
 def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
@@ -66,9 +70,13 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     scenario = plan.scenario
     for zone in _zones(scenario):
         _draw_zone(axes, zone)
-    _name_zones(axes, scenario)
+    outlines = len(axes.lines)
     marks = [*_draw_ways(axes, plan), *_draw_ends(axes, plan)]
+    drawn = [np.zeros((0, 2)), *(line.get_xydata() for line in axes.lines[outlines:])]
+    name_zones(axes, scenario, np.concatenate(drawn))
     _frame(axes, plan)
+    if not scenario.spacecraft.device_names:
+        note(axes, "no devices")
     if legend:
         entries = [*device_entries(scenario.spacecraft.device_names), *marks, *_zone_entries(scenario)]
         legend_beside(axes, entries)
@@ -97,58 +105,6 @@ def _fill(zone: KeepOut | KeepIn) -> Look:
     return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
 
 
-def _name_zones(axes: Axes, scenario: "Scenario") -> None:
-    """Write each zone's name in it, or above it if a boresight must stay in, where no other name stands."""
-    zones = _zones(scenario)
-    crowded = len(zones) > _CROWD
-    taken: list[tuple[float, float]] = []
-    for zone in zones:
-        lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario)]
-        azimuth, elevation = unfolded.unfold(zone.direction)
-        room = 178 - 1.5 * max(len(line) for line in lines)  # a letter is about 3 deg wide
-        across = float(np.clip(azimuth, -max(room, 0), max(room, 0)))
-        places = [float(elevation + offset) for offset in _name_offsets(zone)]
-        places = [place for place in places if abs(place) < 84] or [float(np.clip(elevation, -83, 83))]
-        free = [place for place in places if not _near((across, place), taken)]
-        spot = (across, (free or places)[0])
-        taken.append(spot)
-        label = axes.text(
-            *spot,
-            "\n".join(lines),
-            color=KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT,
-            fontsize=SMALL - 1.5 * crowded,
-            ha="center",
-            va="center",
-            zorder=1.8,
-            path_effects=_HALO,
-        )
-        plain(label)
-
-
-def _name_offsets(zone: KeepOut | KeepIn) -> tuple[float, ...]:
-    """Elevations of places for a zone's name, from that of its axis, deg; the best comes first."""
-    size = float(np.rad2deg(zone.half_angle))
-    inside = (0.0, 0.5 * size, -0.5 * size, 0.8 * size, -0.8 * size)
-    return (size + 6, -size - 6, *inside) if isinstance(zone, KeepIn) else inside
-
-
-def _near(spot: tuple[float, float], others: list[tuple[float, float]]) -> bool:
-    """Whether a name would run into one of some others, which are about 20 by 7 deg large."""
-    return any(abs(spot[0] - other[0]) < 20 and abs(spot[1] - other[1]) < 7 for other in others)
-
-
-def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
-    """A line that says in few words which devices a zone binds; none if it binds all."""
-    names = scenario.spacecraft.device_names
-    bound = [name for name in names if not zone.devices or name in zone.devices]
-    others = [name for name in names if name not in bound]
-    if not others:
-        return []
-    if len(bound) == 1:
-        return [f"for {bound[0]}"]
-    return [f"not {others[0]}"] if len(others) == 1 else [f"for {len(bound)} of {len(names)}"]
-
-
 def _draw_ways(axes: Axes, plan: "Plan") -> Entries:
     """The trajectory, or the path if there is none, and the path's nodes."""
     if plan.trajectory is not None:
@@ -159,7 +115,7 @@ def _draw_ways(axes: Axes, plan: "Plan") -> Entries:
         return []
     for device, way in enumerate(np.moveaxis(ways, 1, 0)):
         axes.plot(*unfolded.cut(unfolded.unfold(way)).T, linewidth=1.8, zorder=3, **device_style(device))
-    if plan.path is None:
+    if plan.path is None or not plan.scenario.spacecraft.device_names:
         return []
     nodes = samples.boresights(plan.scenario.spacecraft, plan.path.attitudes, plan.path.joints)
     for device, points in enumerate(np.moveaxis(unfolded.unfold(nodes), 1, 0)):
@@ -182,9 +138,8 @@ def _draw_ends(axes: Axes, plan: "Plan") -> Entries:
     for look, _, directions in ends:
         for device, point in enumerate(unfolded.unfold(directions)):
             colour = device_style(device)["color"]
-            edge = colour if look is _TARGET else "white"
-            above = 4.2 if look is _START else 4  # a star shows on a square, but not the other way round
-            axes.plot(*point, color=colour, markeredgecolor=edge, zorder=above, clip_on=False, **look)
+            edge = "white" if look is _START else colour
+            axes.plot(*point, color=colour, markeredgecolor=edge, zorder=4.2 if look is _START else 4, **look)
     return [(Line2D([], [], color=GREY, **look), name) for look, name, _ in ends]
 
 
@@ -198,7 +153,10 @@ def _given(scenario: "Scenario", state: GivenState) -> np.ndarray:
 def _frame(axes: Axes, plan: "Plan") -> None:
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
-    axes.set(xlim=(-180, 180), ylim=(-90, 90))
+    # A strip around the map, so that a mark at a pole or at the meridian is whole.
+    axes.set(xlim=(-186, 186), ylim=(-96, 96))
+    axes.patch.set_facecolor("0.94")
+    axes.add_artist(Rectangle((-180, -90), 360, 180, facecolor="white", edgecolor="0.6", zorder=0.5))
     axes.set_xticks(range(-180, 181, 60))
     axes.set_yticks(range(-90, 91, 30))
     axes.set_xlabel("inertial azimuth (deg)", fontsize=TEXT)

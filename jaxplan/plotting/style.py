@@ -48,7 +48,6 @@ def plain(text: Text) -> Text:
 def note(axes: Axes, text: str) -> None:
     """Say in an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
-    axes.set_yticks([])
 
 
 def tidy(axes: Axes) -> None:

@@ -1,10 +1,13 @@
 """What every figure over time shares: curves with their limits, the nodes as ticks, and the time axis."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from jaxplan.plotting.samples import Motion
 from jaxplan.plotting.style import TEXT, Entries, Look, limit_lines, tidy
@@ -52,8 +55,32 @@ def time_axis(panels: Sequence[Axes], motion: Motion) -> None:
         axes.set_xticks(motion.node_times, minor=True)
         axes.tick_params(axis="x", which="minor", length=3, color="0.35")
         if len(motion.times) > 1:
-            axes.set_xlim(motion.times[0], motion.times[-1])
+            end = float(motion.times[-1])
+            axes.set_xlim(0, end)
+            axes.xaxis.set_major_locator(_EndLocator(end))
+            axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))
         else:
             axes.set(xlim=(-1, 1), xticks=[0])
         shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
         axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)
+
+
+class _EndLocator(MaxNLocator):
+    """Round times, and the duration, so that it can be read off."""
+
+    def __init__(self, end: float) -> None:
+        super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
+        self.end = end
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The ticks of a view, less those whose labels would run into that of the end."""
+        ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
+        return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
+
+
+def _seconds(end: float, time: float, _: int | None = None) -> str:
+    """A time as its tick says it; the duration to three digits, or to the second."""
+    if time != end:
+        return f"{time:.6g}"
+    text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

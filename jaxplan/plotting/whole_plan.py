@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
+FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "margins")
+"""Of all the figures that a plan may have."""
 
 
 def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
@@ -42,8 +44,8 @@ def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
     joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
     if joints:
         angles(plan, ax=joints, legend=False)
-    _, proved = margin_panel.draw(others[0], plan, moves)
-    legend_beside(others[0], proved)
+    _, lines = margin_panel.draw(others[0], plan, moves)
+    legend_beside(others[0], lines)
     legend_beside(others[1], platform_rate(others[1], moves, craft))
     for column in [others] if joints else [[axes] for axes in others]:
         time_axis(column, moves)
@@ -64,15 +66,15 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
     zones = bool(plan.scenario.keep_out or plan.scenario.keep_in)
     dynamic = motion_panels.size(3 if terminals else 1)
     moves = plan.trajectory is not None
-    drawings: list[tuple[str, Callable[..., Any], tuple[float, float], bool]] = [
-        ("overview", overview, OVERVIEW_SIZE, moves),
-        ("sphere", sphere, sphere_map.SIZE, True),
-        ("angles", angles, motion_panels.size(2), moves and terminals),
-        ("rates", rates, dynamic, moves),
-        ("accelerations", accelerations, dynamic, moves),
-        ("margins", margins, margin_panel.SIZE, moves and zones),
+    drawings: list[tuple[Callable[..., Any], tuple[float, float], bool]] = [
+        (overview, OVERVIEW_SIZE, moves),
+        (sphere, sphere_map.SIZE, True),
+        (angles, motion_panels.size(2), moves and terminals),
+        (rates, dynamic, moves),
+        (accelerations, dynamic, moves),
+        (margins, margin_panel.SIZE, moves and zones),
     ]
-    for name, draw, size, there in drawings:
+    for name, (draw, size, there) in zip(FIGURE_NAMES, drawings, strict=True):
         if there:
             figure = Figure(figsize=size, layout="constrained")
             draw(plan, ax=figure)

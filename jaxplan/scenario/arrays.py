@@ -1,16 +1,16 @@
-"""Kinds of arrays in a scenario file: vectors, directions, inertia, and lists of devices.
+"""Kinds of arrays in a scenario file: vectors, directions and inertia.
 
 Directions and quaternions are brought to unit length silently when they are within `UNIT_TOLERANCE` of it,
 as published ones with four digits are, and refused beyond, where an error of the file is more likely.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from jaxplan.scenario.faults import Place, nearest
+from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, finite
 
 UNIT_TOLERANCE = 1e-3
@@ -28,6 +28,8 @@ def _read_entries(
         value: the array, as the file holds it.
         place: where it stands.
     """
+    if count == 1:  # one number, one direction
+        wanted = wanted.replace("s, ", ", ", 1)
     array = f"must be an array of {wanted if count is None else f'{count} {wanted}'}"
     if not isinstance(value, list):
         place.fault(array, value)
@@ -41,9 +43,10 @@ def _read_entries(
 
 @dataclass(frozen=True)
 class Vector(Kind):
-    """A fixed number of numbers."""
+    """A fixed number of numbers, of a kind."""
 
     length: int
+    of: Number = field(default_factory=Number)
 
     @property
     def wanted(self) -> str:
@@ -52,7 +55,7 @@ class Vector(Kind):
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(length,)."""
-        read = _read_entries(Number(), self.length, "numbers", value, place)
+        read = _read_entries(self.of, self.length, "numbers", value, place)
         return None if read is None else np.array(read)
 
     def write(self, value: Any) -> list[float]:
@@ -152,7 +155,7 @@ class PerAxis(Kind):
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(3,)."""
-        positive = Number(Interval("(0, inf)"))
+        positive = Number(Interval("[1e-12, 1e12]"))
         if isinstance(value, list):
             read = _read_entries(positive, 3, "numbers, one a body axis", value, place)
             return None if read is None else np.array(read)
@@ -175,16 +178,20 @@ class Inertia(Kind):
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(3, 3)."""
-        rows = _read_entries(Vector(3), 3, "rows of 3 numbers", value, place)
+        rows = _read_entries(
+            Vector(3, Number(Interval("[-1e12, 1e12]"))), 3, "rows of 3 numbers", value, place
+        )
         if rows is None:
             return None
         matrix = np.array(rows)
-        scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that nothing below overflows
+        scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
         small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
         if np.max(np.abs(scaled - scaled.T)) > 1e-9:
             place.fault("must be symmetric", value)
         elif small <= 1e-12:  # rounding may leave a singular one slightly positive
             place.fault("must be positive definite", value)
+        elif np.max(matrix) < 1e-12:
+            place.fault("must have its largest moment in [1e-12, 1e12]", value)
         elif large > (small + middle) * (1 + 1e-9):
             place.fault("must have no principal moment above the sum of the other two, as no body has", value)
         else:
@@ -194,58 +201,3 @@ class Inertia(Kind):
     def write(self, value: Any) -> list[list[float]]:
         """A list of rows."""
         return [Vector(3).write(row) for row in value]
-
-
-@dataclass(frozen=True)
-class DeviceList(Kind):
-    """Names of terminals and instruments, at least one."""
-
-    wanted = "an array of names of devices"
-
-    def read(self, value: object, place: Place) -> tuple[str, ...] | None:
-        """The names."""
-        if not isinstance(value, list) or not value:
-            place.fault(f"must be {self.wanted}, at least one", value)
-            return None
-        before = len(place.faults)
-        known = place.devices.all
-        seen: set[str] = set()
-        for i, name in enumerate(value):
-            if not isinstance(name, str):
-                place.item(i).fault("must be the name of a device", name)
-            elif name in seen:
-                place.item(i).fault("is named twice", name)
-            elif known is not None and name not in known:
-                place.item(i).fault(f"no such device, {nearest(name, known, 'devices')}", name)
-            else:
-                seen.add(name)
-        return tuple(value) if len(place.faults) == before else None
-
-    def write(self, value: Any) -> list[str]:
-        """A list."""
-        return list(value)
-
-
-@dataclass(frozen=True)
-class TerminalFactors(Kind):
-    """A positive factor for some of the terminals."""
-
-    wanted = "a table from names of terminals to numbers"
-
-    def read(self, value: object, place: Place) -> dict[str, float] | None:
-        """The factors by name."""
-        if not isinstance(value, dict):
-            place.fault(f"must be {self.wanted}", value)
-            return None
-        before = len(place.faults)
-        known = place.devices.terminals
-        for name in value:
-            if known is not None and name not in known:
-                place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
-        factor = Number(Interval("(0, inf)"))
-        read = {name: factor.read(number, place.key(name)) for name, number in value.items()}
-        return read if len(place.faults) == before else None
-
-    def write(self, value: Any) -> dict[str, float]:
-        """A table."""
-        return {name: float(factor) for name, factor in value.items()}

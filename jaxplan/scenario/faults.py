@@ -14,6 +14,8 @@ from typing import NamedTuple
 _LONGEST_NAME = 60
 # A file with more faults than this is not one that somebody mends by hand; reading stops.
 _MOST_FAULTS = 1000
+# Values of an array that are shown; nine are a matrix.
+_MOST_SHOWN = 9
 
 
 class ScenarioError(ValueError):
@@ -120,8 +122,10 @@ def show(value: object) -> str:
     if isinstance(value, dict):
         return "(a table)"
     if isinstance(value, list):
-        plain = len(value) <= 8 and not any(isinstance(item, list | dict) for item in value)
-        return f"[{', '.join(show(item) for item in value)}]" if plain else f"(an array of {len(value)})"
+        inner = [entry for item in value for entry in (item if isinstance(item, list) else [item])]
+        small = max(len(value), len(inner)) <= _MOST_SHOWN
+        plain = small and not any(isinstance(entry, list | dict) for entry in inner)
+        return f"[{', '.join(map(show, value))}]" if plain else f"(an array of {len(value)})"
     return "null" if value is None else _cut(str(value))
 
 

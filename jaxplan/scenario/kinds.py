@@ -90,7 +90,8 @@ class Text(Kind):
         """The text itself."""
         if isinstance(value, str) and value.strip() and value.isprintable():
             return value
-        place.fault(f"must be {self.wanted}", value)
+        blank = isinstance(value, str) and not value.strip()
+        place.fault("must not be empty" if blank else f"must be {self.wanted}", value)
         return None
 
 

@@ -1,7 +1,8 @@
 """The layout of a scenario file: its tables and keys with their units and ranges, in the order of writing.
 
 With `states`, this is the one place that says what a file may hold. Ranges are in the file's units; defaults
-are those of the classes in `model`, `spacecraft` and `zones`.
+are those of the classes in `model`, `spacecraft` and `zones`. Ranges that nature does not give are wider than
+any spacecraft needs, and narrow enough that nothing computed from the numbers overflows.
 """
 
 import math
@@ -9,10 +10,11 @@ from functools import partial
 from typing import Any
 
 from jaxplan.scenario import model
-from jaxplan.scenario.arrays import DeviceList, Direction, Inertia, PerAxis, TerminalFactors
+from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
+from jaxplan.scenario.devices import DeviceList, TerminalFactors
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text
 from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
-from jaxplan.scenario.states import PITCH_LIMIT, STATE, YAW_LIMIT, Goal
+from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.zones import KeepIn, KeepOut
@@ -22,21 +24,22 @@ SCHEMA_VERSION = 1
 _required = partial(Field, required=True)
 _always = partial(Field, always=True)
 
-_positive = Number(Interval("(0, inf)"))
-_positive_degrees = Number(Interval("(0, inf)"), degrees=True)
+_rate_limit = Number(Interval("[1e-6, 1e6]"), degrees=True)
+_acceleration_limit = Number(Interval("[1e-9, 1e9]"), degrees=True)
+_jerk_limit = Number(Interval("[1e-12, 1e12]"), degrees=True)
 _half_angle = Number(Interval("(0, 180)"), degrees=True)
-_step = Number(Interval("(0, 3.14]"))  # a longer turn has a shorter way round
-_inflation = Number(Interval("[1, inf)"))
+_step = Number(Interval("[1e-3, 3.14]"))  # a longer turn has a shorter way round
+_inflation = Number(Interval("[1, 1e6]"))
 
 TERMINAL = Table(
     Terminal,
     (
         _required("name", Text(), "name", "unique among the devices"),
-        _required("mount_deg", Number(degrees=True), "mount", "turn of the mounting about the body's z axis"),
+        _required("mount_deg", ANGLE_DEG, "mount", "turn of the mounting about the body's z axis"),
         _required("yaw_limit_deg", YAW_LIMIT, "yaw_limit", "range of the yaw to either side"),
         _required("pitch_limit_deg", PITCH_LIMIT, "pitch_limit", "range of the pitch to either side"),
-        _required("rate_limit_deg_s", _positive_degrees, "rate_limit", "of each joint"),
-        _required("acceleration_limit_deg_s2", _positive_degrees, "acceleration_limit", "of each joint"),
+        _required("rate_limit_deg_s", _rate_limit, "rate_limit", "of each joint"),
+        _required("acceleration_limit_deg_s2", _acceleration_limit, "acceleration_limit", "of each joint"),
     ),
 )
 
@@ -51,9 +54,9 @@ INSTRUMENT = Table(
 SPACECRAFT = Table(
     Spacecraft,
     (
-        _required("rate_limit_deg_s", _positive_degrees, "rate_limit", "of the platform, per body axis"),
-        _required("acceleration_limit_deg_s2", _positive_degrees, "acceleration_limit", "likewise"),
-        Field("jerk_limit_deg_s3", _positive_degrees, "jerk_limit", "likewise"),
+        _required("rate_limit_deg_s", _rate_limit, "rate_limit", "of the platform, per body axis"),
+        _required("acceleration_limit_deg_s2", _acceleration_limit, "acceleration_limit", "likewise"),
+        Field("jerk_limit_deg_s3", _jerk_limit, "jerk_limit", "likewise"),
         Field("inertia_kg_m2", Inertia(), "inertia", "in body axes"),
         Field("torque_limit_nm", PerAxis(), "torque_limit", "per body axis; needs the inertia"),
         Field("wheel_momentum_limit_nms", PerAxis(), "wheel_momentum_limit", "likewise"),
@@ -101,7 +104,7 @@ SEARCH = Table(
     ),
 )
 
-_DURATION = Number(Interval("(0, inf)"), words={"stretched": model.STRETCHED}, later=("minimum",))
+_DURATION = Number(Interval("[1e-3, 1e7]"), words={"stretched": model.STRETCHED}, later=("minimum",))
 _TRAJECTORY_FIELDS = (
     _always(
         "method", Choice(model.TRAJECTORY_METHODS, model.LATER_TRAJECTORY_METHODS), "method", "the method"
@@ -110,8 +113,10 @@ _TRAJECTORY_FIELDS = (
     Field("segments", Integer(Interval("[1, 1000]")), "segments", "at least; as few as possible if absent"),
     # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
     Field("order", Integer(Interval("[5, 24]")), "order", "degree of the polynomials"),
-    Field("rate_weight", Number(Interval("[0, inf)")), "rate_weight", "lambda_1 of the paper"),
-    Field("acceleration_weight", _positive, "acceleration_weight", "lambda_2 of the paper"),
+    Field("rate_weight", Number(Interval("[0, 1e6]")), "rate_weight", "lambda_1 of the paper"),
+    Field(
+        "acceleration_weight", Number(Interval("[1e-6, 1e6]")), "acceleration_weight", "lambda_2 of the paper"
+    ),
 )
 _TRAJECTORY_KEYS = ", ".join(field.key for field in _TRAJECTORY_FIELDS)
 

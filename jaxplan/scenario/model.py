@@ -138,6 +138,9 @@ class TrajectorySettings:
 class Scenario:
     """A planning problem with its settings.
 
+    Two of them are equal if their files are: what a file cannot say, such as the last bit of some angles
+    in degrees, does not tell them apart.
+
     Attributes:
         name: for titles and tables.
         spacecraft: platform, terminals and instruments.
@@ -157,3 +160,13 @@ class Scenario:
     keep_in: tuple[KeepIn, ...] = ()
     search: SearchSettings = field(default_factory=SearchSettings)
     trajectory: TrajectorySettings = field(default_factory=TrajectorySettings)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        from jaxplan.scenario.writing import scenario_to_dict  # which knows of scenarios, so not at the top
+
+        return self is other or scenario_to_dict(self) == scenario_to_dict(other)
+
+    def __hash__(self) -> int:
+        return hash(self.name)  # the same for equal ones, and never a tracer

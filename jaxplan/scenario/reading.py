@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.scenario import toml
-from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
+from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
 from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import STRETCHED, Scenario
@@ -43,7 +43,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
         faults = [f"not UTF-8 text, byte {error.start} is none of it"]
     except ScenarioError as error:
         faults = list(error.faults)
-    raise ScenarioError(faults, os.fspath(path))
+    raise ScenarioError(faults, os.fspath(path) or quote(""))
 
 
 def parse_scenario(text: str) -> Scenario:

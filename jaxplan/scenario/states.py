@@ -16,13 +16,18 @@ from jaxplan.scenario.model import GivenState, Targets
 from jaxplan.scenario.tables import Field, Table
 
 YAW_LIMIT = Number(Interval("(0, 180]"), degrees=True)  # beyond half a turn an angle would have two values
+ANGLE = Number(Interval("[-1e3, 1e3]"))  # rad, or rad/s: any number of turns that a file may mean
+ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 PITCH_LIMIT = Number(Interval("(0, 90)"), degrees=True)  # at a right angle the yaw loses its meaning
 
 _RATES = (
     Field(
-        "angular_velocity_rad_s", Vector(3), "angular_velocity", "of the platform, body axes; zero if absent"
+        "angular_velocity_rad_s",
+        Vector(3, ANGLE),
+        "angular_velocity",
+        "of the platform, body axes; zero if absent",
     ),
-    Field("joint_rates_rad_s", Each(Number(), "joint"), "joint_rates", "zero if absent"),
+    Field("joint_rates_rad_s", Each(ANGLE, "joint"), "joint_rates", "zero if absent"),
 )
 
 
@@ -60,13 +65,17 @@ STATE = Table(
     GivenState,
     (
         Field(
-            "attitude", Vector(3), "rotation_vector", "rotation vector, rad, body to inertial", required=True
+            "attitude",
+            Vector(3, ANGLE),
+            "rotation_vector",
+            "rotation vector, rad, body to inertial",
+            required=True,
         ),
         Field("quaternion_wxyz", Quaternion(), "rotation_vector", "the same as a quaternion, scalar first"),
-        Field("yaw_rad", Each(Number()), "yaws", "angle of each terminal's yaw joint", required=True),
-        Field("yaw_deg", Each(Number(degrees=True)), "yaws", "the same in degrees"),
-        Field("pitch_rad", Each(Number()), "pitches", "angle of each terminal's pitch joint", required=True),
-        Field("pitch_deg", Each(Number(degrees=True)), "pitches", "the same in degrees"),
+        Field("yaw_rad", Each(ANGLE), "yaws", "angle of each terminal's yaw joint", required=True),
+        Field("yaw_deg", Each(ANGLE_DEG), "yaws", "the same in degrees"),
+        Field("pitch_rad", Each(ANGLE), "pitches", "angle of each terminal's pitch joint", required=True),
+        Field("pitch_deg", Each(ANGLE_DEG), "pitches", "the same in degrees"),
         *_RATES,
     ),
     make=_make_state,

@@ -4,10 +4,20 @@ from collections.abc import Callable, Mapping
 
 from jaxplan.scenario.model import SearchSettings
 from jaxplan.search import mha, mha_paper
+from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.problem import Scene, SearchResult, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 
 PLANNERS: Mapping[str, Planner] = {"mha": mha.search, "mha-paper": mha_paper.search}
 
-__all__ = ["PLANNERS", "Planner", "Scene", "SearchResult", "make_scene"]
+__all__ = [
+    "PLANNERS",
+    "Barrier",
+    "Planner",
+    "Scene",
+    "SearchResult",
+    "find_barrier",
+    "make_scene",
+    "most_obstructive",
+]

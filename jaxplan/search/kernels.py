@@ -18,8 +18,17 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import zones
-from jaxplan.search.motions import STRAIGHT_INTERVALS, Sight, dot, motions
+from jaxplan import quaternion, zones
+from jaxplan.search.fields import look_up
+from jaxplan.search.motions import (
+    EDGE_INTERVALS,
+    STRAIGHT_INTERVALS,
+    Motions,
+    Sight,
+    dot,
+    motions,
+    sight_between,
+)
 from jaxplan.search.problem import Scene
 
 PLACE_COLUMNS = 7  # attitude relative to the start (4), rotation vector to the goal (3)
@@ -37,14 +46,17 @@ class Expansion:
         steps: (A, M) cost of the move, steps.
         heuristics: (4, A, M) steps of the straight motion on to the goal; equation (15): rotation
             angle, Euclidean and Manhattan distance, each with the joints', rad.
-        straight: (STRAIGHT_INTERVALS,) smallest slack along the node's straight motion to the goal.
+        fields: (2, A, M) sum and largest over the devices of what the distance fields say, rad.
+        onward: (A, M) smallest slack on the straight motion from the child to the goal; None where it
+            was not asked for.
     """
 
     places: np.ndarray
     slacks: np.ndarray
     steps: np.ndarray
     heuristics: np.ndarray
-    straight: np.ndarray
+    fields: np.ndarray
+    onward: np.ndarray | None
 
 
 def _fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:
@@ -58,7 +70,7 @@ def _fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, em
 def _signed_cosines(cones: zones.Cones, zone_axes: ArrayLike, sight: Sight, edges: bool) -> Array:
     """Each device's signed cosines, worst of each interval, or at the end alone: (a, o, k or 1, d, z)."""
     axes, body = jnp.asarray(zone_axes), jnp.asarray(sight.body)
-    dots = dot(axes[:, :, None, :, None, :], body[:, None, :, :, :, None])
+    dots = dot(axes[:, :, None, :, None, :], body[..., None])
     if edges:
         sag = jnp.asarray(sight.sag)[:, :, None, :, None]
         cosines = zones.swept_cosines(cones, dots[:, :, :-1], dots[:, :, 1:], sag)
@@ -70,27 +82,28 @@ def _signed_cosines(cones: zones.Cones, zone_axes: ArrayLike, sight: Sight, edge
 def _child_slacks(
     scene: Scene, sight: Sight, choice: Array, wanted: tuple[Array, Array], edges: bool
 ) -> Array:
-    """Smallest slack of every child, (a, m).
+    """Smallest slack of every child's motion, (a, m).
 
     Args:
         scene: the problem.
-        sight: lines of sight of the moves.
+        sight: lines of sight along the motions.
         choice: (m, d) the option pair of each device's joints.
-        wanted: (z,) cosines asked for by the zones, and by those of groups.
-        edges: whether the whole edge counts.
+        wanted: (k, z) cosines asked for by the zones, and by those of groups; k is 1 for ends alone.
+        edges: whether the whole motion counts.
     """
     devices = range(choice.shape[1])
-    cosines = _fold(jnp.maximum, _signed_cosines(scene.cones, sight.axes, sight, edges), 2, -jnp.inf)
-    worst = _fold(jnp.minimum, wanted[0] - cosines, 3, jnp.inf)  # (a, o, d)
+    slacks = wanted[0][:, None] - _signed_cosines(scene.cones, sight.axes, sight, edges)
+    worst = _fold(jnp.minimum, _fold(jnp.minimum, slacks, 2, jnp.inf), 3, jnp.inf)  # (a, o, d)
     total = jnp.full((worst.shape[0], choice.shape[0]), jnp.inf)
     for device in devices:
         total = jnp.minimum(total, worst[:, choice[:, device], device])
     if scene.grouped_cones.half_angle.shape[0]:  # a group's zone couples its devices at each instant
         grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges)
+        threshold = jnp.broadcast_to(wanted[1], (grouped.shape[2], grouped.shape[4]))
         for interval in range(grouped.shape[2]):
             seen = [grouped[:, choice[:, device], interval, device] for device in devices]  # (a, m, z)
             held = reduce(jnp.maximum, seen)
-            total = jnp.minimum(total, _group_slacks(scene, wanted[1] - held))
+            total = jnp.minimum(total, _group_slacks(scene, threshold[interval] - held))
     return total
 
 
@@ -99,16 +112,19 @@ def _group_slacks(scene: Scene, slacks: Array) -> Array:
     return jnp.min(zones.group_margins(scene.grouped_cones, slacks), axis=-1)
 
 
-def _straight_slacks(scene: Scene, sight: Sight, wanted: tuple[Array, Array]) -> Array:
-    """Smallest slack on each interval of the straight motion to the goal, (k,)."""
-    cosines = _signed_cosines(scene.cones, sight.axes, sight, edges=True)[0, 0]  # (k, d, z)
-    slacks = wanted[0] - _fold(jnp.maximum, cosines, 1, -jnp.inf)
-    total = _fold(jnp.minimum, slacks, 1, jnp.inf)
-    if scene.grouped_cones.half_angle.shape[0]:
-        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[0, 0]
-        held = wanted[1] - _fold(jnp.maximum, grouped, 1, -jnp.inf)
-        total = jnp.minimum(total, _group_slacks(scene, held))
-    return total
+def _field_values(scene: Scene, made: Motions, fields: Array, choice: Array) -> list[Array]:
+    """Sum and largest over the devices of the distance fields at every child, (a, m) each."""
+    attitude = jnp.asarray(scene.start_attitude) @ quaternion.to_matrix(made.places[:, :4])  # (a, 3, 3)
+    body = made.moved.body[:, :, :, -1]  # (3, a or 1, o, d)
+    rows = [dot(attitude[:, i, :].T[:, :, None, None], body) for i in range(3)]
+    to_go = look_up(fields, jnp.stack(rows))  # (a, o, d)
+    seen = [to_go[:, choice[:, device], device] for device in range(choice.shape[1])]
+    nothing = jnp.zeros((to_go.shape[0], choice.shape[0]))
+    return [reduce(jnp.add, seen, nothing), reduce(jnp.maximum, seen, nothing)]
+
+
+def _rows(wanted: tuple[Array, Array], rows: slice) -> tuple[Array, Array]:
+    return wanted[0][rows], wanted[1][rows]
 
 
 @partial(jax.jit, static_argnames="edges")
@@ -119,30 +135,33 @@ def _expand(
     options: Array,
     choice: Array,
     clearance: Array,
+    fields: Array,
     gate: Array,
     *,
     edges: bool,
 ) -> Array:
     """The answer of `expand` as one array."""
-    parts = motions(scene, node, turns, options, choice, clearance, gate)
-    moved, straight, places, reach, ways, wanted = parts
+    made = motions(scene, node, turns, options, choice, clearance, gate, onward=edges)
     terminals = scene.mounts.shape[0]
     pairs = 3 * choice[:, :terminals] + choice[:, terminals:]
     still = jnp.zeros((choice.shape[0], scene.fixed_boresights.shape[0]), pairs.dtype)
     device_choice = jnp.concatenate([pairs, still], axis=-1)
-    slacks = _child_slacks(scene, moved, device_choice, (wanted[0][0], wanted[1][0]), edges)
-    along = _straight_slacks(scene, straight, (wanted[0][1:], wanted[1][1:]))
-    turn_steps, angle, euclidean, manhattan = reach[:, :, None]
-    joint_steps, steps_left, manhattan_left, euclidean_left = ways[:, None, :]
+    moving, onward = slice(0 if edges else EDGE_INTERVALS - 1, EDGE_INTERVALS), slice(EDGE_INTERVALS, None)
+    turn_steps, angle, euclidean, manhattan = made.reach[:, :, None]
+    joint_steps, steps_left, manhattan_left, euclidean_left = made.ways
     numbers = [
-        slacks,
+        _child_slacks(scene, made.moved, device_choice, _rows(made.wanted, moving), edges),
         jnp.maximum(turn_steps, joint_steps),
         jnp.maximum(angle / scene.attitude_step, steps_left),
         angle + manhattan_left,  # the three of (15)
         euclidean + euclidean_left,
         manhattan + manhattan_left,
     ]
-    return jnp.concatenate([places.ravel(), *(number.ravel() for number in numbers), along])
+    numbers += _field_values(scene, made, fields, device_choice)
+    if made.onward is not None:
+        asked = _rows(made.wanted, onward)
+        numbers.append(_child_slacks(scene, made.onward, device_choice, asked, edges))
+    return jnp.concatenate([jnp.ravel(made.places), *(number.ravel() for number in numbers)])
 
 
 def expand(
@@ -152,25 +171,73 @@ def expand(
     options: np.ndarray,
     choice: np.ndarray,
     clearance: np.ndarray,
+    fields: np.ndarray,
     *,
     edges: bool,
 ) -> Expansion:
-    """All children of a node, and the straight motion from it to the goal.
+    """All children of a node, and whether the straight motion from each to the goal is clear.
 
     Args:
         scene: the problem.
         node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
             axes (3), joints.
         turns: (A, 3) rotation vectors of the attitude moves, body axes.
-        options: (3, 2n) change of each joint under each of its three options, rad.
+        options: (A or 1, 3, 2n) change of each joint under each of its three options, rad; under every
+            attitude move, or the same under all.
         choice: (M, 2n) int, the option of each joint in each joint move.
-        clearance: (1 + STRAIGHT_INTERVALS,) rad wanted of the children, and along the straight motion.
-        edges: whether zones hold over the whole edge or at its end alone.
+        clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, and onward.
+        fields: (D, SIZE, SIZE) of `jaxplan.search.fields`; zeros where there are none.
+        edges: whether zones hold over the whole edge, and the motion onward counts; or at nodes alone.
     """
-    packed = np.asarray(_expand(scene, node, turns, options, choice, clearance, True, edges=edges))
-    shape = (len(turns), len(choice))
-    first, last = len(turns) * PLACE_COLUMNS, len(packed) - STRAIGHT_INTERVALS
-    numbers = packed[first:last].reshape(2 + HEURISTICS, *shape)
+    packed = np.asarray(_expand(scene, node, turns, options, choice, clearance, fields, True, edges=edges))
+    first = len(turns) * PLACE_COLUMNS
+    numbers = packed[first:].reshape(-1, len(turns), len(choice))
+    last = 2 + HEURISTICS
     return Expansion(
-        packed[:first].reshape(-1, PLACE_COLUMNS), numbers[0], numbers[1], numbers[2:], packed[last:]
+        packed[:first].reshape(-1, PLACE_COLUMNS),
+        numbers[0],
+        numbers[1],
+        numbers[2:last],
+        numbers[last : last + 2],
+        numbers[-1] if edges else None,
     )
+
+
+def interval_slacks(scene: Scene, sight: Sight, clearance: Array) -> Array:
+    """Smallest slack on each interval of straight motions, (a, k).
+
+    Args:
+        scene: the problem.
+        sight: of `motions.sight_between`.
+        clearance: (a or 1, k or 1) rad wanted.
+    """
+    wanted = zones.cosine_threshold(scene.cones, clearance)  # (a or 1, k or 1, z)
+    cosines = _signed_cosines(scene.cones, sight.axes, sight, edges=True)[:, 0]  # (a, k, d, z)
+    total = _fold(jnp.minimum, wanted - _fold(jnp.maximum, cosines, 2, -jnp.inf), 2, jnp.inf)
+    if scene.grouped_cones.half_angle.shape[0]:
+        asked = zones.cosine_threshold(scene.grouped_cones, clearance)
+        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[:, 0]
+        total = jnp.minimum(total, _group_slacks(scene, asked - _fold(jnp.maximum, grouped, 2, -jnp.inf)))
+    return total
+
+
+@jax.jit
+def _straight_slacks(scene: Scene, node: Array, clearance: Array, gate: Array) -> Array:
+    since, turn, joints = node[None, :4], node[None, 4:7], node[None, 7:]
+    ends = jnp.asarray(scene.goal_joints)[None]
+    sight = sight_between(scene, since, joints, turn, ends, STRAIGHT_INTERVALS, gate)
+    return interval_slacks(scene, sight, clearance[None])[0]
+
+
+def straight_slacks(scene: Scene, node: np.ndarray, clearance: np.ndarray) -> np.ndarray:
+    """Smallest slack on each interval of the straight motion from a node to the goal.
+
+    Args:
+        scene: the problem.
+        node: (7 + 2n,) as for `expand`.
+        clearance: (STRAIGHT_INTERVALS,) rad wanted.
+
+    Returns:
+        (STRAIGHT_INTERVALS,), +inf without zones.
+    """
+    return np.asarray(_straight_slacks(scene, node, clearance, True))

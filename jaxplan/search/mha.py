@@ -1,32 +1,45 @@
 """The default planner: multi-heuristic A* with an expansion that can leave the goal's values again.
 
-Attitude moves: toward the goal, stay, and random directions; each joint goes toward its goal, stays or goes
-away, of which a sample of combinations is tried that always holds all-toward. Moves are clipped at goal
-and limits, not dropped. The cost of a move is the steps it takes, the largest over platform and joints,
-so the cost of the straight motion, ``h_max``, never exceeds the true remaining cost and satisfies the
-triangle inequality: it is the anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) Each
-expansion tries the straight motion to the goal, and all edges are checked whole.
+The straight motion to the goal is tried first, and again from every child (analytic expansion), so an
+expansion that comes near the goal's side of the obstacles ends the search. Attitude moves: toward the
+goal, stay, and random directions; each joint goes toward its goal, stays or goes away, of which a sample
+of combinations is tried. The joints of a terminal that a keep-in zone holds follow the zone instead of
+staying. Moves are `SCALES` steps long in turn, and clipped at goal and limits, not dropped. All edges are
+checked whole, and the path is smoothed at the end.
 
-The further queues are the three heuristics of equation (15), each scaled to agree with the anchor at the
-start, so that the weight ``w2`` compares like with like.
+The cost of a move is the steps it takes, the largest over platform and joints, so the cost of the straight
+motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality: it is the
+anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the anchor consistent, a path
+found costs at most ``w1 w2`` times the cheapest in the graph of the moves that were drawn; of the
+continuous problem that graph is a sample, so there it is no bound.
+
+The further queues are the three heuristics of equation (15), and two that see the zones (`fields`), each
+scaled to agree with the anchor at the start, so that the weight ``w2`` compares like with like; and an
+exploration queue.
 """
 
 import math
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
+import jax
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules, run
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.tree import Moves, Node, make_root
+from jaxplan.search.shortcuts import shorten
+from jaxplan.search.tree import Moves, Node, make_root, unrotated
 
 JOINT_MOVES = 48
+# Lengths of the moves in steps, one after the other (multi-resolution A*).
+SCALES = (8.0, 4.0, 8.0, 2.0)
 # Steps that moves away from the goal keep from the joint limits: a trajectory swings past its nodes.
 JOINT_RESERVE = 0.2
-_TOWARD, _AWAY = 0, 2  # option 1 is to stay
+_TOWARD, _STAY, _AWAY = 0, 1, 2
 
 
 def search(scene: Scene, settings: SearchSettings) -> SearchResult:
@@ -39,7 +52,11 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
     Returns:
         OK with a path whose every edge is clear, or why there is none.
     """
-    return run(scene, settings, rules(scene))
+    result = run(scene, settings, rules(scene))
+    if result.path is None or result.expansions == 0:  # nothing is shorter than the straight motion
+        return result
+    with jax.enable_x64(True):
+        return replace(result, path=shorten(scene, settings, result.path))
 
 
 def rules(scene: Scene) -> Rules:
@@ -51,7 +68,8 @@ def rules(scene: Scene) -> Rules:
         edges=True,
         shared=True,
         direct=True,
-        queues=1 + len(scale),
+        queues=1 + len(scale) + 2,
+        informed=True,
     )
 
 
@@ -64,39 +82,80 @@ def _scale_to_anchor(scene: Scene) -> np.ndarray:
     return make_root(scene).ahead / np.maximum(printed, 1e-300)
 
 
-def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings) -> Moves:
+def propose(
+    scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
+) -> Moves:
     """Moves from a node, see the module's text."""
+    scale = SCALES[number % len(SCALES)]
+    attitude_step, joint_steps = scale * scene.attitude_step, scale * scene.joint_steps
     turns = np.zeros((settings.attitude_moves + 2, 3))
     angle = math.hypot(*node.to_goal.tolist())
-    turns[0] = node.to_goal * min(1.0, scene.attitude_step / max(angle, 1e-300))
+    turns[0] = node.to_goal * min(1.0, attitude_step / max(angle, 1e-300))
     vectors = rng.standard_normal((settings.attitude_moves, 3))
-    turns[2:] = vectors * (scene.attitude_step / np.sqrt(np.sum(vectors * vectors, axis=1)))[:, None]
+    turns[2:] = vectors * (attitude_step / np.sqrt(np.sum(vectors * vectors, axis=1)))[:, None]
 
     remaining = scene.goal_joints - node.joints
     options = np.zeros((3, len(remaining)))
-    options[_TOWARD] = np.maximum(np.minimum(remaining, scene.joint_steps), -scene.joint_steps)
-    away = node.joints + np.where(remaining > 0, -scene.joint_steps, scene.joint_steps)
+    options[_TOWARD] = np.maximum(np.minimum(remaining, joint_steps), -joint_steps)
+    away = node.joints + np.where(remaining > 0, -joint_steps, joint_steps)
     bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
     options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
-    return Moves(turns, options, _joint_moves(len(remaining), rng))
+    held = np.flatnonzero(scene.held)
+    choice = _joint_moves(scene, rng)
+    if not len(held):
+        return Moves(turns, options[None], choice)
+    every = np.tile(options, (len(turns), 1, 1))
+    every[:, _STAY] = _following(scene, node, turns, held, bound)
+    return Moves(turns, every, choice)
 
 
-def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
-    """(M, joints) options of each joint move: all combinations where they are few, else a sample."""
+def _following(
+    scene: Scene, node: Node, turns: np.ndarray, held: np.ndarray, bound: np.ndarray
+) -> np.ndarray:
+    """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
+    now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
+    angle = np.sqrt(np.sum(turns * turns, axis=1))[:, None]
+    axis = (turns / np.where(angle > 0, angle, 1))[:, None, :]
+    along = np.sum(axis * now, axis=-1, keepdims=True) * axis
+    cosine, sine = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
+    x, y, z = np.moveaxis(along + (now - along) * cosine - np.cross(axis, now) * sine, -1, 0)
+    yaw = np.arctan2(y, x) - scene.mounts[held]
+    yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
+    pitch = np.arctan2(z, np.hypot(x, y))
+    joints = np.tile(node.joints, (len(turns), 1))
+    joints[:, held], joints[:, held + len(scene.mounts)] = yaw, pitch
+    return np.maximum(np.minimum(joints, bound), -bound) - node.joints
+
+
+def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """(M, 2n) options of each joint move: all combinations where they are few, else a sample."""
+    joints = len(scene.joint_limits)
     if 3**joints <= JOINT_MOVES:
         return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
     choice = rng.integers(0, 3, (JOINT_MOVES, joints), dtype=np.int32)
     choice[0] = _TOWARD
+    if np.any(scene.held):
+        held = np.tile(scene.held, 2)
+        choice[1 : JOINT_MOVES // 2, held] = _STAY  # half of the moves keep every link
     return choice
 
 
-def price(scene: Scene, expansion: Expansion, *, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) and heuristics (4, A, M) of the children in steps, the anchor first.
+def price(
+    scene: Scene, expansion: Expansion, fields: Fields, *, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) and heuristics (6, A, M) of the children in steps, the anchor first.
 
     Args:
         scene: the problem.
         expansion: the children.
+        fields: the distance fields; until there are any their two heuristics are infinite.
         scale: (3,) factors of the printed heuristics.
     """
-    del scene  # the kernel has counted the steps
-    return expansion.steps, expansion.heuristics * np.concatenate([[1.0], scale])[:, None, None]
+    ahead, printed = expansion.heuristics[0], expansion.heuristics[1:] * scale[:, None, None]
+    heuristics = np.full((6, *ahead.shape), np.inf)
+    heuristics[0], heuristics[1:4] = ahead, printed
+    if fields.known:
+        whole = make_root(scene).ahead / np.maximum([np.sum(fields.start), np.max(fields.start)], 1e-300)
+        total, worst = expansion.fields * whole[:, None, None]
+        heuristics[4], heuristics[5] = (ahead + total) / 2, (worst + printed[1]) / 2
+    return expansion.steps, heuristics

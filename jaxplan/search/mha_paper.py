@@ -13,10 +13,11 @@ from itertools import product
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules, run
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.tree import Moves, Node, chosen
+from jaxplan.search.tree import Moves, Node, chosen, unrotated
 
 # Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.
 JOINT_MOVES = 64
@@ -33,17 +34,22 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
     Returns:
         OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
     """
-    rules = Rules(propose=propose, price=price, edges=False, shared=False, direct=False, queues=3)
+    rules = Rules(
+        propose=propose, price=price, edges=False, shared=False, direct=False, queues=3, informed=False
+    )
     return run(scene, settings, rules)
 
 
-def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings) -> Moves:
+def propose(
+    scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
+) -> Moves:
     """Moves from a node by equations (9) and (10)."""
+    del number  # every expansion is like every other
     vectors = rng.standard_normal((settings.attitude_moves, 3))
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     # (10) turns on the left of the attitude relative to the start; on the right of it, it is the same
     # turn in body axes
-    turns = scene.attitude_step * _unrotated(node.since, unit)
+    turns = scene.attitude_step * unrotated(node.since, unit)
     reached = np.linalg.norm(node.to_goal) < scene.attitude_step
     if reached:
         turns[:] = node.to_goal
@@ -63,7 +69,7 @@ def propose(scene: Scene, node: Node, rng: np.random.Generator, settings: Search
     allowed = np.broadcast_to(np.all(inside & ~repeated, axis=1), (len(turns), len(choice))).copy()
     if reached:
         allowed[1:] = False  # likewise the attitude
-    return Moves(turns, options, choice, allowed)
+    return Moves(turns, options[None], choice, allowed)
 
 
 def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
@@ -73,14 +79,8 @@ def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
     return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
 
 
-def _unrotated(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (k, 3) turned by the inverse of a unit quaternion."""
-    scalar, vector = quaternion[0], quaternion[1:]
-    twice = 2 * np.cross(vectors, vector)
-    return vectors + scalar * twice + np.cross(twice, vector)
-
-
-def price(scene: Scene, expansion: Expansion) -> tuple[np.ndarray, np.ndarray]:
+def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
     """Costs (A, M) by equation (16) and heuristics (3, A, M) by equation (15), rad."""
+    del fields  # the printed method has none
     whole = scene.attitude_step + np.sum(scene.joint_steps)
     return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]

@@ -24,7 +24,8 @@ from jaxplan import quaternion, spacecraft, zones
 from jaxplan.path import direction_curvature
 from jaxplan.search.problem import Scene
 
-EDGE_INTERVALS = 3
+EDGE_INTERVALS = 8
+ONWARD_INTERVALS = 16
 STRAIGHT_INTERVALS = 64
 
 
@@ -36,14 +37,14 @@ class Sight:
     Attributes:
         axes: (3, a, k + 1, z) axes of the zones in body coordinates.
         grouped_axes: likewise for the zones of groups.
-        body: (3, o, k + 1, d) boresights in body coordinates.
+        body: (3, a or 1, o, k + 1, d) boresights in body coordinates.
         sag: (a, o, d) of each interval, ``C h^2 / 2`` of `zones.edge_bound`.
     """
 
-    axes: ArrayLike
-    grouped_axes: ArrayLike
-    body: ArrayLike
-    sag: ArrayLike
+    axes: Array
+    grouped_axes: Array
+    body: Array
+    sag: Array
 
 
 def computed_once(gate: ArrayLike, values: Any) -> Any:
@@ -69,24 +70,24 @@ def dot(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def _body_axes(cones: zones.Cones, start: Array, since: Array) -> Array:
-    """(3, z) axes of the zones in body coordinates at an attitude relative to the start."""
+    """(3, a, z) axes of the zones in body coordinates at attitudes (a, 4) relative to the start."""
     inertial = jnp.asarray(cones.direction).T[:, None]
     at_start = dot(start[:, :, None], inertial)
-    return dot(quaternion.to_matrix(since)[:, :, None], at_start[:, None])
+    return dot(jnp.moveaxis(quaternion.to_matrix(since), 0, -1)[..., None], at_start[:, None, None])
 
 
 def _turned(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
     """Body coordinates of fixed directions while the platform turns about a body axis, (3, a, k + 1, z).
 
     Args:
-        vectors: (3, z) directions in body coordinates before the turn.
+        vectors: (3, a or 1, z) directions in body coordinates before the turn.
         axis: (3, a) unit vectors, or zero for no turn.
         cosine: (a, k + 1) of the angles turned.
         sine: likewise.
     """
-    across = jnp.cross(axis[:, :, None], vectors[:, None, :], axis=0)
-    along = axis[:, :, None] * dot(axis[:, :, None], vectors[:, None, :])
-    rest = vectors[:, None, :] - along
+    across = jnp.cross(axis[:, :, None], vectors, axis=0)
+    along = axis[:, :, None] * dot(axis[:, :, None], vectors)
+    rest = vectors - along
     return (
         along[:, :, None, :]
         + rest[:, :, None, :] * cosine[None, :, :, None]
@@ -95,16 +96,23 @@ def _turned(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
 
 
 def _sight(
-    scene: Scene, since: Array, joints: Array, turns: Array, changes: Array, intervals: int, gate: Array
+    scene: Scene,
+    axes: tuple[Array, Array],
+    joints: Array,
+    turns: Array,
+    changes: Array,
+    intervals: int,
+    gate: Array,
 ) -> tuple[Sight, Array]:
     """Lines of sight along motions, and the unit quaternions of the whole turns.
 
     Args:
         scene: the problem.
-        since: (4,) attitude where the motions start, relative to the start.
-        joints: (2n,) there.
+        axes: (3, a or 1, z) axes of the zones, and of those of groups, in body coordinates where the
+            motions start.
+        joints: (a or 1, o or 1, 2n) there.
         turns: (a, 3) rotation vectors, body axes.
-        changes: (o, 2n) of the joints.
+        changes: (a or 1, o, 2n) of the joints.
         intervals: of equal length.
         gate: see `computed_once`.
 
@@ -117,13 +125,8 @@ def _sight(
     axis = vectors / jnp.where(angle > 0, angle, 1)
     angles = jnp.concatenate([angle[:, None] * fraction, angle[:, None] / 2], axis=-1)
     cosines, sines = computed_once(gate, (jnp.cos(angles), jnp.sin(angles)))
-    cosine, sine = cosines[:, :-1], sines[:, :-1]
-    start = jnp.asarray(scene.start_attitude)
-    tables = [
-        _turned(_body_axes(cones, start, since), axis, cosine, sine)
-        for cones in (scene.cones, scene.grouped_cones)
-    ]
-    path = joints + fraction[:, None] * changes[:, None, :]
+    tables = [_turned(vector, axis, cosines[:, :-1], sines[:, :-1]) for vector in axes]
+    path = joints[:, :, None, :] + fraction[:, None] * changes[:, :, None, :]
     body = spacecraft.body_boresights(scene.mounts, scene.fixed_boresights, path)
     curvature = direction_curvature(angle[:, None], changes, np.shape(scene.fixed_boresights)[0])
     sight = Sight(
@@ -152,7 +155,7 @@ def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array
 
 
 def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
-    """Cost and distances to the goal of joint moves, (4, m): steps, steps left, L1 and L2 of what is left."""
+    """Cost and distances to the goal of joint moves, (4, a or 1, m): steps, steps left, L1 and L2 left."""
     left = jnp.abs(scene.goal_joints - joints - changes)
     steps = jnp.asarray(scene.joint_steps)
     return jnp.stack([
@@ -163,25 +166,96 @@ def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
     ])  # fmt: skip
 
 
-def motions(
-    scene: Scene, node: Array, turns: Array, options: Array, choice: Array, clearance: Array, gate: Array
-) -> tuple[Sight, Sight, Array, Array, Array, tuple[Array, Array]]:
-    """Everything about an expansion that is not per child; arguments as for `kernels.expand`, and the gate.
+def _zone_axes(scene: Scene, since: Array) -> tuple[Array, Array]:
+    """(3, a, z) axes of the zones, and of those of groups, in body coordinates at attitudes (a, 4)."""
+    start = jnp.asarray(scene.start_attitude)
+    return _body_axes(scene.cones, start, since), _body_axes(scene.grouped_cones, start, since)
 
-    Returns:
-        Lines of sight of the moves, and of the straight motion to the goal; (a, 7) and (4, a) of
-        `_attitude_moves`; (4, m) of `_joint_moves`; (1 + STRAIGHT_INTERVALS, z) cosines that the zones, and
-        the zones of groups, ask for at the wanted clearance.
+
+def _thresholds(scene: Scene, clearance: Array) -> tuple[Array, Array]:
+    """(k, z) cosines that the zones, and those of groups, ask for at clearances (k,)."""
+    return (
+        zones.cosine_threshold(scene.cones, clearance),
+        zones.cosine_threshold(scene.grouped_cones, clearance),
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motions:
+    """Everything about an expansion that is not per child.
+
+    Attributes:
+        moved: lines of sight of the moves.
+        onward: lines of sight of the straight motions from where the moves lead to the goal, or None.
+        places: (a, 7) where attitude moves lead, see `kernels.Expansion`.
+        reach: (4, a) cost of attitude moves in steps, and angle, Euclidean and Manhattan distance to go.
+        ways: (4, a or 1, m) cost of joint moves in steps, and steps, L1 and L2 distance to go.
+        wanted: (k, z) cosines that the zones, and those of groups, ask for on the intervals of the moves and
+            then onward.
     """
+
+    moved: Sight
+    onward: Sight | None
+    places: Array
+    reach: Array
+    ways: Array
+    wanted: tuple[Array, Array]
+
+
+def motions(
+    scene: Scene,
+    node: Array,
+    turns: Array,
+    options: Array,
+    choice: Array,
+    clearance: Array,
+    gate: Array,
+    *,
+    onward: bool,
+) -> Motions:
+    """The moves from a node; arguments as for `kernels.expand`, and the gate."""
     terminals = scene.mounts.shape[0]
-    since, to_goal, joints = node[:4], node[4:7], node[7:]
-    yaw = jnp.repeat(options[:, :terminals], 3, axis=0)
-    pitch = jnp.tile(options[:, terminals:], (3, 1))
-    pairs = jnp.concatenate([yaw, pitch], axis=-1)  # (o, 2n)
-    moved, whole_turns = _sight(scene, since, joints, turns, pairs, EDGE_INTERVALS, gate)
-    left = (jnp.asarray(scene.goal_joints) - joints)[None]
-    straight, _ = _sight(scene, since, joints, to_goal[None], left, STRAIGHT_INTERVALS, gate)
+    since, joints = node[:4], node[None, None, 7:]
+    yaw = jnp.repeat(options[..., :terminals], 3, axis=1)
+    pitch = jnp.tile(options[..., terminals:], (1, 3, 1))
+    pairs = jnp.concatenate([yaw, pitch], axis=-1)  # (a or 1, o, 2n)
+    axes = _zone_axes(scene, since[None])
+    moved, whole_turns = _sight(scene, axes, joints, turns, pairs, EDGE_INTERVALS, gate)
     places, reach = _attitude_moves(scene, since, whole_turns, turns)
-    ways = _joint_moves(scene, joints, jnp.take_along_axis(options, choice, axis=0))
-    wanted = tuple(zones.cosine_threshold(cones, clearance) for cones in (scene.cones, scene.grouped_cones))
-    return computed_once(gate, (moved, straight, places, reach, ways, wanted))
+    rest = None
+    if onward:
+        ends, to_goal = joints + pairs, places[:, 4:]
+        axes = moved.axes[:, :, -1], moved.grouped_axes[:, :, -1]
+        left = jnp.asarray(scene.goal_joints) - ends
+        rest, _ = _sight(scene, axes, ends, to_goal, left, ONWARD_INTERVALS, gate)
+    ways = _joint_moves(scene, joints, jnp.take_along_axis(options, choice[None], axis=1))
+    answer = Motions(
+        moved=moved,
+        onward=rest,
+        places=places,
+        reach=reach,
+        ways=ways,
+        wanted=_thresholds(scene, clearance),
+    )
+    return computed_once(gate, answer)
+
+
+def sight_between(
+    scene: Scene, since: Array, joints: Array, turns: Array, ends: Array, intervals: int, gate: Array
+) -> Sight:
+    """Lines of sight along straight motions, each by itself.
+
+    Args:
+        scene: the problem.
+        since: (a, 4) attitudes where they start, relative to the start.
+        joints: (a, 2n) there.
+        turns: (a, 3) rotation vectors, body axes.
+        ends: (a, 2n) joints where they end.
+        intervals: of equal length, static.
+        gate: see `computed_once`.
+    """
+    start = jnp.asarray(joints)[:, None]
+    change = jnp.asarray(ends)[:, None] - start
+    sight, _ = _sight(scene, _zone_axes(scene, since), start, turns, change, intervals, gate)
+    return computed_once(gate, sight)

@@ -17,17 +17,24 @@ import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search.kernels import Expansion, expand
-from jaxplan.search.motions import STRAIGHT_INTERVALS
+from jaxplan.search.fields import Fields, distance_fields, no_fields
+from jaxplan.search.kernels import Expansion, expand, straight_slacks
+from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.queues import Block, LazyQueue
+from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.tree import ARRIVED, Children, Moves, Node, make_root, trace
 from jaxplan.status import Status
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
+# A way this much longer than the straight motion is worth a few second looks from the start.
+LONG, SECOND_LOOKS = 1.1, 3
+# Every so many turns the exploration queue has its own.
+EXPLORE_EVERY = 6
 
-_FRACTION = np.arange(STRAIGHT_INTERVALS + 1) / STRAIGHT_INTERVALS
+_EDGE = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
+_ONWARD = np.arange(ONWARD_INTERVALS + 1) / ONWARD_INTERVALS
+_STRAIGHT = np.arange(STRAIGHT_INTERVALS + 1) / STRAIGHT_INTERVALS
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +42,24 @@ class Rules:
     """How one variant proposes and prices children.
 
     Attributes:
-        propose: (scene, node, random generator, settings) -> Moves.
-        price: (scene, expansion) -> (A, M) costs of the moves and (queues, A, M) heuristics, the anchor's
-            first.
+        propose: (scene, node, random generator, settings, number of the expansion) -> Moves.
+        price: (scene, expansion, fields) -> (A, M) costs of the moves and (queues, A, M) heuristics, the
+            anchor's first.
         edges: whether zones hold along edges, or at nodes alone.
         shared: whether the queues share their nodes.
-        direct: whether every expansion tries the straight motion to the goal.
+        direct: whether the straight motion to the goal is tried, from the start and from every child.
         queues: number of queues, the anchor included.
+        informed: whether distance fields are computed once the first expansion has not arrived, and
+            every few turns any child is expanded, whatever its key.
     """
 
-    propose: Callable[[Scene, Node, np.random.Generator, SearchSettings], Moves]
-    price: Callable[[Scene, Expansion], tuple[np.ndarray, np.ndarray]]
+    propose: Callable[[Scene, Node, np.random.Generator, SearchSettings, int], Moves]
+    price: Callable[[Scene, Expansion, Fields], tuple[np.ndarray, np.ndarray]]
     edges: bool
     shared: bool
     direct: bool
     queues: int
+    informed: bool
 
 
 def run(scene: Scene, settings: SearchSettings, rules: Rules) -> SearchResult:
@@ -81,6 +91,8 @@ class _Search:
         self.best_costs: list[dict[bytes, float]] = [{} for _ in self.queues]
         self.expanded: list[Node] = []
         self.counts = [0] * rules.queues
+        self.exploration = ExplorationQueue()
+        self.fields = no_fields(scene)
         self.goal_cost = float("inf")
         self.arrival: Node | None = None
 
@@ -90,35 +102,58 @@ class _Search:
         root = make_root(self.scene)
         if root.ahead <= ARRIVED:
             return self._result(Status.OK, trace(self.scene, root))
+        if self.rules.direct and np.all(
+            straight_slacks(self.on_device, root.packed, self._taper(root, _STRAIGHT, root.ahead)) >= 0
+        ):
+            return self._result(Status.OK, trace(self.scene, root))
         for queue in range(1 if self.rules.shared else len(self.queues)):
             self._expand(root, queue)
+        if self.rules.informed and self.arrival is None:
+            self.fields = distance_fields(self.scene)
+            self._expand(root, 0)
         turn = 0
         while True:
-            turn = turn % (len(self.queues) - 1) + 1
-            queue = turn
-            if self.queues[turn].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
+            turn += 1
+            queue = (turn - 1) % (len(self.queues) - 1) + 1
+            if self.queues[queue].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
                 queue = 0
             if self.arrival is not None and self.goal_cost <= self.queues[queue].min_key():
+                self._improve(root)
                 return self._result(Status.OK, trace(self.scene, self.arrival))
             if sum(self.counts) >= self.settings.max_expansions:
                 return self._result(Status.NODE_LIMIT)
             if time.monotonic() >= deadline:
                 return self._result(Status.TIME_LIMIT)
-            node = self._next(queue)
+            explore = self.rules.informed and turn % EXPLORE_EVERY == 0
+            node = self._any() if explore else self._next(queue)
             if node is not None:
                 self._expand(node, queue)
+
+    def _improve(self, root: Node) -> None:
+        """Draw other first moves, where the way found is much longer than the straight motion."""
+        for _ in range(SECOND_LOOKS if self.rules.direct else 0):
+            if self.goal_cost > LONG * root.ahead and sum(self.counts) < self.settings.max_expansions:
+                self._expand(root, 0)
 
     def _result(self, status: Status, path: Path | None = None) -> SearchResult:
         counts = tuple(self.counts)
         return SearchResult(status=status, path=path, expansions=sum(counts), queue_expansions=counts)
 
+    def _any(self) -> Node | None:
+        """An open node, whatever its key."""
+        drawn = self.exploration.pop(self.rng)
+        return None if drawn is None else self._open(*drawn, 0)
+
     def _next(self, queue: int) -> Node | None:
-        """The best open node of a queue; None if its state has been expanded at no higher cost before."""
+        """The best open node of a queue."""
         if self.queues[queue].min_key() == np.inf:  # nothing open: try new moves from an old node
             return self.expanded[self.rng.integers(len(self.expanded))]
-        block, child = self.queues[queue].pop()
+        return self._open(*self.queues[queue].pop(), 0 if self.rules.shared else queue)
+
+    def _open(self, block: Block, child: int, closed: int) -> Node | None:
+        """The node of a child; None if its state has been expanded at no higher cost before."""
         node = block.content.make(child)
-        best = self.best_costs[0 if self.rules.shared else queue]
+        best = self.best_costs[closed]
         state = node.state()
         if best.get(state, np.inf) <= node.cost:
             return None
@@ -127,43 +162,61 @@ class _Search:
 
     def _expand(self, node: Node, queue: int) -> None:
         """Make a node's children and push those that keep clear."""
-        moves = self.rules.propose(self.scene, node, self.rng, self.settings)
+        moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
         expansion = expand(
             self.on_device,
             node.packed,
             moves.turns,
             moves.options,
             moves.choice,
-            self._clearance(node),
+            self._clearance(node, moves),
+            self.fields.table,
             edges=self.rules.edges,
         )
-        costs, heuristics = self.rules.price(self.scene, expansion)
+        costs, heuristics = self.rules.price(self.scene, expansion, self.fields)
         children = Children(node, moves, expansion, node.cost + costs)
+        ahead = expansion.heuristics[0]
         self.expanded.append(node)
         self.counts[queue] += 1
-        if self.rules.direct and np.all(expansion.straight >= 0):
-            self._arrive(node, node.cost + node.ahead)
         valid = (expansion.slacks >= 0) & (expansion.steps > 0)  # staying altogether leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
-        for child in np.flatnonzero(valid & (expansion.heuristics[0] <= ARRIVED)):
-            arrived = children.make(int(child))
-            self._arrive(arrived, arrived.cost)
+        arrived = valid & (expansion.heuristics[0] <= ARRIVED)
+        if self.rules.direct and expansion.onward is not None:
+            arrived |= valid & (expansion.onward >= 0)
+        if np.any(arrived):
+            best = int(np.argmin(np.where(arrived, children.costs + ahead, np.inf)))
+            self._arrive(children.make(best))
         keys = children.costs + self.settings.heuristic_weight * heuristics
         block = Block(children, np.where(valid, keys, np.inf).reshape(len(self.queues), -1))
         for index in range(len(self.queues)) if self.rules.shared else (queue,):
             self.queues[index].push(block)
+        self.exploration.push(block, (int(node.cost), int(node.ahead)))
 
-    def _arrive(self, node: Node, cost: float) -> None:
-        """Remember the cheapest way to the goal."""
-        if cost < self.goal_cost:
-            self.goal_cost, self.arrival = cost, node
+    def _arrive(self, node: Node) -> None:
+        """Remember the cheapest way to the goal: the straight motion on from a node."""
+        if node.cost + node.ahead < self.goal_cost:
+            self.goal_cost, self.arrival = node.cost + node.ahead, node
 
-    def _clearance(self, node: Node) -> np.ndarray:
-        """Clearance wanted of the children and along the straight motion, rad; none at start and goal."""
+    def _clearance(self, node: Node, moves: Moves) -> np.ndarray:
+        """Clearance wanted on the intervals of the moves from a node and of the motions onward, rad."""
         if not self.rules.edges:  # the printed method knows no clearance
-            return np.zeros(STRAIGHT_INTERVALS + 1)
-        steps = np.empty(STRAIGHT_INTERVALS + 1)
-        steps[0] = min(node.cost, node.ahead - 1)
-        np.minimum(node.cost + _FRACTION[:-1] * node.ahead, (1 - _FRACTION[1:]) * node.ahead, out=steps[1:])
+            return np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
+        # the longest move stands for all, and the node's own way to the goal for its children's
+        longest = np.sqrt(np.max(np.sum(moves.turns * moves.turns, axis=1))) / self.scene.attitude_step
+        onward = self._taper(node, _ONWARD, max(node.ahead - longest, 0.0))
+        return np.concatenate([self._taper(node, _EDGE, longest), onward])
+
+    def _taper(self, node: Node, fraction: np.ndarray, length: float) -> np.ndarray:
+        """Clearance wanted between fractions of a straight way from a node, rad; none at start and goal.
+
+        Args:
+            node: where the way begins.
+            fraction: (k + 1,) ends of the intervals.
+            length: steps of the whole way.
+
+        Returns:
+            (k,).
+        """
+        steps = np.minimum(node.cost + fraction[:-1] * length, node.ahead - fraction[1:] * length)
         return self.settings.clearance * np.maximum(np.minimum(steps / TAPER_STEPS, 1), 0)

@@ -30,6 +30,8 @@ class Scene:
         start_joints: (2n,) rad.
         goal_attitude: (3, 3).
         goal_joints: (2n,) rad.
+        held: (n,) bool, terminals that a keep-in zone binds all the time.
+        held_axes: (n, 3) axis of that zone, inertial; the first where there are several.
         goal_quaternion: (4,) of the goal relative to the start.
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
@@ -45,6 +47,8 @@ class Scene:
     start_joints: np.ndarray
     goal_attitude: np.ndarray
     goal_joints: np.ndarray
+    held: np.ndarray
+    held_axes: np.ndarray
     goal_quaternion: np.ndarray
     goal_coordinates: np.ndarray
 
@@ -78,6 +82,9 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
     goal_quaternion, goal_coordinates = _relative(start_attitude, np.asarray(goal.attitude, float))
     single_in = [zone for zone in scenario.keep_in if zone.any_of is None]
     grouped_in = [zone for zone in scenario.keep_in if zone.any_of is not None]
+    holding = [next((z for z in single_in if t.name in z.devices), None) for t in craft.terminals]
+    held = np.array([zone is not None for zone in holding], dtype=bool)
+    held_axes = np.array([[0.0, 0.0, 1.0] if zone is None else zone.direction for zone in holding])
     return Scene(
         cones=tabulate(scenario.keep_out, single_in, craft.device_names),
         grouped_cones=tabulate((), grouped_in, craft.device_names),
@@ -90,6 +97,8 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         start_joints=np.asarray(scenario.start.joints, float),
         goal_attitude=np.asarray(goal.attitude, float),
         goal_joints=np.asarray(goal.joints, float),
+        held=held,
+        held_axes=held_axes.reshape(-1, 3),
         goal_quaternion=goal_quaternion,
         goal_coordinates=goal_coordinates,
     )

@@ -67,3 +67,40 @@ class LazyQueue:
         _, _, child, block = self.heap[0]
         block.keys[:, child] = np.inf
         return block, child
+
+
+@dataclass(slots=True)
+class ExplorationQueue:
+    """A queue that takes any child, whatever its key: type-based exploration.
+
+    Blocks are put into buckets by the cost of their parent and of what is ahead of it; a bucket is drawn
+    uniformly, then a block of it, then a child of that. When all heuristics point the same wrong way, this
+    is what gets the search out.
+
+    Attributes:
+        buckets: blocks by type.
+    """
+
+    buckets: dict[tuple[int, int], list[Block]] = field(default_factory=dict)
+
+    def push(self, block: Block, kind: tuple[int, int]) -> None:
+        """Add the children of a block."""
+        self.buckets.setdefault(kind, []).append(block)
+
+    def pop(self, rng: np.random.Generator) -> tuple[Block, int] | None:
+        """Take a random child from all queues; None when there is none."""
+        while self.buckets:
+            kind = list(self.buckets)[rng.integers(len(self.buckets))]
+            blocks = self.buckets[kind]
+            place = int(rng.integers(len(blocks)))
+            block = blocks[place]
+            open_children = np.flatnonzero(np.isfinite(block.keys[0]))
+            if len(open_children):
+                child = int(open_children[rng.integers(len(open_children))])
+                block.keys[:, child] = np.inf
+                return block, child
+            blocks[place] = blocks[-1]
+            blocks.pop()
+            if not blocks:
+                del self.buckets[kind]
+        return None

@@ -7,8 +7,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
-from jaxplan import quaternion
-from jaxplan.path import Path, motion
+from jaxplan import quaternion, so3
+from jaxplan.path import Path
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.problem import Scene
 from jaxplan.zones import capacity
@@ -62,7 +62,7 @@ class Moves:
 
     Attributes:
         turns: (A, 3) rotation vectors, body axes.
-        options: (3, 2n) change of each joint under its three options, rad.
+        options: (A or 1, 3, 2n) change of each joint under its three options, rad.
         choice: (M, 2n) int32, the option of each joint in each joint move.
         allowed: (A, M) bool, or None where nothing is ruled out beforehand.
     """
@@ -92,7 +92,8 @@ class Children:
     def make(self, child: int) -> Node:
         """The node of one child, numbered attitude move first."""
         attitude_move, joint_move = divmod(child, len(self.moves.choice))
-        change = chosen(self.moves.options, self.moves.choice[joint_move])
+        options = self.moves.options[attitude_move if len(self.moves.options) > 1 else 0]
+        change = chosen(options, self.moves.choice[joint_move])
         packed = np.concatenate([self.expansion.places[attitude_move], self.parent.joints + change])
         return Node(
             packed,
@@ -104,7 +105,14 @@ class Children:
 
 def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
     """Changes of the joints, (..., 2n), of choices (..., 2n) among options (3, 2n)."""
-    return options[choice, np.arange(options.shape[1])]
+    return options[choice, np.arange(options.shape[-1])]
+
+
+def unrotated(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) turned by the inverse of a unit quaternion."""
+    scalar, vector = quaternion[0], quaternion[1:]
+    twice = 2 * np.cross(vectors, vector)
+    return vectors + scalar * twice + np.cross(twice, vector)
 
 
 def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:
@@ -132,20 +140,17 @@ def _attitudes(scene: Scene, since: Array) -> Array:
     return jax.numpy.asarray(scene.start_attitude) @ quaternion.to_matrix(since)
 
 
-_motion = jax.jit(motion)
-
-
 def attitudes(scene: Scene, nodes: list[Node]) -> np.ndarray:
     """(k, 3, 3) body to inertial, of k nodes."""
     since = np.tile([1.0, 0.0, 0.0, 0.0], (max(_ROWS, capacity(len(nodes))), 1))
     since[: len(nodes)] = [node.since for node in nodes]
-    return np.asarray(_attitudes(scene, since))[: len(nodes)]
+    return np.array(_attitudes(scene, since))[: len(nodes)]
 
 
 def trace(scene: Scene, arrival: Node) -> Path:
     """The path from the start through a node's ancestors, and straight on to the goal.
 
-    The last straight motion is cut into equal parts of at most one step.
+    Every straight motion is cut into equal parts of at most one step.
 
     Args:
         scene: the problem.
@@ -157,17 +162,47 @@ def trace(scene: Scene, arrival: Node) -> Path:
         chain.append(node)
         node = node.parent
     chain.reverse()
-    parts = int(np.ceil(arrival.ahead - ARRIVED)) if arrival.ahead > ARRIVED else 0
-    fractions = np.zeros(max(_ROWS, capacity(parts)))
-    fractions[:parts] = np.arange(1, parts + 1) / max(parts, 1)
-    change = scene.goal_joints - arrival.joints
-    before = attitudes(scene, chain)
-    onward = _motion(before[-1], arrival.joints, arrival.to_goal, change, fractions)
-    path_attitudes = np.concatenate([before, np.asarray(onward[0])[:parts]])
-    joints = np.concatenate([[n.joints for n in chain], np.asarray(onward[1])[:parts]])
-    path_attitudes[0] = scene.start_attitude  # both ends to the last bit
-    path_attitudes[-1], joints[-1] = scene.goal_attitude, scene.goal_joints
-    return make_path(scene, path_attitudes, joints)
+    nodes = attitudes(scene, chain)
+    nodes[0] = scene.start_attitude  # both ends to the last bit
+    corners = np.array([node.joints for node in chain])
+    if arrival.ahead > ARRIVED:
+        nodes = np.concatenate([nodes, scene.goal_attitude[None]])
+        corners = np.concatenate([corners, scene.goal_joints[None]])
+    elif len(chain) > 1:
+        nodes[-1], corners[-1] = scene.goal_attitude, scene.goal_joints
+    return subdivide(scene, nodes, corners)
+
+
+@jax.jit
+def _between(first: Array, second: Array, fraction: Array) -> Array:
+    return so3.geodesic(first, second, fraction)
+
+
+def subdivide(scene: Scene, corners: np.ndarray, joints: np.ndarray) -> Path:
+    """The path along straight motions between corners, cut into equal parts of at most one step.
+
+    Args:
+        scene: gives the steps.
+        corners: (k + 1, 3, 3) attitudes.
+        joints: (k + 1, 2n) rad.
+    """
+    rough = make_path(scene, corners, joints)
+    parts = np.maximum(np.ceil(rough.edge_costs - ARRIVED).astype(int), 1)
+    if np.all(parts == 1):
+        return rough
+    edge = np.repeat(np.arange(len(parts)), parts)
+    fraction = np.concatenate([np.arange(1, count + 1) / count for count in parts])
+    size = max(_ROWS, capacity(len(edge)))
+    ends = [np.broadcast_to(np.eye(3), (size, 3, 3)).copy() for _ in range(2)]
+    ends[0][: len(edge)], ends[1][: len(edge)] = corners[edge], corners[edge + 1]
+    padded = np.zeros(size)
+    padded[: len(edge)] = fraction
+    new = np.asarray(_between(ends[0], ends[1], padded))[: len(edge)].copy()
+    whole = fraction == 1
+    new[whole] = corners[1:]
+    change = joints[edge + 1] - joints[edge]
+    new_joints = np.where(whole[:, None], joints[edge + 1], joints[edge] + fraction[:, None] * change)
+    return make_path(scene, np.concatenate([corners[:1], new]), np.concatenate([joints[:1], new_joints]))
 
 
 def make_path(scene: Scene, path_attitudes: np.ndarray, joints: np.ndarray) -> Path:

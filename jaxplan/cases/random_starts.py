@@ -1,0 +1,180 @@
+"""Random starts of the paper's spacecraft, the goals of step 1 from there, and the straight motion between.
+
+What the scenes of all kinds share: three terminals, and as targets the lines of sight of the paper's orbits
+(section 5). Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches. Step 1
+needs no zones here: those of the scenes bind terminals, which point at their targets at every goal.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import orbits, so3
+from jaxplan.cases.paper import paper_case
+from jaxplan.decomposition import decompose
+from jaxplan.path import Goal, motion
+from jaxplan.scenario import GivenState, Targets
+from jaxplan.spacecraft import Spacecraft, body_boresights
+from jaxplan.zones import tabulate
+
+YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
+JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
+HAIR = 1e-9
+"""Of cosines and radians: what is admissible is so by at least this."""
+UNAMBIGUOUS = 1e-6
+"""rad; the slew to the second-best goal is longer by at least this."""
+LONGEST_TURN = math.radians(179.0)
+"""Half a turn may be made either way."""
+BATCH = 64
+"""Starts drawn at once."""
+SAMPLES = 129
+"""Of the straight motion, its ends included."""
+
+
+def admissible(slack: np.ndarray) -> np.ndarray:
+    """Every decision on a draw: whether a slack, known to rounding, is above zero."""
+    return slack >= HAIR
+
+
+@cache
+def setting() -> tuple[Spacecraft, Targets]:
+    """The paper's spacecraft, and the lines of sight from its satellite to the three others (section 5)."""
+    node, anomaly = np.radians([[10.0, 10.0, 5.0, 13.0], [20.0, 25.0, 15.0, 15.0]])
+    with jax.enable_x64(True):
+        directions = np.asarray(_lines_of_sight(node, anomaly))
+    return paper_case(1).spacecraft, Targets(
+        directions=directions,
+        yaw_limit=YAW_LIMIT,
+        pitch_limit=PITCH_LIMIT,
+        angular_velocity=np.zeros(3),
+        joint_rates=np.zeros(6),
+    )
+
+
+@jax.jit
+def _lines_of_sight(node: Array, anomaly: Array) -> Array:
+    satellites = orbits.position(500.0, math.radians(10.0), node, anomaly)
+    return orbits.line_of_sight(satellites[0], satellites[1:])
+
+
+def starts(
+    rng: np.random.Generator, held: int, within: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Starts with uniform attitude and joints, of those at which the held terminals see their targets.
+
+    An attitude is uniform on SO(3) if it brings terminal 1's boresight to a uniform point of the sphere and
+    turns uniformly about it. Where terminal 1 is held, that point is drawn from the cap around its target.
+
+    Args:
+        rng: source of the draws.
+        held: number of terminals, the first ones, that are near their targets.
+        within: rad, how near.
+
+    Yields:
+        Attitude (3, 3), joints (6,) and inertial boresights (3, 3).
+    """
+    craft, targets = setting()
+    while True:
+        joints = rng.uniform(-1, 1, (BATCH, 6)) * JOINT_LIMITS
+        yaw, pitch = joints[:, :3] + craft.mounts, joints[:, 3:]
+        body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+        cosine = rng.uniform(math.cos(within) if held else -1, 1, BATCH)
+        around, roll = rng.uniform(-np.pi, np.pi, (2, BATCH))
+        offset = np.stack([cosine, *np.sqrt(1 - cosine**2) * [np.cos(around), np.sin(around)]], axis=-1)
+        toward = offset @ _frame(targets.directions[0]).T
+        attitudes = _frame(toward) @ _turn_about_x(roll) @ np.swapaxes(_frame(body[:, 0]), -1, -2)
+        seen = body @ np.swapaxes(attitudes, -1, -2)
+        near = np.sum(seen * targets.directions, axis=-1)[:, :held] - math.cos(within)
+        for i in np.flatnonzero(np.all(admissible(near), axis=-1)):
+            yield attitudes[i], joints[i], seen[i]
+
+
+def _frame(first: np.ndarray) -> np.ndarray:
+    """A rotation (..., 3, 3) whose first column is the unit vector (..., 3), which is not along z."""
+    second = np.cross([0.0, 0.0, 1.0], first)
+    second /= np.linalg.norm(second, axis=-1, keepdims=True)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def _turn_about_x(angle: np.ndarray) -> np.ndarray:
+    """Rotations (k, 3, 3) by the angles (k,)."""
+    turn = np.zeros((len(angle), 3, 3))
+    turn[:, 0, 0] = 1
+    turn[:, 1, 1] = turn[:, 2, 2] = np.cos(angle)
+    turn[:, 2, 1] = np.sin(angle)
+    turn[:, 1, 2] = -turn[:, 2, 1]
+    return turn
+
+
+def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST_TURN) -> Goal | None:
+    """The nearest goal of step 1, if the turn to it is in a range and no other goal is as near.
+
+    Args:
+        attitude: (3, 3) of the start.
+        least: rad; zero for no bound.
+        most: rad.
+    """
+    if least and _reaches_goal_within(attitude, least):
+        return None  # step 1 would say so too, but takes a hundred times as long
+    craft, targets = setting()
+    first, *others = decompose(craft, attitude, targets, tabulate((), (), craft.device_names)).goals
+    slacks = [most - first.slew_angle, *([first.slew_angle - least] if least else [])]
+    slacks += [goal.slew_angle - first.slew_angle - UNAMBIGUOUS for goal in others]
+    return first if np.all(admissible(np.array(slacks))) else None
+
+
+def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
+    """Whether one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
+    craft, targets = setting()
+    body = targets.directions @ (attitude @ _turns_within(angle))
+    yaw = np.arctan2(body[..., 1], body[..., 0]) - craft.mounts
+    away = np.abs(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi)
+    low = np.abs(body[..., 2]) < math.sin(PITCH_LIMIT)
+    return bool(np.any(np.all((away < YAW_LIMIT) & low, axis=-1)))
+
+
+@cache
+def _turns_within(angle: float) -> np.ndarray:
+    """Rotations (k, 3, 3) about the diagonals, edges and faces of a cube, by less than an angle."""
+    axes = np.array([axis for axis in itertools.product((-1, 0, 1), repeat=3) if any(axis)], dtype=float)
+    axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
+    with jax.enable_x64(True):
+        return np.asarray(_exp(np.concatenate([angle * part * axes for part in (0.0, 0.33, 0.66, 0.99)])))
+
+
+def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
+    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the straight motion to a goal."""
+    with jax.enable_x64(True):
+        mounts = setting()[0].mounts
+        return np.asarray(_boresights_along(mounts, attitude, joints, goal.attitude, goal.joints))
+
+
+@jax.jit
+def _boresights_along(
+    mounts: Array, attitude: Array, joints: Array, goal_attitude: Array, goal_joints: Array
+) -> Array:
+    turn = so3.log(attitude.T @ goal_attitude)
+    fraction = jnp.linspace(0, 1, SAMPLES)
+    attitudes, angles = motion(attitude, joints, turn, goal_joints - joints, fraction)
+    return body_boresights(mounts, jnp.empty((0, 3)), angles) @ jnp.swapaxes(attitudes, -1, -2)
+
+
+def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:
+    """The start of a scenario."""
+    with jax.enable_x64(True):
+        rotation_vector = np.array(_log(attitude))  # a copy, which may be written to
+    return GivenState(
+        rotation_vector=rotation_vector,
+        joints=joints,
+        angular_velocity=np.zeros(3),
+        joint_rates=np.zeros(6),
+    )
+
+
+_exp, _log = jax.jit(so3.exp), jax.jit(so3.log)

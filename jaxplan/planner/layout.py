@@ -1,0 +1,220 @@
+"""The layout of a plan file: its tables and keys with their ranges, and what must agree between them.
+
+It is read by the kinds that scenario files are read by. Lengths of arrays have names: the first array of a
+file that has an axis of a name says how long all others must be. Radians and seconds, as in the model.
+"""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from jaxplan.certificate import Report
+from jaxplan.path import Goal, Path
+from jaxplan.planner.arrays import (
+    Array,
+    ByName,
+    Flag,
+    Known,
+    Lines,
+    Nullable,
+    Rotations,
+    Tables,
+    Times,
+    Words,
+)
+from jaxplan.planner.record import Plan
+from jaxplan.scenario import Scenario
+from jaxplan.scenario.faults import Place
+from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text
+from jaxplan.scenario.tables import Field, Table
+from jaxplan.search import SearchResult
+from jaxplan.status import Status
+from jaxplan.trajectory import Trajectory
+
+SCHEMA_VERSION = 1
+
+# In the order in which they are made; of a plan, the first few are filled.
+STEPS = ("goal", "search", "path", "trajectory", "report")
+# How many steps a plan of each status has: at least, at most.
+_STEPS_OF = {
+    Status.OK: (5, 5),
+    Status.INVALID_START: (0, 0),
+    Status.INVALID_GOAL: (1, 1),
+    Status.GOAL_UNREACHABLE: (0, 0),
+    Status.NO_PATH: (1, 2),
+    Status.NODE_LIMIT: (2, 2),
+    Status.TIME_LIMIT: (2, 2),
+    Status.LIMITS_TOO_TIGHT: (3, 5),
+    Status.INFEASIBLE: (3, 5),
+    Status.UNCERTIFIED: (5, 5),
+}
+_SMALLEST_MARGIN = ("min_margin", "worst_time", "worst_device", "worst_zone")
+_ROUNDING = 1e-9  # of the duration
+
+_STATUS = Choice(tuple(Status.__members__))
+_SEARCH_STATUS = Choice(("OK", "NO_PATH", "NODE_LIMIT", "TIME_LIMIT"))
+_COUNT = Integer(Interval("[0, inf)"))
+_POSITIVE = Number(Interval("[0, inf)"))
+
+
+def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
+    """A table whose keys are those of the model, all of which must be there."""
+    return Table(model, tuple(Field(key, kind, key, "", required=True) for key, kind in kinds.items()), make)
+
+
+HEAD = _table(dict, schema_version=Choice((SCHEMA_VERSION,)), scenario=Tables())
+"""What the rest of a plan file is read by."""
+TIMINGS = ByName(_POSITIVE)
+"""What the file beside it may hold."""
+
+
+def plan_table(scenario: Scenario) -> Table:
+    """What the file of a plan may hold, but for its `HEAD`.
+
+    Args:
+        scenario: of the plan; it says how many joints there are, and the names of devices and zones.
+    """
+    craft = scenario.spacecraft
+    sizes = {"joints": 2 * len(craft.terminals)}
+    array, rotations, times = partial(Array, sizes), partial(Rotations, sizes), partial(Times, sizes)
+    zones = (*(zone.name for zone in scenario.keep_out), *(zone.name for zone in scenario.keep_in))
+
+    def path(edges: str) -> Table:
+        return _table(
+            Path,
+            edge_costs=array((edges,), Interval("[0, inf)")),
+            attitudes=rotations((f"{edges} + 1", 3, 3)),
+            joints=array((f"{edges} + 1", "joints")),
+        )
+
+    search = _table(
+        SearchResult,
+        _make_search,
+        status=_SEARCH_STATUS,
+        path=Nullable(path("found edges")),
+        expansions=_COUNT,
+        queue_expansions=array(("queues",), Interval("[0, inf)"), whole=True),
+    )
+    trajectory = _table(
+        Trajectory,
+        breaks=times(("pieces + 1",)),
+        chart_attitude=rotations(("pieces", 3, 3)),
+        chart_start=times(("pieces",)),
+        chart_rate=array(("pieces", 3)),
+        coefficients=array(("pieces", "terms", 3)),
+        joint_breaks=times(("joint pieces + 1",)),
+        joint_coefficients=array(("joint pieces", "joint terms", "joints")),
+        node_times=times(("edges + 1",)),
+        smoothness=_COUNT,
+        method=Text(),
+    )
+    report = _table(
+        Report,
+        certified=Flag(),
+        min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
+        worst_time=Nullable(_POSITIVE),
+        worst_device=Nullable(Known("device", craft.device_names)),
+        worst_zone=Nullable(Known("zone", zones)),
+        peaks=ByName(_POSITIVE),
+        peak_times=ByName(_POSITIVE),
+        jumps=ByName(_POSITIVE),
+        faults=Lines(),
+        evaluations=_COUNT,
+    )
+    goal = _table(
+        Goal,
+        attitude=rotations((3, 3)),
+        joints=array(("joints",)),
+        slew_angle=Number(Interval("[0, 3.1416]")),
+    )
+    steps = {
+        "goal": goal,
+        "search": search,
+        "path": path("edges"),
+        "trajectory": trajectory,
+        "report": report,
+    }
+    kinds = {key: Nullable(kind) for key, kind in steps.items()}
+    return _table(Plan, partial(_make_plan, scenario), status=_STATUS, message=Words(), **kinds)
+
+
+def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> SearchResult:
+    counts = tuple(int(count) for count in queue_expansions)
+    return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
+
+
+def _make_plan(scenario: Scenario, *, status: str, **parts: Any) -> Plan:
+    return Plan(scenario=scenario, status=Status[status], **parts)
+
+
+def check_agreement(read: Mapping[str, Any], root: Place) -> None:
+    """Note where tables that are well by themselves contradict each other.
+
+    Args:
+        read: what `plan_table` read without fault.
+        root: the place of the file.
+    """
+    _check_steps(read, root)
+    if "search" in read:
+        _check_found_path(read["search"], root.key("search"))
+    if "report" in read:
+        _check_report(read, root.key("report"))
+    if "trajectory" in read:
+        _check_times(read, root)
+
+
+def _check_steps(read: Mapping[str, Any], root: Place) -> None:
+    """Which steps are filled follows from the status, and none is left out before one that is filled."""
+    least, most = _STEPS_OF[Status[read["status"]]]
+    filled = [number for number, step in enumerate(STEPS) if step in read]
+    last = max(filled, default=-1)
+    for number, step in enumerate(STEPS):
+        here, because = root.key(step), f'since status = "{read["status"]}"'
+        if number in filled and number >= most:
+            here.fault(f"must be null, {because}")
+        elif number not in filled and number < least:
+            here.fault(f"must be a table, {because}", None)
+        elif number not in filled and number < last:
+            here.fault(f"must be a table, since {STEPS[last]} is one", None)
+
+
+def _check_found_path(search: Mapping[str, Any], place: Place) -> None:
+    because, found = f'since search.status = "{search["status"]}"', search["status"] == Status.OK.name
+    if found and "path" not in search:
+        place.key("path").fault(f"must be a table, {because}", None)
+    elif not found and "path" in search:
+        place.key("path").fault(f"must be null, {because}")
+
+
+def _check_report(read: Mapping[str, Any], place: Place) -> None:
+    report = read["report"]
+    proved = {Status.OK.name: True, Status.UNCERTIFIED.name: False}.get(read["status"], report["certified"])
+    if report["certified"] is not proved:
+        complaint = f'must be {str(proved).lower()}, since status = "{read["status"]}"'
+        place.key("certified").fault(complaint, report["certified"])
+    if 0 < sum(key in report for key in _SMALLEST_MARGIN) < len(_SMALLEST_MARGIN):
+        missing = next(key for key in _SMALLEST_MARGIN if key not in report)
+        place.key(missing).fault(f"must not be null, unless all of {', '.join(_SMALLEST_MARGIN)} are", None)
+
+
+def _check_times(read: Mapping[str, Any], root: Place) -> None:
+    """Every time lies within the trajectory, whose breaks start at zero."""
+    breaks = read["trajectory"]["breaks"]
+    if breaks[0] != 0:
+        root.key("trajectory").key("breaks").item(0).fault("must be 0", float(breaks[0]))
+    for place, time in _instants(read, root):
+        if not time <= breaks[-1] * (1 + _ROUNDING):
+            place.fault(f"must lie within the trajectory, which ends at {breaks[-1]:g} s", time)
+
+
+def _instants(read: Mapping[str, Any], root: Place) -> Iterator[tuple[Place, float]]:
+    for key in ("chart_start", "joint_breaks", "node_times"):
+        for i, time in enumerate(read["trajectory"][key]):
+            yield root.key("trajectory").key(key).item(i), float(time)
+    report, place = read.get("report", {}), root.key("report")
+    if "worst_time" in report:
+        yield place.key("worst_time"), report["worst_time"]
+    for name, time in report.get("peak_times", {}).items():
+        yield place.key("peak_times").key(name), time

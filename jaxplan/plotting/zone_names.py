@@ -1,0 +1,97 @@
+"""Names of the zones on the unfolded sphere, each where it covers no other name and little of the ways."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+
+from jaxplan.plotting import unfolded
+from jaxplan.plotting.labels import Labels
+from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, SMALL, plain
+from jaxplan.zones import KeepIn, KeepOut
+
+if TYPE_CHECKING:
+    from jaxplan.scenario import Scenario
+
+_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
+_LETTER, _LINE = 3.0, 5.5  # deg of the map that a letter is wide and a line high
+_HALO = [withStroke(linewidth=2.5, foreground="white")]
+
+
+def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray) -> None:
+    """Write each zone's name in it, or beside it if a boresight must stay in.
+
+    Args:
+        axes: of the map.
+        scenario: whose zones are meant.
+        ways: (k, 2) deg, points of what is drawn, which names should not cover.
+    """
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    crowded = len(zones) > _CROWD
+    labels = Labels(ways)
+    for zone in zones:
+        lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario)]
+        size = (_LETTER * max(len(line) for line in lines), _LINE * len(lines))
+        spot = labels.place(_places(zone, size), size, must=True)
+        assert spot is not None
+        label = axes.text(
+            float(spot[0]),
+            float(spot[1]),
+            "\n".join(lines),
+            color=KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT,
+            fontsize=SMALL - 1.5 * crowded,
+            ha="center",
+            va="center",
+            zorder=1.8,
+            path_effects=_HALO,
+        )
+        plain(label)
+
+
+def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[float, float]]:
+    """Where on the map a zone's name may stand, deg; the best comes first.
+
+    That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
+    one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
+    """
+    azimuth, elevation = unfolded.unfold(zone.direction)
+    angle = float(np.rad2deg(zone.half_angle))
+    wide = angle > 90
+    inside = [(0.0, offset * min(angle, 90)) for offset in (0, 0.5, -0.5, 0.8, -0.8)]
+    aside = [(turn, height) for turn in (60.0, -60.0, 120.0, -120.0) for _, height in inside] if wide else []
+    beside = (
+        []
+        if wide or not isinstance(zone, KeepIn)
+        else [(0.0, side * (angle + size[1] / 2 + 2)) for side in (1, -1)]
+    )
+    room = np.maximum((180 - size[0] / 2, 87 - size[1] / 2), 0)
+    places = []
+    for turn, height in [*beside, *inside, *aside]:
+        across = (azimuth + turn + 180) % 360 - 180
+        clear = abs(elevation + height) <= room[1]
+        if clear and (not wide or _separation(zone, across, elevation + height) < angle - 3):
+            places.append((float(np.clip(across, -room[0], room[0])), float(elevation + height)))
+    if not places:
+        across, up = np.clip((azimuth, elevation), -room, room)
+        places.append((float(across), float(up)))
+    return places
+
+
+def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> float:
+    """Angle of a place on the map from a zone's axis, deg."""
+    a, e = np.deg2rad((azimuth, elevation))
+    direction = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return float(np.rad2deg(np.arccos(np.clip(direction @ zone.direction, -1, 1))))
+
+
+def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
+    """A line that says in few words which devices a zone binds; none if it binds all."""
+    names = scenario.spacecraft.device_names
+    bound = [name for name in names if not zone.devices or name in zone.devices]
+    others = [name for name in names if name not in bound]
+    if not others:
+        return []
+    if len(bound) == 1:
+        return [f"for {bound[0]}"]
+    return [f"not {others[0]}"] if len(others) == 1 else [f"for {len(bound)} of {len(names)}"]

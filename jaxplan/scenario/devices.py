@@ -1,0 +1,62 @@
+"""Kinds of values in a scenario file that name devices: lists of them, and factors for some."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from jaxplan.scenario.faults import Place, nearest
+from jaxplan.scenario.kinds import Interval, Kind, Number
+
+
+@dataclass(frozen=True)
+class DeviceList(Kind):
+    """Names of terminals and instruments, at least one."""
+
+    wanted = "an array of names of devices"
+
+    def read(self, value: object, place: Place) -> tuple[str, ...] | None:
+        """The names."""
+        if not isinstance(value, list) or not value:
+            place.fault(f"must be {self.wanted}, at least one", value)
+            return None
+        before = len(place.faults)
+        known = place.devices.all
+        seen: set[str] = set()
+        for i, name in enumerate(value):
+            if not isinstance(name, str):
+                place.item(i).fault("must be the name of a device", name)
+            elif name in seen:
+                place.item(i).fault("is named twice", name)
+            elif known is not None and name not in known:
+                place.item(i).fault(f"no such device, {nearest(name, known, 'devices')}", name)
+            else:
+                seen.add(name)
+        return tuple(value) if len(place.faults) == before else None
+
+    def write(self, value: Any) -> list[str]:
+        """A list."""
+        return list(value)
+
+
+@dataclass(frozen=True)
+class TerminalFactors(Kind):
+    """A positive factor for some of the terminals."""
+
+    wanted = "a table from names of terminals to numbers"
+
+    def read(self, value: object, place: Place) -> dict[str, float] | None:
+        """The factors by name."""
+        if not isinstance(value, dict):
+            place.fault(f"must be {self.wanted}", value)
+            return None
+        before = len(place.faults)
+        known = place.devices.terminals
+        for name in value:
+            if known is not None and name not in known:
+                place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
+        factor = Number(Interval("[1e-3, 1e3]"))
+        read = {name: factor.read(number, place.key(name)) for name, number in value.items()}
+        return read if len(place.faults) == before else None
+
+    def write(self, value: Any) -> dict[str, float]:
+        """A table."""
+        return {name: float(factor) for name, factor in value.items()}

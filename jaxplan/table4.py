@@ -1,0 +1,232 @@
+"""The paper's Table 4 again: how often, how fast and how near the shortest each planner of step 2 is.
+
+Every planner gets the same scenes, goals and settings, and one search for each scene: the nearest goal of
+step 1, no retries. A path is *found* when its planner says so, and *clear* when no edge of it breaks a
+zone: checked here over every whole edge by the bound of `path.edge_margins`, whatever the planner itself has
+looked at. Scenes that are proved to have no path are counted apart and left out of the rate. Times are those
+of the search alone, compiled before, on the machine at hand; lengths are those of the paths that are clear,
+in interior nodes, which is what the paper seems to count, and in steps (`path.step_cost`).
+"""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.cases import random_scenario
+from jaxplan.path import Path, edge_margins
+from jaxplan.planner.check import start_attitude
+from jaxplan.planner.goals import find_goals
+from jaxplan.planner.record import Plan
+from jaxplan.scenario import Scenario
+from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
+from jaxplan.zones import capacity
+
+PAPER_KINDS = ("keep_out", "keep_in")
+_INTERVALS = 32  # an edge is cut into, for the check
+_REHEARSALS = 5  # searches before the clock runs, so that what they use is compiled
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Row:
+    """What one planner did on the scenes of one kind.
+
+    Attributes:
+        kind: of the scenes.
+        planner: its name in `PLANNERS`, or the paper's.
+        scenes: how many were tried, those proved infeasible left out.
+        found: in how many of them it found a path.
+        clear: in how many of them no edge of the path breaks a zone; None where nobody knows.
+        seconds: (scenes,) each search took, successful or not; for the paper (3,) least, largest, mean.
+        nodes: (clear,) interior nodes; for the paper (3,) likewise.
+        steps: (clear,) length in steps; None for the paper.
+    """
+
+    kind: str
+    planner: str
+    scenes: int
+    found: int
+    clear: int | None
+    seconds: np.ndarray
+    nodes: np.ndarray
+    steps: np.ndarray | None
+
+
+def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
+    return Row(
+        kind=kind,
+        planner=planner,
+        scenes=20,
+        found=found,
+        clear=None,
+        seconds=np.array(seconds),
+        nodes=np.array(nodes),
+        steps=None,
+    )
+
+
+# As printed, from other scenes of the same description, on another machine.
+PAPER = (
+    _printed("keep_out", "paper's MHA*", 19, (0.1, 0.7, 0.3), (15, 49, 27.6)),
+    _printed("keep_out", "paper's WA*", 15, (0.1, 0.6, 0.2), (17, 42, 26.6)),
+    _printed("keep_out", "paper's RRT*", 15, (1.5, 25.6, 6.0), (13, 26, 20.5)),
+    _printed("keep_in", "paper's MHA*", 19, (0.2, 0.5, 0.2), (11, 38, 24.4)),
+    _printed("keep_in", "paper's WA*", 18, (0.1, 1.7, 0.3), (13, 38, 24.2)),
+    _printed("keep_in", "paper's RRT*", 17, (0.7, 13.1, 3.2), (11, 28, 16.8)),
+)
+
+
+def compare(
+    kinds: Iterable[str],
+    planners: Iterable[str] = tuple(PLANNERS),
+    *,
+    count: int = 20,
+    first_seed: int = 0,
+    done: Callable[[], None] = lambda: None,
+) -> tuple[Row, ...]:
+    """Let planners search the same random scenes.
+
+    Args:
+        kinds: of `random_scenario`.
+        planners: names in `PLANNERS`.
+        count: scenes a kind.
+        first_seed: of the first of them; the others follow.
+        done: called after each search, for a progress bar.
+
+    Returns:
+        A row a kind and planner.
+    """
+    rows = []
+    names = tuple(planners)
+    for kind in kinds:
+        problems = [_problem(random_scenario(seed, kind)) for seed in range(first_seed, first_seed + count)]
+        feasible = [(scenario, scene) for scenario, scene in problems if find_barrier(scene) is None]
+        for planner in names:
+            rows.append(_row(kind, planner, feasible, done))
+            for _ in range(count - len(feasible)):
+                done()
+    return tuple(rows)
+
+
+def _problem(scenario: Scenario) -> tuple[Scenario, Scene]:
+    attitude = start_attitude(scenario)
+    goals = find_goals(scenario, attitude)
+    if isinstance(goals, Plan):  # never: random scenes are made with a goal
+        raise RuntimeError(f"{scenario.name}: {goals.message}")
+    return scenario, make_scene(scenario, goals[0], attitude)
+
+
+def _row(
+    kind: str, planner: str, problems: Sequence[tuple[Scenario, Scene]], done: Callable[[], None]
+) -> Row:
+    search = PLANNERS[planner]
+    for scenario, scene in problems[:_REHEARSALS]:
+        search(scene, scenario.search)
+    found, seconds, paths = 0, [], []
+    for scenario, scene in problems:
+        begin = time.perf_counter()
+        result = search(scene, scenario.search)
+        seconds.append(time.perf_counter() - begin)
+        if result.path is not None:
+            found += 1
+            if is_clear(scene, result.path):
+                paths.append(result.path)
+        done()
+    return Row(
+        kind=kind,
+        planner=planner,
+        scenes=len(problems),
+        found=found,
+        clear=len(paths),
+        seconds=np.array(seconds),
+        nodes=np.array([path.edges - 1 for path in paths]),
+        steps=np.array([path.length for path in paths]),
+    )
+
+
+@jax.jit
+def _edges(
+    scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
+) -> jax.Array:
+    def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:
+        turn = so3.log(start.T @ end)
+        motion = (scene.mounts, scene.fixed_boresights, start, q, turn, dq, _INTERVALS)
+        return [edge_margins(cones, *motion) for cones in (scene.cones, scene.grouped_cones)]
+
+    single, grouped = jax.vmap(margins)(first, last, joints, change)
+    return jax.numpy.concatenate([single, grouped], axis=-1)
+
+
+def is_clear(scene: Scene, path: Path) -> bool:
+    """Whether no edge of a path breaks a zone, by a lower bound of the margins of whole edges.
+
+    Args:
+        scene: the problem.
+        path: between its start and goal.
+    """
+    rows = capacity(path.edges)
+    first, last = (np.tile(np.eye(3), (rows, 1, 1)) for _ in range(2))
+    joints, change = np.zeros((2, rows, path.joints.shape[1]))
+    first[: path.edges], last[: path.edges] = path.attitudes[:-1], path.attitudes[1:]
+    joints[: path.edges], change[: path.edges] = path.joints[:-1], np.diff(path.joints, axis=0)
+    with jax.enable_x64(True):
+        margins = np.asarray(_edges(scene, first, last, joints, change))[: path.edges]
+    return bool(np.all(margins >= -1e-9))
+
+
+def success_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % Wilson interval of a success rate."""
+    from scipy.stats import binomtest
+
+    if trials == 0:
+        return 0.0, 1.0
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def format_table(rows: Iterable[Row]) -> str:
+    """The rows as text, those of a kind together with the paper's.
+
+    Times in seconds, lengths in interior nodes and in steps: least, largest and mean.
+    """
+    lines, kind = [], None
+    for row in rows:
+        if row.kind != kind:
+            kind = row.kind
+            lines += ["", f"{kind}", _HEAD, *(_line(paper) for paper in PAPER if paper.kind == kind)]
+        lines.append(_line(row))
+    return "\n".join(lines[1:])
+
+
+_HEAD = (
+    f"  {'planner':<14}{'found':>10}{'clear':>10}  {'95 % of clear':>14}"
+    f"{'MinT':>9}{'MaxT':>9}{'AT':>9}{'MinL':>7}{'MaxL':>6}{'AL':>7}{'steps':>8}"
+)
+
+
+def _line(row: Row) -> str:
+    judged = row.found if row.clear is None else row.clear
+    low, high = success_interval(judged, row.scenes)
+    printed = row.steps is None
+    seconds = [f"{value:9.1f}" if printed else f"{value:9.4f}" for value in _spread(row.seconds, printed)]
+    nodes = _spread(row.nodes, printed)
+    steps = "" if row.steps is None or not len(row.steps) else f"{np.mean(row.steps):8.2f}"
+    return (
+        f"  {row.planner:<14}{row.found:>5}/{row.scenes:<4}"
+        + (f"{'':>10}" if row.clear is None else f"{row.clear:>5}/{row.scenes:<4}")
+        + f"  {100 * low:5.1f} to {100 * high:5.1f}"
+        + "".join(seconds)
+        + f"{nodes[0]:7.0f}{nodes[1]:6.0f}{nodes[2]:7.1f}{steps}"
+    )
+
+
+def _spread(values: np.ndarray, printed: bool) -> tuple[float, float, float]:
+    """Least, largest and mean; of the paper's rows they are given."""
+    if not len(values):
+        return (np.nan, np.nan, np.nan)
+    if printed:
+        return float(values[0]), float(values[1]), float(values[2])
+    return float(np.min(values)), float(np.max(values)), float(np.mean(values))

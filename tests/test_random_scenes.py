@@ -1,0 +1,226 @@
+"""Random scenes: what each kind promises, held in plain numpy and scipy, and the same numbers everywhere."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from scenes import edge_states
+from scipy.spatial.transform import Rotation
+from scipy.stats import kstest
+
+import jaxplan as jp
+from jaxplan.cases import RANDOM_KINDS, random_scenes, random_starts
+from jaxplan.decomposition import decompose
+from jaxplan.scenario import SearchSettings, TrajectorySettings, dump_scenario, parse_scenario
+from jaxplan.zones import tabulate
+
+SEEDS = 40
+TARGETS = [[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832], [0.4601, -0.7960, -0.3933]]  # of the paper
+MOUNTS = np.deg2rad([0.0, 120.0, -120.0])
+# deg: number of cones and range of their half-angles; terminals held, in which cone, started in; clearance.
+PROMISES = {
+    "keep_out": (4, 15, 30, 0, 0, 0, 2),
+    "keep_in": (3, 15, 30, 1, 15, 12, 2),
+    "hard_keep_out": (8, 12, 30, 0, 0, 0, 1),
+    "hard_keep_in": (8, 12, 30, 1, 15, 12, 1),
+    "held_links": (4, 15, 30, 2, 10, 8, 2),
+}
+# Rows of start (rotation vector, joints), keep-out and keep-in cones (direction, half-angle): see `numbers`.
+GOLDEN = Path(__file__).parent / "data" / "random_scenes.json"
+kinds = pytest.mark.parametrize("kind", RANDOM_KINDS)
+
+
+@cache
+def scenes(kind, count=SEEDS):
+    return [jp.random_scenario(seed, kind) for seed in range(count)]
+
+
+def start_of(scene):
+    return Rotation.from_rotvec(scene.start.rotation_vector).as_matrix(), scene.start.joints
+
+
+def boresights(attitudes, joints):
+    """(..., 3, 3) inertial, equation (13)."""
+    yaw, pitch = joints[..., :3] + MOUNTS, joints[..., 3:]
+    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+    return np.einsum("...ij,...dj->...di", attitudes, body)
+
+
+def degrees_between(a, b):
+    return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(np.asarray(a) * b, axis=-1)))
+
+
+def margins(scene, seen):
+    """(..., bound pairs of zone and terminal) deg, of boresights (..., 3, 3)."""
+    found = []
+    for side, zones in ((1, scene.keep_out), (-1, scene.keep_in)):
+        for zone in zones:
+            for i, terminal in enumerate(scene.spacecraft.terminals):
+                if not zone.devices or terminal.name in zone.devices:
+                    angle = degrees_between(seen[..., i, :], zone.direction)
+                    found.append(side * (angle - np.rad2deg(zone.half_angle)))
+    return np.stack(found, axis=-1)
+
+
+def goals_of(scene):
+    craft = scene.spacecraft
+    cones = tabulate(scene.keep_out, scene.keep_in, craft.device_names)
+    return decompose(craft, start_of(scene)[0], scene.goal, cones).goals
+
+
+def numbers(scene):
+    cones = [*scene.keep_out, *scene.keep_in]
+    rows = [scene.start.rotation_vector, scene.start.joints, *([*c.direction, c.half_angle] for c in cones)]
+    return [round(float(number), 9) for row in rows for number in row]
+
+
+@kinds
+def test_zones_are_those_of_the_kind(kind):
+    count, low, high, held, hold, _, _ = PROMISES[kind]
+    names = ("terminal-1", "terminal-2", "terminal-3")
+    for scene in scenes(kind):
+        assert len(scene.keep_out) == count
+        assert len(scene.keep_in) == held
+        for zone in scene.keep_out:
+            assert low <= np.rad2deg(zone.half_angle) <= high
+            assert (zone.devices or names) == names[held:]
+            np.testing.assert_allclose(np.linalg.norm(zone.direction), 1, rtol=1e-15)
+        for i, zone in enumerate(scene.keep_in):
+            assert np.rad2deg(zone.half_angle) == pytest.approx(hold)
+            assert zone.devices == (names[i],)
+            np.testing.assert_array_equal(zone.direction, scene.goal.directions[i])
+
+
+@kinds
+def test_the_goal_is_the_papers_and_settings_are_the_defaults(kind):
+    scene = scenes(kind)[0]
+    np.testing.assert_allclose(scene.goal.directions, TARGETS, atol=5e-5)
+    np.testing.assert_allclose(np.rad2deg([scene.goal.yaw_limit, scene.goal.pitch_limit]), [88, 13])
+    np.testing.assert_allclose(np.rad2deg(scene.spacecraft.mounts), [0, 120, -120])
+    np.testing.assert_allclose(np.rad2deg(scene.spacecraft.joint_limits), [90] * 3 + [15] * 3)
+    assert vars(scene.search) == vars(SearchSettings(attitude_step=0.1, joint_step=0.08))
+    assert vars(scene.trajectory) == vars(TrajectorySettings())
+    assert scene.trajectory.duration == "stretched"
+
+
+@kinds
+def test_start_and_goal_are_inside_their_constraints(kind):
+    *_, held, _, start_within, clearance = PROMISES[kind]
+    for scene in scenes(kind):
+        attitude, joints = start_of(scene)
+        assert np.all(np.abs(np.rad2deg(joints)) <= [88] * 3 + [13] * 3)
+        seen = boresights(attitude, joints)
+        assert np.all(margins(scene, seen) >= clearance)
+        assert np.all(margins(scene, scene.goal.directions) >= clearance)
+        assert np.all(degrees_between(seen, scene.goal.directions)[:held] <= start_within)
+
+
+@pytest.mark.parametrize("kind", ["hard_keep_out", "hard_keep_in", "held_links"])
+def test_the_straight_motion_breaks_a_zone(kind):
+    for scene in scenes(kind):
+        goal, *others = goals_of(scene)
+        assert all(other.slew_angle > goal.slew_angle + 5e-7 for other in others)
+        motion = edge_states(*start_of(scene), goal.attitude, goal.joints, 1001)
+        assert np.min(margins(scene, boresights(*motion))) <= -0.2
+
+
+def test_links_are_held_through_a_turn_of_40_to_100_degrees():
+    turns = [np.rad2deg(goals_of(scene)[0].slew_angle) for scene in scenes("held_links")]
+    assert min(turns) >= 40
+    assert max(turns) <= 100
+    assert np.ptp(turns) > 15
+
+
+def test_starts_and_half_angles_are_uniform():
+    for kind in ("keep_out", "keep_in"):
+        drawn = scenes(kind, 300)
+        joints = np.rad2deg([scene.start.joints for scene in drawn])
+        for column, limit in zip(joints.T, [88] * 3 + [13] * 3, strict=True):
+            assert kstest(column, "uniform", args=(-limit, 2 * limit)).pvalue > 1e-3
+        half_angles = np.rad2deg([zone.half_angle for scene in drawn for zone in scene.keep_out])
+        assert kstest(half_angles, "uniform", args=(15, 15)).pvalue > 1e-3
+
+
+def test_attitudes_are_uniform():
+    attitudes = np.array([start_of(scene)[0] for scene in scenes("keep_out", 300)])
+    # a column is uniform on the sphere, so its components are uniform; the angle has the density 1 - cos
+    for component in attitudes.reshape(-1, 9).T:
+        assert kstest(component, "uniform", args=(-1, 2)).pvalue > 1e-3
+    angles = Rotation.from_matrix(attitudes).magnitude()
+    assert kstest(angles, lambda angle: (angle - np.sin(angle)) / np.pi).pvalue > 1e-3
+
+
+def test_a_held_terminal_starts_anywhere_near_its_target():
+    drawn = scenes("keep_in", 300)
+    seen = np.array([boresights(*start_of(scene))[0] for scene in drawn])
+    cosines, least = seen @ drawn[0].goal.directions[0], np.cos(np.deg2rad(12))
+    assert kstest(cosines, "uniform", args=(least, 1 - least)).pvalue > 1e-3
+
+
+def test_directions_are_uniform_where_they_may_be():
+    # the margin of one terminal's start to cones that need not mind it
+    drawn = scenes("keep_in", 300)
+    cosines = [boresights(*start_of(s))[0] @ zone.direction for s in drawn for zone in s.keep_out]
+    heights = [zone.direction[2] for s in drawn for zone in s.keep_out]
+    assert np.min(cosines) < -0.9
+    assert np.max(cosines) > 0.9
+    assert np.abs(np.mean(heights)) < 0.15
+    assert np.ptp(heights) > 1.9
+
+
+@kinds
+def test_scenes_are_those_of_the_golden_file(kind):
+    golden = json.loads(GOLDEN.read_text())[kind]
+    assert len(golden) == 20
+    for scene, row in zip(scenes(kind), golden, strict=False):
+        np.testing.assert_allclose(numbers(scene), row, rtol=0, atol=2e-9)
+
+
+@kinds
+def test_no_decision_hangs_on_rounding(kind, monkeypatch):
+    decide, distances = random_starts.admissible, []
+
+    def watched(slack):
+        distances.append(np.min(np.abs(slack - random_starts.HAIR), initial=np.inf))
+        return decide(slack)
+
+    for module in (random_starts, random_scenes):
+        monkeypatch.setattr(module, "admissible", watched)
+    for seed in range(20):
+        jp.random_scenario(seed, kind)
+    assert len(distances) >= 20
+    assert min(distances) > 1e-8  # step 1 is good to 1e-10, all else to rounding
+
+
+@kinds
+def test_scenes_belong_to_their_seed_and_kind(kind):
+    assert numbers(jp.random_scenario(np.int64(7), kind)) == numbers(scenes(kind)[7])
+    others = [*scenes(kind), *(jp.random_scenario(7, other) for other in RANDOM_KINDS if other != kind)]
+    vectors = {tuple(scene.start.rotation_vector) for scene in others}
+    assert len(vectors) == len(others)
+    assert scenes(kind)[7].name == f"{kind} 7"
+
+
+@kinds
+def test_writing_loses_nothing(kind):
+    for scene in scenes(kind)[:10]:
+        again = parse_scenario(dump_scenario(scene))
+        leaves, structure = jax.tree.flatten(scene)
+        leaves_again, structure_again = jax.tree.flatten(again)
+        assert structure == structure_again
+        assert all(np.array_equal(a, b) for a, b in zip(leaves, leaves_again, strict=True))
+
+
+def test_a_random_scene_can_be_planned():
+    assert jp.plan(jp.random_scenario(3, "keep_in")).ok
+
+
+def test_what_is_no_seed_or_kind_is_refused():
+    with pytest.raises(ValueError, match=r"kind = 'easy': must be one of keep_out, keep_in, hard_keep_out, "):
+        jp.random_scenario(0, "easy")
+    for seed in (-1, 1.0, "1", True, None):
+        with pytest.raises(ValueError, match="must be an integer of at least 0"):
+            jp.random_scenario(seed, "keep_in")
