@@ -1,4 +1,4 @@
-"""The command line: ``jaxplan plan``, ``check`` and ``plot``.
+"""The command line: ``jaxplan plan``, ``check``, ``plot`` and ``table4``.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
 certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
@@ -73,8 +73,31 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("plan", metavar="PLAN", help="a plan.json")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
+    _table4_parser(commands)
     parser.set_defaults(run=lambda options: _no_command(parser, options))
     return parser
+
+
+def _table4_parser(commands: Any) -> None:
+    table4 = commands.add_parser(
+        "table4",
+        help="compare the planners as the paper's Table 4 does",
+        description="Let every planner search the same random scenes, with the paper's rows beside.",
+    )
+    table4.add_argument(
+        "-n", type=_count, default=20, metavar="N", help="scenes a kind (20, as in the paper)"
+    )
+    table4.add_argument("--kind", action="append", metavar="K", help="of random scenes; may be repeated")
+    table4.add_argument("--planner", action="append", metavar="P", help="may be repeated; all by default")
+    table4.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="of the first scene (0)")
+    table4.add_argument("--json", action="store_true", help="print the rows for machines")
+    table4.set_defaults(run=_table4)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
+    return int(text)
 
 
 def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
@@ -134,6 +157,26 @@ def _plot(options: argparse.Namespace) -> int:
     return DONE if plan.ok else NO_PLAN
 
 
+def _table4(options: argparse.Namespace) -> int:
+    from tqdm.auto import tqdm
+
+    from jaxplan.cases import RANDOM_KINDS
+    from jaxplan.search import PLANNERS
+    from jaxplan.table4 import PAPER_KINDS, compare, format_table
+
+    kinds, planners = options.kind or PAPER_KINDS, options.planner or tuple(PLANNERS)
+    for key, chosen, known in (("--kind", kinds, RANDOM_KINDS), ("--planner", planners, tuple(PLANNERS))):
+        for name in chosen:
+            if name not in known:
+                raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
+    _keep_compiled_code()
+    total = options.n * len(kinds) * len(planners)
+    with tqdm(total=total, desc="table4", unit=" searches", delay=1, leave=False, disable=None) as bar:
+        rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
+    _print([row.summary() for row in rows] if options.json else format_table(rows))
+    return DONE
+
+
 def _load(name: str) -> "Plan":
     from jaxplan.planner import load_plan
 
@@ -159,7 +202,7 @@ def _folder(name: str) -> Path:
 
 
 def _print(result: Any) -> None:
-    print(json.dumps(result, indent=1) if isinstance(result, dict) else result)
+    print(json.dumps(result, indent=1) if isinstance(result, dict | list) else result)
 
 
 def _say(message: str) -> None:

@@ -11,6 +11,7 @@ in interior nodes, which is what the paper seems to count, and in steps (`path.s
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -53,6 +54,23 @@ class Row:
     seconds: np.ndarray
     nodes: np.ndarray
     steps: np.ndarray | None
+
+    def summary(self) -> dict[str, Any]:
+        """The row for machines: least, largest and mean of times (s) and lengths."""
+        printed = self.steps is None
+        return {
+            "kind": self.kind,
+            "planner": self.planner,
+            "scenes": self.scenes,
+            "found": self.found,
+            "clear": self.clear,
+            "clear_95_percent": success_interval(
+                self.found if self.clear is None else self.clear, self.scenes
+            ),
+            "seconds": _spread(self.seconds, printed),
+            "interior_nodes": _spread(self.nodes, printed) if len(self.nodes) else None,
+            "mean_steps": float(np.mean(self.steps)) if self.steps is not None and self.steps.size else None,
+        }
 
 
 def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:

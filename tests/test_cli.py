@@ -145,6 +145,21 @@ def test_the_check_says_all_of_the_certificate_that_the_plan_says(capsys, tmp_pa
     assert checked["faults"] == []
 
 
+def test_planners_are_compared_on_the_command_line(capsys):
+    code, out, _ = run(capsys, "table4", "-n", 1, "--kind", "keep_in", "--planner", "mha")
+    assert code == 0
+    assert "paper's MHA*" in out
+    assert sum(line.split()[:1] == ["mha"] for line in out.splitlines()) == 1
+    code, out, _ = run(capsys, "table4", "-n", 1, "--kind", "held_links", "--planner", "mha", "--json")
+    assert code == 0
+    (row,) = json.loads(out)
+    assert row["kind"] == "held_links"
+    assert row["found"] == row["clear"] == row["scenes"] == 1
+    code, _, err = run(capsys, "table4", "--kind", "easy")
+    assert code == 2
+    assert "--kind easy: must be one of keep_out" in err
+
+
 def test_the_command_without_words_says_what_it_can_do(capsys):
     code, _, err = run(capsys)
     assert code == 2

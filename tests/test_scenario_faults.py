@@ -110,8 +110,8 @@ goal.targets = [[0.0, 0.0, 1.0]]: must be an array of 2 directions, one a termin
 goal.targets[1] = [0.0, 0.0, 2.0]: must be a unit vector, its norm is 2
 goal.yaw_limit_deg = 90.5: must not exceed spacecraft.terminal[1].yaw_limit_deg = 90.0
 goal.pitch_limit_deg = 16.0: must not exceed spacecraft.terminal[0].pitch_limit_deg = 15.5
-search.method = "dijkstra": must be "mha" or "mha-paper"
-search.method = 1: must be "mha" or "mha-paper"
+search.method = "dijkstra": must be "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect"
+search.method = 1: must be "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect"
 search.attitude_step_rad = 0: must lie in [1e-3, 3.14]
 search.joint_step_rad = 3.2: must lie in [1e-3, 3.14]
 search.terminal_step_scale = 0.5: must be a table from names of terminals to numbers
@@ -142,9 +142,6 @@ name = "two\\nlines": must be a line of text
 spacecraft = 3: must be a table
 spacecraft.terminal[0] = 3: must be a table
 keep_out = (a table): must be an array of tables, each under [[keep_out]]
-search.method = "wastar": this version does not have it; it has "mha" or "mha-paper"
-search.method = "rrt_star": this version does not have it; it has "mha" or "mha-paper"
-search.method = "rrt_connect": this version does not have it; it has "mha" or "mha-paper"
 trajectory.method = "global": this version does not have it; it has "paper"
 """.splitlines()
 WRONG_VALUES.append(

@@ -87,7 +87,7 @@ KEEP_IN = Table(
 SEARCH = Table(
     SearchSettings,
     (
-        _always("method", Choice(model.SEARCH_METHODS, model.LATER_SEARCH_METHODS), "method", "the planner"),
+        _always("method", Choice(model.SEARCH_METHODS), "method", "the planner"),
         Field("attitude_step_rad", _step, "attitude_step", "turn of the platform in a step"),
         Field("joint_step_rad", _step, "joint_step", "change of a joint in a step"),
         Field("terminal_step_scale", TerminalFactors(), "terminal_step_scale", "on the joint step"),

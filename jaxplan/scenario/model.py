@@ -17,8 +17,7 @@ from jaxplan.zones import KeepIn, KeepOut
 
 # The methods that there are. What a later version has is known too, so that a file made for that one is
 # told from a misspelt one.
-SEARCH_METHODS = ("mha", "mha-paper")
-LATER_SEARCH_METHODS = ("wastar", "rrt_star", "rrt_connect")
+SEARCH_METHODS = ("mha", "mha-paper", "wastar", "rrt_star", "rrt_connect")
 TRAJECTORY_METHODS = ("paper",)
 LATER_TRAJECTORY_METHODS = ("global",)
 LATER_TRAJECTORY_KEYS = ("jerk_weight", "node_tube_deg", "end_acceleration")

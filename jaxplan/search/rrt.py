@@ -1,0 +1,235 @@
+"""What the planners share that grow trees by random samples.
+
+A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, and the
+joints. The distance between two states is the cost of the straight motion, in steps. Straight motions are
+checked whole, a batch in one jitted call: each is cut into intervals over which the second-order bound of
+`jaxplan.path` holds, and the answer is how far the motion is clear, so that one call does what many single
+steps of a tree do.
+
+The clearance wanted beyond the zones grows over `TAPER_STEPS` steps from nothing at start and goal, as with
+the other planners. How far a state is from the root is known along its tree; from the other end it is
+at least the straight distance, which then counts.
+"""
+
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import quaternion, zones
+from jaxplan.path import Path
+from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.kernels import interval_slacks, straight_slacks
+from jaxplan.search.motions import STRAIGHT_INTERVALS, sight_between
+from jaxplan.search.multi_heuristic import TAPER_STEPS
+from jaxplan.search.problem import Scene, SearchResult
+from jaxplan.search.samples import draw
+from jaxplan.search.shortcuts import shorten
+from jaxplan.search.tree import ARRIVED, steps_between, subdivide
+from jaxplan.status import Status
+
+INTERVALS = 32
+# Motions of a jitted call: few for single samples, many for neighbourhoods.
+FEW, MANY = 4, 16
+# Steps below which a tree does not grow.
+LEAST = 0.1
+# A turn this near to half a turn, rad, may go either way round: no motion relies on it.
+HALF_TURN = 1e-6
+
+
+@jax.jit
+def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array, gate: Array) -> Array:
+    """(b,) how many intervals are clear at the beginning of straight motions between states (b, 4 + 2n)."""
+    turns = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
+    sight = sight_between(scene, first[:, :4], first[:, 4:], turns, second[:, 4:], INTERVALS, gate)
+    clear = interval_slacks(scene, sight, clearance) >= 0
+    certain = jnp.sum(turns * turns, axis=-1) < (jnp.pi - HALF_TURN) ** 2
+    return jnp.sum(jnp.cumprod(clear.at[:, -1].min(certain), axis=-1), axis=-1)
+
+
+@jax.jit
+def _attitudes(scene: Scene, since: Array) -> Array:
+    return jnp.asarray(scene.start_attitude) @ quaternion.to_matrix(since)
+
+
+_to_device = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
+
+
+def between(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """States (k, 4 + 2n) at fractions (k,) of straight motions."""
+    part = fraction[:, None]
+    states = first + part * (second - first)
+    start, end = first[:, :4], second[:, :4]
+    end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0, -end, end)
+    half = _chord_angle(start, end)[:, None]  # of the turn
+    sine = np.sin(half)
+    small = sine < 1e-6  # where a straight line in quaternions is as good
+    divisor = np.where(small, 1.0, sine)
+    weights = [np.where(small, p, np.sin(p * half) / divisor) for p in (1 - part, part)]
+    turned = weights[0] * start + weights[1] * end
+    states[:, :4] = turned / np.sqrt(np.sum(turned * turned, axis=1, keepdims=True))
+    return states
+
+
+def _chord_angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(...) rad between unit quaternions (..., 4) as vectors, which is half the turn, at most pi / 2."""
+    apart, sum_ = first - second, first + second
+    chord = np.minimum(np.sum(apart * apart, axis=-1), np.sum(sum_ * sum_, axis=-1))
+    return 2 * np.arcsin(np.minimum(np.sqrt(chord) / 2, 1.0))
+
+
+class Tree:
+    """States with their parents, in arrays that double.
+
+    Attributes:
+        size: number of states.
+        states: (capacity, 4 + 2n).
+        parents: (capacity,) int, -1 for the root.
+        costs: (capacity,) steps from the root.
+    """
+
+    def __init__(self, root: np.ndarray) -> None:
+        self.size = 0
+        self.states = np.empty((64, len(root)))
+        self.parents = np.empty(64, dtype=int)
+        self.costs = np.empty(64)
+        self.add(root, -1, 0.0)
+
+    def add(self, state: np.ndarray, parent: int, cost: float) -> int:
+        """Add a state; returns its place."""
+        if self.size == len(self.costs):
+            self.states = np.concatenate([self.states, np.empty_like(self.states)])
+            self.parents = np.concatenate([self.parents, np.empty_like(self.parents)])
+            self.costs = np.concatenate([self.costs, np.empty_like(self.costs)])
+        place = self.size
+        self.states[place], self.parents[place], self.costs[place] = state, parent, cost
+        self.size += 1
+        return place
+
+    def branch(self, place: int) -> list[int]:
+        """Places from the root to a state."""
+        places = []
+        while place >= 0:
+            places.append(place)
+            place = int(self.parents[place])
+        return places[::-1]
+
+
+class Space:
+    """A scene with what trees ask of it, and the effort that has been spent.
+
+    Attributes:
+        scene: the problem.
+        start: (4 + 2n,).
+        goal: (4 + 2n,).
+        extensions: straight motions by which a tree was to grow.
+    """
+
+    def __init__(self, scene: Scene, settings: SearchSettings) -> None:
+        self.scene, self.settings = scene, settings
+        self.deadline = time.monotonic() + settings.time_limit
+        self.on_device = _to_device(scene)
+        self.rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
+        self.start = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.start_joints])
+        self.goal = np.concatenate([scene.goal_quaternion, scene.goal_joints])
+        self.extensions = 0
+
+    @property
+    def left(self) -> int:
+        """Extensions that may still be tried."""
+        return self.settings.max_expansions - self.extensions
+
+    def spent(self) -> Status | None:
+        """The limit that is reached, if any."""
+        if self.left <= 0:
+            return Status.NODE_LIMIT
+        return Status.TIME_LIMIT if time.monotonic() >= self.deadline else None
+
+    def draw(self, count: int) -> np.ndarray:
+        """Random states, (count, 4 + 2n), see `samples`."""
+        return draw(self.scene, self.rng, count)
+
+    def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(...) steps between states (..., 4 + 2n)."""
+        turn = 2 * _chord_angle(first[..., :4], second[..., :4])
+        return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
+
+    def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
+        """(k,) places in a tree of the states nearest to k others."""
+        return np.argmin(self.distance(states[:, None], tree.states[: tree.size]), axis=1)
+
+    def reach(
+        self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
+    ) -> np.ndarray:
+        """How far straight motions are clear.
+
+        Args:
+            first: (b, 4 + 2n) where they begin.
+            second: (b, 4 + 2n) where they end.
+            from_start: (2, b) steps from the start to both ends, for the clearance.
+            from_goal: (2, b) likewise from the goal.
+
+        Returns:
+            (b,) fraction of each motion, a multiple of ``1 / INTERVALS``, up to which it is clear.
+        """
+        clearance = self._clearance(self.distance(first, second), from_start, from_goal)
+        clear = np.empty(len(first))
+        rows = FEW if len(first) <= FEW else MANY
+        padded = [np.tile(self.start, (rows, 1)), np.tile(self.start, (rows, 1)), np.zeros((rows, INTERVALS))]
+        for begin in range(0, len(first), rows):
+            part = slice(begin, min(begin + rows, len(first)))
+            count = part.stop - begin
+            padded[0][:count], padded[1][:count], padded[2][:count] = (
+                first[part],
+                second[part],
+                clearance[part],
+            )
+            clear[part] = np.asarray(_clear_intervals(self.on_device, *padded, True))[:count]
+        return clear / INTERVALS
+
+    def _clearance(
+        self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray, intervals: int = INTERVALS
+    ) -> np.ndarray:
+        """Clearance wanted on each interval, (b, intervals) rad."""
+        fraction = np.arange(intervals + 1) / intervals
+        along, back = length[:, None] * fraction, length[:, None] * (1 - fraction)
+        ways = [
+            np.minimum(ends[0][:, None] + along, ends[1][:, None] + back) for ends in (from_start, from_goal)
+        ]
+        steps = np.minimum(*ways)
+        lowest = np.minimum(steps[:, :-1], steps[:, 1:])
+        return self.settings.clearance * np.minimum(lowest / TAPER_STEPS, 1.0)
+
+    def straight(self) -> SearchResult | None:
+        """The answer where the straight motion from start to goal is clear, or they are the same."""
+        length = self.distance(self.start[None], self.goal[None])
+        corners = np.stack([self.start, self.goal])
+        if length[0] <= ARRIVED:
+            return self.found(corners[:1])
+        root = np.concatenate([self.start[:4], self.scene.goal_coordinates, self.scene.start_joints])
+        nothing = np.zeros(1)
+        ends = np.stack([nothing, length]), np.stack([length, nothing])
+        clearance = self._clearance(length, *ends, STRAIGHT_INTERVALS)[0]
+        clear = np.all(straight_slacks(self.on_device, root, clearance) >= 0)
+        return self.found(corners) if clear else None
+
+    def found(self, corners: np.ndarray) -> SearchResult:
+        """The answer OK with the path along corners (k, 4 + 2n), shortened."""
+        count = len(corners)
+        since = np.tile(self.start[:4], (max(MANY, zones.capacity(count)), 1))
+        since[:count] = corners[:, :4]
+        attitudes = np.array(_attitudes(self.on_device, since))[:count]
+        joints = corners[:, 4:].copy()
+        attitudes[0], joints[0] = self.scene.start_attitude, self.scene.start_joints  # to the last bit
+        if count > 1:
+            attitudes[-1], joints[-1] = self.scene.goal_attitude, self.scene.goal_joints
+        path = subdivide(self.scene, attitudes, joints)
+        return self.result(Status.OK, shorten(self.scene, self.settings, path) if count > 2 else path)
+
+    def result(self, status: Status, path: Path | None = None) -> SearchResult:
+        """The answer."""
+        return SearchResult(
+            status=status, path=path, expansions=self.extensions, queue_expansions=(self.extensions,)
+        )

@@ -1,0 +1,49 @@
+"""Weighted A*: what the paper's Table 4 compares with.
+
+The paper says of it no more than its name and that steps, time and expansions are limited alike. So it is the
+printed planner without what makes that one multi-heuristic: the moves of equations (9) and (10), the cost
+(16), nodes checked and edges not, one queue keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
+admissible and consistent for the cost (16). A path found costs at most ``w1`` times the cheapest in the
+graph of the moves that were drawn.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.scenario.model import SearchSettings
+from jaxplan.search import mha_paper
+from jaxplan.search.fields import Fields
+from jaxplan.search.kernels import Expansion
+from jaxplan.search.multi_heuristic import Rules, run
+from jaxplan.search.problem import Scene, SearchResult
+
+
+def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+    """Search a path with weighted A*.
+
+    Args:
+        scene: the problem.
+        settings: see `SearchSettings`; the clearance and the anchor's weight are not used.
+
+    Returns:
+        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+    """
+    # an anchor, and one queue that is its equal and so is always followed
+    rules = Rules(
+        propose=mha_paper.propose,
+        price=price,
+        edges=False,
+        shared=True,
+        direct=False,
+        queues=2,
+        informed=False,
+    )
+    result = run(scene, settings, rules)
+    return replace(result, queue_expansions=(result.expansions,))
+
+
+def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) by equation (16) and ``h_0`` (2, A, M) by equation (15), rad."""
+    costs, heuristics = mha_paper.price(scene, expansion, fields)
+    return costs, heuristics[[0, 0]]
