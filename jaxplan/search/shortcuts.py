@@ -17,7 +17,7 @@ from jaxplan.search.kernels import interval_slacks
 from jaxplan.search.motions import sight_between
 from jaxplan.search.multi_heuristic import TAPER_STEPS
 from jaxplan.search.problem import Scene
-from jaxplan.search.tree import steps_between, subdivide
+from jaxplan.search.tree import make_root, steps_between, subdivide
 
 POINTS = 18
 ROUNDS = 4
@@ -49,8 +49,10 @@ def shorten(scene: Scene, settings: SearchSettings, path: Path) -> Path:
     Returns:
         A path that is not longer; the same one if no shortcut is clear.
     """
-    best = path
+    best, shortest = path, make_root(scene).ahead * (1 + 1e-9)
     for round_ in range(ROUNDS):
+        if best.length <= shortest:  # than the straight motion nothing is shorter
+            break
         attitudes, joints, places = _spread(best, 0.5 * (round_ % 2))
         length = (places[_LAST] - places[_FIRST])[:, None]
         since = places[_FIRST, None] + _FRACTION[:-1] * length
