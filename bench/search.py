@@ -21,6 +21,7 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
 from jaxplan.search.fields import distance_fields
 from jaxplan.search.kernels import expand
+from jaxplan.search.lockstep import alone
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS
 from jaxplan.search.multi_heuristic import Rules, _Search
 from jaxplan.search.tree import make_root
@@ -46,12 +47,11 @@ def expansion_times(repeats: int) -> None:
         clearance = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         fields = distance_fields(scene).table
         arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance, fields)
-        device = jax.device_put(scene)
         empty = jax.jit(lambda scene, packed, *rest: packed[:3] + rest[0].sum())
         print(f"children an expansion          {len(moves.turns) * len(moves.choice):10d}")
-        nothing = median_us(lambda: np.asarray(empty(device, *arguments)), repeats)
+        nothing = median_us(lambda: np.asarray(empty(scene.on_device, *arguments)), repeats)
         print(f"an empty jitted call           {nothing:10.0f} us")
-        kernel = median_us(lambda: expand(device, *arguments, edges=True), repeats)
+        kernel = median_us(lambda: alone(scene, expand(*arguments, edges=True)), repeats)
         print(f"the expansion kernel           {kernel:10.0f} us")
         whole = []
         rules = mha.rules(scene)
@@ -64,7 +64,7 @@ def expansion_times(repeats: int) -> None:
 def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[float]:
     """Seconds of each of 20 expansions: queues, moves, kernel, prices and the new block."""
     search = _Search(scene, settings, rules)
-    search._expand(make_root(scene), 0)
+    alone(scene, search._expand(make_root(scene), 0))
     seconds = []
     for count in range(20):
         queue = 1 + count % 3
@@ -72,7 +72,7 @@ def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[
         search.queues[queue].min_key()
         node = search._next(queue)
         if node is not None:
-            search._expand(node, queue)
+            alone(scene, search._expand(node, queue))
             seconds.append(time.perf_counter() - begin)
     return seconds
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
-import jax
 import numpy as np
 import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
@@ -16,9 +15,11 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import SearchSettings, dump_scenario, parse_scenario
 from jaxplan.scenario.model import SEARCH_METHODS
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
-from jaxplan.search.rrt import INTERVALS, Space, between
+from jaxplan.search.corners import between
+from jaxplan.search.lockstep import alone
+from jaxplan.search.problem import steps_between
+from jaxplan.search.rrt import INTERVALS, Space
 from jaxplan.search.samples import draw
-from jaxplan.search.tree import steps_between
 from jaxplan.status import Status
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -114,9 +115,8 @@ def test_the_same_seed_gives_the_same_path_and_another_seed_another(method):
     assert np.array_equal(first.path.attitudes, again.path.attitudes)
     assert np.array_equal(first.path.joints, again.path.joints)
     assert first.expansions == again.expansions
-    assert first.path.joints.shape != other.path.joints.shape or not np.array_equal(
-        first.path.joints, other.path.joints
-    )
+    # smoothing may well make the same path of what two seeds find
+    assert first.expansions != other.expansions or not np.array_equal(first.path.joints, other.path.joints)
 
 
 def enclosed_scene() -> Scene:
@@ -227,12 +227,11 @@ def test_between_agrees_with_scipy_for_turns_of_any_size():
 def test_reach_is_sound_and_goes_as_far_as_the_motion_is_clear():
     scene, settings = random_scene("hard_keep_in", 0)
     wanted = settings.clearance
-    with jax.enable_x64(True):
-        space = Space(scene, settings)
-        first, second = np.tile(space.start, (40, 1)), space.draw(40)
-        far = np.full((2, 40), 1e3)
-        near = np.stack([np.zeros(40), np.full(40, 1e3)])
-        reached, tapered = space.reach(first, second, far, far), space.reach(first, second, near, far)
+    space = Space(scene, settings)
+    first, second = np.tile(space.start, (40, 1)), space.draw(40)
+    far = np.full((2, 40), 1e3)
+    near = np.stack([np.zeros(40), np.full(40, 1e3)])
+    reached, tapered = (alone(scene, space.reach(first, second, ends, far)) for ends in (far, near))
     assert np.all(reached * INTERVALS == np.rint(reached * INTERVALS))
     assert np.all(tapered >= reached)
     for state, full, with_taper in zip(second, reached, tapered, strict=True):

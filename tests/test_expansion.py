@@ -7,9 +7,10 @@ from scipy.spatial.transform import Rotation
 from jaxplan.search import mha, mha_paper
 from jaxplan.search.fields import SIZE, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
+from jaxplan.search.lockstep import alone
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
-from jaxplan.search.problem import Scene
-from jaxplan.search.tree import Moves, Node, chosen, make_root, steps_between
+from jaxplan.search.problem import Scene, steps_between
+from jaxplan.search.tree import Moves, Node, chosen, make_root
 from jaxplan.zones import KeepIn, KeepOut
 
 CLEARANCE = np.deg2rad(0.5)
@@ -64,8 +65,8 @@ def expansion(scene: Scene, rules, clearance: float, edges: bool, seed: int = 0)
     moves = rules.propose(scene, node, np.random.default_rng(seed), settings, LAST_SCALE)
     wanted = np.full(EDGE_INTERVALS + ONWARD_INTERVALS, clearance)
     table = no_fields(scene).table
-    answer = expand(scene, node.packed, moves.turns, moves.options, moves.choice, wanted, table, edges=edges)
-    return node, moves, answer
+    tried = (moves.turns, moves.options, moves.choice)
+    return node, moves, alone(scene, expand(node.packed, *tried, wanted, table, edges=edges))
 
 
 def ends_of(scene: Scene, expansion: Expansion) -> Rotation:
@@ -117,8 +118,7 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
 def test_slack_of_the_straight_motion_is_sound_and_sharp_on_each_interval(name):
     scene = SCENES[name]()
     root = make_root(scene)
-    with jax.enable_x64(True):
-        straight = straight_slacks(scene, root.packed, np.full(STRAIGHT_INTERVALS, CLEARANCE))
+    straight = alone(scene, straight_slacks(root.packed, np.full(STRAIGHT_INTERVALS, CLEARANCE)))
     along = edge_states(
         scene.start_attitude,
         root.joints,
@@ -202,9 +202,8 @@ def test_fields_lead_around_zones():
     node = make_root(scene)
     moves = mha.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
-    found = expand(
-        scene, node.packed, moves.turns, moves.options, moves.choice, wanted, fields.table, edges=True
-    )
+    tried = (moves.turns, moves.options, moves.choice)
+    found = alone(scene, expand(node.packed, *tried, wanted, fields.table, edges=True))
     joints = node.joints + chosen(moves.options[0], moves.choice)
     goal = boresights(scene, scene.goal_attitude[None], scene.goal_joints[None])[0, 0]
     for row, attitude in zip(found.fields[0], ends_of(scene, found).as_matrix(), strict=True):

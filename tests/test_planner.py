@@ -302,13 +302,13 @@ def test_an_instrument_keeps_the_platform_from_the_nearest_goal():
 
 
 def test_a_search_without_success_names_the_setting_to_change_and_the_zone_in_the_way():
-    scenario = with_search(jp.random_scenario(6, "hard_keep_out"), max_expansions=1)
+    scenario = with_search(jp.random_scenario(10, "hard_keep_out"), max_expansions=1)
     plan = jp.plan(scenario, throw=False)
     assert plan.status is jp.Status.NODE_LIMIT
     assert "search.max_expansions" in plan.message
     assert any(zone.name in plan.message for zone in scenario.keep_out)
     assert plan.trajectory is None
-    late = jp.plan(with_search(jp.random_scenario(6, "hard_keep_out"), time_limit=0.0), throw=False)
+    late = jp.plan(with_search(jp.random_scenario(10, "hard_keep_out"), time_limit=0.0), throw=False)
     assert late.status is jp.Status.TIME_LIMIT
     assert "search.time_limit_s" in late.message
 

@@ -65,6 +65,7 @@ INTEGERS = {
     "schema_version",
     "search.attitude_moves",
     "search.max_expansions",
+    "search.improvements",
     "search.max_goals",
     "search.seed",
 }
@@ -126,6 +127,7 @@ search.max_expansions = 0: must be at least 1
 search.time_limit_s = 0: must be greater than 0
 search.time_limit_s = "none": must be a number in (0, inf) or "off"
 search.max_goals = 101: must lie in [1, 100]
+search.improvements = -1: must lie in [0, 10000]
 search.seed = -1: must be at least 0
 search.seed = true: must be an integer in [0, inf)
 trajectory.method = "spline": must be "paper"

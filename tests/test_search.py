@@ -5,10 +5,11 @@ import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
 from scipy.spatial.transform import Rotation
 
-from jaxplan.cases import paper_case
+from jaxplan.cases import paper_case, random_scenario
 from jaxplan.path import Goal
+from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, Scene, SearchResult
-from jaxplan.search.tree import steps_between
+from jaxplan.search.problem import steps_between
 from jaxplan.status import Status
 from jaxplan.zones import KeepOut
 
@@ -96,10 +97,11 @@ def test_edges_keep_the_wanted_clearance_away_from_start_and_goal():
 
 def test_the_same_seed_gives_the_same_path_and_another_seed_another():
     scene = published_scene(3)
-    first, again, other = (solve(scene, 3, "mha", seed=seed) for seed in (4, 4, 5))
-    assert np.array_equal(first.path.attitudes, again.path.attitudes)
-    assert np.array_equal(first.path.joints, again.path.joints)
-    assert first.queue_expansions == again.queue_expansions
+    for method in ("mha", "mha-paper"):
+        first, again, other = (solve(scene, 3, method, seed=seed) for seed in (4, 4, 5))
+        assert np.array_equal(first.path.attitudes, again.path.attitudes)
+        assert np.array_equal(first.path.joints, again.path.joints)
+        assert first.queue_expansions == again.queue_expansions
     assert first.path.joints.shape != other.path.joints.shape or not np.array_equal(
         first.path.joints, other.path.joints
     )
@@ -160,6 +162,27 @@ def enclosed_scene() -> Scene:
     ]
     zones = tuple(KeepOut(name=f"Z{i}", direction=v, half_angle=0.35) for i, v in enumerate(ring))
     return scene_of(make_scenario(0, 1, keep_out=zones, turn=(1.9, 1.9, 0.0)))
+
+
+def test_further_searches_shorten_the_path_and_stay_within_the_effort():
+    shorter = 0
+    for seed in (3, 10, 15, 17, 19):  # scenes whose straight motion cannot be bent clear
+        scenario = random_scenario(seed, "hard_keep_out")
+        start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
+        scene = scene_of(scenario, find_goals(scenario, start)[0])
+        once = PLANNERS["mha"](scene, scenario.search)
+        most = once.expansions + 20
+        settings = replace(scenario.search, improvements=50, max_expansions=most)
+        more, again = (PLANNERS["mha"](scene, settings) for _ in range(2))
+        assert once.expansions <= more.expansions <= most
+        assert sum(more.queue_expansions) == more.expansions
+        assert more.path.length <= once.path.length
+        assert np.all(edge_margins(scene, more, 21) >= 0)
+        assert np.array_equal(more.path.joints, again.path.joints)
+        shorter += more.path.length < once.path.length - 1e-6
+    assert shorter >= 1
+    spent = PLANNERS["mha"](scene, replace(scenario.search, improvements=50, time_limit=1e-9))
+    assert spent.path is None or spent.expansions <= 2, "no time is left for another"
 
 
 def test_a_search_that_cannot_succeed_ends_at_its_limits():

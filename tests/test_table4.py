@@ -6,7 +6,7 @@ from scenes import edge_states, make_scenario, sampled_margin, scene_of
 
 from jaxplan import table4
 from jaxplan.path import Path
-from jaxplan.search.tree import make_path
+from jaxplan.search.corners import make_path
 from jaxplan.zones import KeepOut
 
 

@@ -20,7 +20,7 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario
-from jaxplan.search import PLANNERS, SearchResult, find_barrier, make_scene
+from jaxplan.search import PLANNERS, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import METHODS
 
@@ -117,7 +117,7 @@ def _attempts(scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: "_Clo
             settings = replace(
                 scenario.search,
                 clearance=factor * scenario.search.clearance,
-                seed=_derived_seed(scenario.search.seed, len(found)),
+                seed=derived_seed(scenario.search.seed, len(found)) if found else scenario.search.seed,
                 time_limit=clock.left(),
             )
             with clock.step("search"):
@@ -135,13 +135,6 @@ def _attempts(scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: "_Clo
         for _ in range(halvings):
             path = halve(path)
         yield _finish(replace(failed, path=path), path, clock)
-
-
-def _derived_seed(seed: int, attempt: int) -> int:
-    """The seed itself for the first attempt, an independent one for each later."""
-    if attempt == 0:
-        return seed
-    return int(np.random.SeedSequence(seed, spawn_key=(attempt,)).generate_state(1)[0])
 
 
 def _finish(so_far: Plan, path: Path, clock: "_Clock") -> Plan:

@@ -100,6 +100,7 @@ SEARCH = Table(
             "time_limit_s", Number(Interval("(0, inf)"), words={"off": math.inf}), "time_limit", "likewise"
         ),
         Field("max_goals", Integer(Interval("[1, 100]")), "max_goals", "goals of step 1 that may be tried"),
+        Field("improvements", Integer(Interval("[0, 10000]")), "improvements", "searches for shorter paths"),
         Field("seed", Integer(Interval("[0, inf)")), "seed", "of every random choice"),
     ),
 )

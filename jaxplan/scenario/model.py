@@ -92,6 +92,8 @@ class SearchSettings:
         max_expansions: gives up after as many.
         time_limit: s, infinite for none ("off" in files).
         max_goals: how many distinct goals of step 1 may be tried.
+        improvements: how many further searches may look for a shorter path once one is found, while
+            expansions and time are left; only `mha` makes them.
         seed: of every random choice.
     """
 
@@ -106,6 +108,7 @@ class SearchSettings:
     max_expansions: int = _static(default=2000)
     time_limit: float = _static(default=60.0)
     max_goals: int = _static(default=3)
+    improvements: int = _static(default=0)
     seed: int = _static(default=0)
 
 

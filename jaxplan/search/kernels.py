@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import quaternion, zones
 from jaxplan.search.fields import look_up
+from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import (
     EDGE_INTERVALS,
     STRAIGHT_INTERVALS,
@@ -127,7 +128,6 @@ def _rows(wanted: tuple[Array, Array], rows: slice) -> tuple[Array, Array]:
     return wanted[0][rows], wanted[1][rows]
 
 
-@partial(jax.jit, static_argnames="edges")
 def _expand(
     scene: Scene,
     node: Array,
@@ -164,8 +164,10 @@ def _expand(
     return jnp.concatenate([jnp.ravel(made.places), *(number.ravel() for number in numbers)])
 
 
+_EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False, True)}
+
+
 def expand(
-    scene: Scene,
     node: np.ndarray,
     turns: np.ndarray,
     options: np.ndarray,
@@ -174,11 +176,10 @@ def expand(
     fields: np.ndarray,
     *,
     edges: bool,
-) -> Expansion:
-    """All children of a node, and whether the straight motion from each to the goal is clear.
+) -> Steps[Expansion]:
+    """Ask for all children of a node, and whether the straight motion from each to the goal is clear.
 
     Args:
-        scene: the problem.
         node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
             axes (3), joints.
         turns: (A, 3) rotation vectors of the attitude moves, body axes.
@@ -189,7 +190,7 @@ def expand(
         fields: (D, SIZE, SIZE) of `jaxplan.search.fields`; zeros where there are none.
         edges: whether zones hold over the whole edge, and the motion onward counts; or at nodes alone.
     """
-    packed = np.asarray(_expand(scene, node, turns, options, choice, clearance, fields, True, edges=edges))
+    packed = yield Call(_EXPANSIONS[edges], (node, turns, options, choice, clearance, fields))
     first = len(turns) * PLACE_COLUMNS
     numbers = packed[first:].reshape(-1, len(turns), len(choice))
     last = 2 + HEURISTICS
@@ -221,7 +222,7 @@ def interval_slacks(scene: Scene, sight: Sight, clearance: Array) -> Array:
     return total
 
 
-@jax.jit
+@Kernel
 def _straight_slacks(scene: Scene, node: Array, clearance: Array, gate: Array) -> Array:
     since, turn, joints = node[None, :4], node[None, 4:7], node[None, 7:]
     ends = jnp.asarray(scene.goal_joints)[None]
@@ -229,15 +230,14 @@ def _straight_slacks(scene: Scene, node: Array, clearance: Array, gate: Array) -
     return interval_slacks(scene, sight, clearance[None])[0]
 
 
-def straight_slacks(scene: Scene, node: np.ndarray, clearance: np.ndarray) -> np.ndarray:
-    """Smallest slack on each interval of the straight motion from a node to the goal.
+def straight_slacks(node: np.ndarray, clearance: np.ndarray) -> Steps[np.ndarray]:
+    """Ask for the smallest slack on each interval of the straight motion from a node to the goal.
 
     Args:
-        scene: the problem.
         node: (7 + 2n,) as for `expand`.
         clearance: (STRAIGHT_INTERVALS,) rad wanted.
 
     Returns:
         (STRAIGHT_INTERVALS,), +inf without zones.
     """
-    return np.asarray(_straight_slacks(scene, node, clearance, True))
+    return (yield Call(_straight_slacks, (node, clearance)))

@@ -1,11 +1,14 @@
 """The default planner: multi-heuristic A* with an expansion that can leave the goal's values again.
 
-The straight motion to the goal is tried first, and again from every child (analytic expansion), so an
-expansion that comes near the goal's side of the obstacles ends the search. Attitude moves: toward the
+The straight motion to the goal is tried first, and then what an elastic band makes of it (`smoothing`): that
+is near the shortest, and often all that is needed. Else the search begins. The straight motion is tried again
+from every child (analytic expansion), so an expansion that comes near the goal's side of the obstacles ends
+the search. Attitude moves: toward the
 goal, stay, and random directions; each joint goes toward its goal, stays or goes away, of which a sample
 of combinations is tried. The joints of a terminal that a keep-in zone holds follow the zone instead of
 staying. Moves are `SCALES` steps long in turn, and clipped at goal and limits, not dropped. All edges are
-checked whole, and the path is smoothed at the end.
+checked whole, and the path is smoothed at the end (`smoothing`). If it is asked for, the search is then run
+again with other random moves, for paths that pass the zones on other sides, and the shortest path is kept.
 
 The cost of a move is the steps it takes, the largest over platform and joints, so the cost of the straight
 motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality: it is the
@@ -19,30 +22,40 @@ exploration queue.
 """
 
 import math
+import time
 from dataclasses import replace
 from functools import partial
 from itertools import product
 
-import jax
 import numpy as np
 
+from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search import multi_heuristic
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.multi_heuristic import Rules, run
-from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.shortcuts import shorten
+from jaxplan.search.lockstep import Steps
+from jaxplan.search.multi_heuristic import Rules
+from jaxplan.search.problem import Scene, SearchResult, derived_seed
+from jaxplan.search.smoothing import bend_straight, smooth
 from jaxplan.search.tree import Moves, Node, make_root, unrotated
+from jaxplan.status import Status
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).
 SCALES = (8.0, 4.0, 8.0, 2.0)
 # Steps that moves away from the goal keep from the joint limits: a trajectory swings past its nodes.
 JOINT_RESERVE = 0.2
+# No improvement is looked for of a path within this factor of the straight motion's length.
+SHORT_ENOUGH = 1.001
+# A bent straight motion within this factor of its length is taken without a search.
+BENT_ENOUGH = 1.05
+# The anchor, the three heuristics of equation (15), and two that see the zones.
+QUEUES = 6
 _TOWARD, _STAY, _AWAY = 0, 1, 2
 
 
-def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """Search a path with the default planner.
 
     Args:
@@ -52,23 +65,59 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
     Returns:
         OK with a path whose every edge is clear, or why there is none.
     """
-    result = run(scene, settings, rules(scene))
-    if result.path is None or result.expansions == 0:  # nothing is shorter than the straight motion
-        return result
-    with jax.enable_x64(True):
-        return replace(result, path=shorten(scene, settings, result.path))
+    begin = time.monotonic()
+    straight = yield from multi_heuristic.try_straight(scene, settings)
+    if straight is not None:
+        return _without_expansion(straight)
+    shortest = make_root(scene).ahead
+    bent = yield from bend_straight(scene, settings)
+    enough = (SHORT_ENOUGH if settings.improvements else BENT_ENOUGH) * shortest
+    if bent is not None and bent.length <= enough and np.all(bent.slacks >= 0):
+        return _without_expansion(bent.path(scene))
+    best = yield from multi_heuristic.search(scene, settings, rules(scene))
+    if best.path is not None:
+        best = replace(best, path=(yield from smooth(scene, settings, best.path, bent)))
+    for attempt in range(1, settings.improvements + 1):
+        left = settings.time_limit - (time.monotonic() - begin)
+        spare = settings.max_expansions - best.expansions
+        if best.path is None or best.path.length <= SHORT_ENOUGH * shortest or spare <= 0 or left <= 0:
+            break
+        seed = derived_seed(settings.seed, 0, attempt)
+        effort = replace(settings, seed=seed, max_expansions=spare, time_limit=left)
+        again = yield from multi_heuristic.search(scene, effort, rules(scene))
+        best = yield from _better(scene, settings, best, again)
+    return best
+
+
+def _without_expansion(path: Path) -> SearchResult:
+    return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * QUEUES)
+
+
+def _better(
+    scene: Scene, settings: SearchSettings, best: SearchResult, again: SearchResult
+) -> Steps[SearchResult]:
+    """The shorter path of two searches, the second of which is smoothed here, and the effort of both."""
+    path = best.path
+    if again.path is not None and path is not None:
+        smoothed = yield from smooth(scene, settings, again.path)
+        path = smoothed if smoothed.length < path.length else path
+    return replace(
+        best,
+        path=path,
+        expansions=best.expansions + again.expansions,
+        queue_expansions=tuple(np.add(best.queue_expansions, again.queue_expansions).tolist()),
+    )
 
 
 def rules(scene: Scene) -> Rules:
     """How the default planner proposes and prices children."""
-    scale = _scale_to_anchor(scene)
     return Rules(
         propose=propose,
-        price=partial(price, scale=scale),
+        price=partial(price, scale=_scale_to_anchor(scene)),
         edges=True,
         shared=True,
         direct=True,
-        queues=1 + len(scale) + 2,
+        queues=QUEUES,
         informed=True,
     )
 
@@ -104,7 +153,7 @@ def propose(
     choice = _joint_moves(scene, rng)
     if not len(held):
         return Moves(turns, options[None], choice)
-    every = np.tile(options, (len(turns), 1, 1))
+    every = np.repeat(options[None], len(turns), axis=0)
     every[:, _STAY] = _following(scene, node, turns, held, bound)
     return Moves(turns, every, choice)
 
@@ -114,15 +163,14 @@ def _following(
 ) -> np.ndarray:
     """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
     now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
-    angle = np.sqrt(np.sum(turns * turns, axis=1))[:, None]
-    axis = (turns / np.where(angle > 0, angle, 1))[:, None, :]
-    along = np.sum(axis * now, axis=-1, keepdims=True) * axis
-    cosine, sine = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
-    x, y, z = np.moveaxis(along + (now - along) * cosine - np.cross(axis, now) * sine, -1, 0)
+    half = np.sqrt(np.sum(turns * turns, axis=1))[:, None] / 2
+    turned = np.concatenate([np.cos(half), turns * (np.sinc(half / np.pi) / 2)], axis=1)
+    seen = unrotated(turned, now)
+    x, y, z = seen[:, :, 0], seen[:, :, 1], seen[:, :, 2]
     yaw = np.arctan2(y, x) - scene.mounts[held]
     yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
     pitch = np.arctan2(z, np.hypot(x, y))
-    joints = np.tile(node.joints, (len(turns), 1))
+    joints = np.repeat(node.joints[None], len(turns), axis=0)
     joints[:, held], joints[:, held + len(scene.mounts)] = yaw, pitch
     return np.maximum(np.minimum(joints, bound), -bound) - node.joints
 

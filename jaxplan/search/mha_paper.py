@@ -13,9 +13,11 @@ from itertools import product
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search import multi_heuristic
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.multi_heuristic import Rules, run
+from jaxplan.search.lockstep import Steps
+from jaxplan.search.multi_heuristic import Rules
 from jaxplan.search.problem import Scene, SearchResult
 from jaxplan.search.tree import Moves, Node, chosen, unrotated
 
@@ -24,7 +26,7 @@ JOINT_MOVES = 64
 _UP, _STAY, _DOWN = 0, 1, 2
 
 
-def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """Search a path with the printed method.
 
     Args:
@@ -37,7 +39,7 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
     rules = Rules(
         propose=propose, price=price, edges=False, shared=False, direct=False, queues=3, informed=False
     )
-    return run(scene, settings, rules)
+    return multi_heuristic.search(scene, settings, rules)
 
 
 def propose(

@@ -12,23 +12,22 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.corners import ARRIVED
 from jaxplan.search.fields import Fields, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
+from jaxplan.search.lockstep import Steps
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
-from jaxplan.search.tree import ARRIVED, Children, Moves, Node, make_root, trace
+from jaxplan.search.tree import Children, Moves, Node, make_root, trace
 from jaxplan.status import Status
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
-# A way this much longer than the straight motion is worth a few second looks from the start.
-LONG, SECOND_LOOKS = 1.1, 3
 # Every so many turns the exploration queue has its own.
 EXPLORE_EVERY = 6
 
@@ -47,7 +46,7 @@ class Rules:
             anchor's first.
         edges: whether zones hold along edges, or at nodes alone.
         shared: whether the queues share their nodes.
-        direct: whether the straight motion to the goal is tried, from the start and from every child.
+        direct: whether the straight motion from every child to the goal is tried.
         queues: number of queues, the anchor included.
         informed: whether distance fields are computed once the first expansion has not arrived, and
             every few turns any child is expanded, whatever its key.
@@ -62,7 +61,17 @@ class Rules:
     informed: bool
 
 
-def run(scene: Scene, settings: SearchSettings, rules: Rules) -> SearchResult:
+def try_straight(scene: Scene, settings: SearchSettings) -> Steps[Path | None]:
+    """The path straight to the goal, if it is as clear as wanted; one node if start and goal are the same."""
+    root = make_root(scene)
+    if root.ahead > ARRIVED:
+        slacks = yield from straight_slacks(root.packed, _taper(settings, root, _STRAIGHT, root.ahead))
+        if not np.all(slacks >= 0):
+            return None
+    return trace(scene, root)
+
+
+def search(scene: Scene, settings: SearchSettings, rules: Rules) -> Steps[SearchResult]:
     """Search a path from the scene's start to its goal.
 
     Args:
@@ -73,11 +82,7 @@ def run(scene: Scene, settings: SearchSettings, rules: Rules) -> SearchResult:
     Returns:
         OK with the path, or NODE_LIMIT or TIME_LIMIT without.
     """
-    with jax.enable_x64(True):
-        return _Search(scene, settings, rules).run()
-
-
-_to_device = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
+    return _Search(scene, settings, rules).run()
 
 
 class _Search:
@@ -85,7 +90,6 @@ class _Search:
 
     def __init__(self, scene: Scene, settings: SearchSettings, rules: Rules) -> None:
         self.scene, self.settings, self.rules = scene, settings, rules
-        self.on_device = _to_device(scene)
         self.rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
         self.queues = [LazyQueue(row) for row in range(rules.queues)]
         self.best_costs: list[dict[bytes, float]] = [{} for _ in self.queues]
@@ -96,21 +100,17 @@ class _Search:
         self.goal_cost = float("inf")
         self.arrival: Node | None = None
 
-    def run(self) -> SearchResult:
+    def run(self) -> Steps[SearchResult]:
         """Expand until the goal is reached or the effort is spent."""
         deadline = time.monotonic() + self.settings.time_limit
         root = make_root(self.scene)
         if root.ahead <= ARRIVED:
             return self._result(Status.OK, trace(self.scene, root))
-        if self.rules.direct and np.all(
-            straight_slacks(self.on_device, root.packed, self._taper(root, _STRAIGHT, root.ahead)) >= 0
-        ):
-            return self._result(Status.OK, trace(self.scene, root))
         for queue in range(1 if self.rules.shared else len(self.queues)):
-            self._expand(root, queue)
+            yield from self._expand(root, queue)
         if self.rules.informed and self.arrival is None:
             self.fields = distance_fields(self.scene)
-            self._expand(root, 0)
+            yield from self._expand(root, 0)
         turn = 0
         while True:
             turn += 1
@@ -118,7 +118,6 @@ class _Search:
             if self.queues[queue].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
                 queue = 0
             if self.arrival is not None and self.goal_cost <= self.queues[queue].min_key():
-                self._improve(root)
                 return self._result(Status.OK, trace(self.scene, self.arrival))
             if sum(self.counts) >= self.settings.max_expansions:
                 return self._result(Status.NODE_LIMIT)
@@ -127,13 +126,7 @@ class _Search:
             explore = self.rules.informed and turn % EXPLORE_EVERY == 0
             node = self._any() if explore else self._next(queue)
             if node is not None:
-                self._expand(node, queue)
-
-    def _improve(self, root: Node) -> None:
-        """Draw other first moves, where the way found is much longer than the straight motion."""
-        for _ in range(SECOND_LOOKS if self.rules.direct else 0):
-            if self.goal_cost > LONG * root.ahead and sum(self.counts) < self.settings.max_expansions:
-                self._expand(root, 0)
+                yield from self._expand(node, queue)
 
     def _result(self, status: Status, path: Path | None = None) -> SearchResult:
         counts = tuple(self.counts)
@@ -160,11 +153,10 @@ class _Search:
         best[state] = node.cost
         return node
 
-    def _expand(self, node: Node, queue: int) -> None:
+    def _expand(self, node: Node, queue: int) -> Steps[None]:
         """Make a node's children and push those that keep clear."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
-        expansion = expand(
-            self.on_device,
+        expansion = yield from expand(
             node.packed,
             moves.turns,
             moves.options,
@@ -204,19 +196,21 @@ class _Search:
             return np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         # the longest move stands for all, and the node's own way to the goal for its children's
         longest = np.sqrt(np.max(np.sum(moves.turns * moves.turns, axis=1))) / self.scene.attitude_step
-        onward = self._taper(node, _ONWARD, max(node.ahead - longest, 0.0))
-        return np.concatenate([self._taper(node, _EDGE, longest), onward])
+        onward = _taper(self.settings, node, _ONWARD, max(node.ahead - longest, 0.0))
+        return np.concatenate([_taper(self.settings, node, _EDGE, longest), onward])
 
-    def _taper(self, node: Node, fraction: np.ndarray, length: float) -> np.ndarray:
-        """Clearance wanted between fractions of a straight way from a node, rad; none at start and goal.
 
-        Args:
-            node: where the way begins.
-            fraction: (k + 1,) ends of the intervals.
-            length: steps of the whole way.
+def _taper(settings: SearchSettings, node: Node, fraction: np.ndarray, length: float) -> np.ndarray:
+    """Clearance wanted between fractions of a straight way from a node, rad; none at start and goal.
 
-        Returns:
-            (k,).
-        """
-        steps = np.minimum(node.cost + fraction[:-1] * length, node.ahead - fraction[1:] * length)
-        return self.settings.clearance * np.maximum(np.minimum(steps / TAPER_STEPS, 1), 0)
+    Args:
+        settings: gives the clearance wanted elsewhere.
+        node: where the way begins.
+        fraction: (k + 1,) ends of the intervals.
+        length: steps of the whole way.
+
+    Returns:
+        (k,).
+    """
+    steps = np.minimum(node.cost + fraction[:-1] * length, node.ahead - fraction[1:] * length)
+    return settings.clearance * np.maximum(np.minimum(steps / TAPER_STEPS, 1), 0)

@@ -13,21 +13,21 @@ at least the straight distance, which then counts.
 
 import time
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan import quaternion, zones
+from jaxplan import quaternion
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search.kernels import interval_slacks, straight_slacks
-from jaxplan.search.motions import STRAIGHT_INTERVALS, sight_between
-from jaxplan.search.multi_heuristic import TAPER_STEPS
-from jaxplan.search.problem import Scene, SearchResult
+from jaxplan.search.corners import half_turn, subdivide
+from jaxplan.search.kernels import interval_slacks
+from jaxplan.search.lockstep import Call, Kernel, Steps
+from jaxplan.search.motions import sight_between
+from jaxplan.search.multi_heuristic import TAPER_STEPS, try_straight
+from jaxplan.search.problem import Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
-from jaxplan.search.shortcuts import shorten
-from jaxplan.search.tree import ARRIVED, steps_between, subdivide
+from jaxplan.search.smoothing import smooth
 from jaxplan.status import Status
 
 INTERVALS = 32
@@ -39,7 +39,7 @@ LEAST = 0.1
 HALF_TURN = 1e-6
 
 
-@jax.jit
+@Kernel
 def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array, gate: Array) -> Array:
     """(b,) how many intervals are clear at the beginning of straight motions between states (b, 4 + 2n)."""
     turns = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
@@ -47,37 +47,6 @@ def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array
     clear = interval_slacks(scene, sight, clearance) >= 0
     certain = jnp.sum(turns * turns, axis=-1) < (jnp.pi - HALF_TURN) ** 2
     return jnp.sum(jnp.cumprod(clear.at[:, -1].min(certain), axis=-1), axis=-1)
-
-
-@jax.jit
-def _attitudes(scene: Scene, since: Array) -> Array:
-    return jnp.asarray(scene.start_attitude) @ quaternion.to_matrix(since)
-
-
-_to_device = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
-
-
-def between(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """States (k, 4 + 2n) at fractions (k,) of straight motions."""
-    part = fraction[:, None]
-    states = first + part * (second - first)
-    start, end = first[:, :4], second[:, :4]
-    end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0, -end, end)
-    half = _chord_angle(start, end)[:, None]  # of the turn
-    sine = np.sin(half)
-    small = sine < 1e-6  # where a straight line in quaternions is as good
-    divisor = np.where(small, 1.0, sine)
-    weights = [np.where(small, p, np.sin(p * half) / divisor) for p in (1 - part, part)]
-    turned = weights[0] * start + weights[1] * end
-    states[:, :4] = turned / np.sqrt(np.sum(turned * turned, axis=1, keepdims=True))
-    return states
-
-
-def _chord_angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(...) rad between unit quaternions (..., 4) as vectors, which is half the turn, at most pi / 2."""
-    apart, sum_ = first - second, first + second
-    chord = np.minimum(np.sum(apart * apart, axis=-1), np.sum(sum_ * sum_, axis=-1))
-    return 2 * np.arcsin(np.minimum(np.sqrt(chord) / 2, 1.0))
 
 
 class Tree:
@@ -130,7 +99,6 @@ class Space:
     def __init__(self, scene: Scene, settings: SearchSettings) -> None:
         self.scene, self.settings = scene, settings
         self.deadline = time.monotonic() + settings.time_limit
-        self.on_device = _to_device(scene)
         self.rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
         self.start = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.start_joints])
         self.goal = np.concatenate([scene.goal_quaternion, scene.goal_joints])
@@ -153,7 +121,7 @@ class Space:
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """(...) steps between states (..., 4 + 2n)."""
-        turn = 2 * _chord_angle(first[..., :4], second[..., :4])
+        turn = 2 * half_turn(first[..., :4], second[..., :4])
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
@@ -162,7 +130,7 @@ class Space:
 
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
-    ) -> np.ndarray:
+    ) -> Steps[np.ndarray]:
         """How far straight motions are clear.
 
         Args:
@@ -186,14 +154,13 @@ class Space:
                 second[part],
                 clearance[part],
             )
-            clear[part] = np.asarray(_clear_intervals(self.on_device, *padded, True))[:count]
+            answer = yield Call(_clear_intervals, tuple(padded))
+            clear[part] = answer[:count]
         return clear / INTERVALS
 
-    def _clearance(
-        self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray, intervals: int = INTERVALS
-    ) -> np.ndarray:
-        """Clearance wanted on each interval, (b, intervals) rad."""
-        fraction = np.arange(intervals + 1) / intervals
+    def _clearance(self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray) -> np.ndarray:
+        """Clearance wanted on each interval, (b, INTERVALS) rad."""
+        fraction = np.arange(INTERVALS + 1) / INTERVALS
         along, back = length[:, None] * fraction, length[:, None] * (1 - fraction)
         ways = [
             np.minimum(ends[0][:, None] + along, ends[1][:, None] + back) for ends in (from_start, from_goal)
@@ -202,31 +169,16 @@ class Space:
         lowest = np.minimum(steps[:, :-1], steps[:, 1:])
         return self.settings.clearance * np.minimum(lowest / TAPER_STEPS, 1.0)
 
-    def straight(self) -> SearchResult | None:
+    def straight(self) -> Steps[SearchResult | None]:
         """The answer where the straight motion from start to goal is clear, or they are the same."""
-        length = self.distance(self.start[None], self.goal[None])
-        corners = np.stack([self.start, self.goal])
-        if length[0] <= ARRIVED:
-            return self.found(corners[:1])
-        root = np.concatenate([self.start[:4], self.scene.goal_coordinates, self.scene.start_joints])
-        nothing = np.zeros(1)
-        ends = np.stack([nothing, length]), np.stack([length, nothing])
-        clearance = self._clearance(length, *ends, STRAIGHT_INTERVALS)[0]
-        clear = np.all(straight_slacks(self.on_device, root, clearance) >= 0)
-        return self.found(corners) if clear else None
+        path = yield from try_straight(self.scene, self.settings)
+        return None if path is None else self.result(Status.OK, path)
 
-    def found(self, corners: np.ndarray) -> SearchResult:
-        """The answer OK with the path along corners (k, 4 + 2n), shortened."""
-        count = len(corners)
-        since = np.tile(self.start[:4], (max(MANY, zones.capacity(count)), 1))
-        since[:count] = corners[:, :4]
-        attitudes = np.array(_attitudes(self.on_device, since))[:count]
-        joints = corners[:, 4:].copy()
-        attitudes[0], joints[0] = self.scene.start_attitude, self.scene.start_joints  # to the last bit
-        if count > 1:
-            attitudes[-1], joints[-1] = self.scene.goal_attitude, self.scene.goal_joints
-        path = subdivide(self.scene, attitudes, joints)
-        return self.result(Status.OK, shorten(self.scene, self.settings, path) if count > 2 else path)
+    def found(self, corners: np.ndarray) -> Steps[SearchResult]:
+        """The answer OK with the path along corners (k, 4 + 2n), smoothed."""
+        path = subdivide(self.scene, corners)
+        smoothed = yield from smooth(self.scene, self.settings, path)
+        return self.result(Status.OK, smoothed)
 
     def result(self, status: Status, path: Path | None = None) -> SearchResult:
         """The answer."""

@@ -4,17 +4,18 @@ After Kuffner and LaValle (2000), with batches: in each turn one tree grows towa
 each from its nearest node, by at most `RANGE` steps and as far as the motion is clear; then the other tree
 grows towards all its new nodes, as far as it gets, and where it arrives the two ways make a path. Then the
 trees change places. Long motions leave nodes on their way, so that what comes later finds a near one. The
-straight motion from start to goal is tried first, and the path is shortened at the end (`shortcuts`).
+straight motion from start to goal is tried first, and the path is smoothed at the end (`smoothing`).
 
 An expansion is one extension, the attempt of either tree to grow towards one state.
 """
 
-import jax
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.corners import between
+from jaxplan.search.lockstep import Steps
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.rrt import FEW, LEAST, Space, Tree, between
+from jaxplan.search.rrt import FEW, LEAST, Space, Tree
 
 SAMPLES = FEW
 # Steps that a tree grows at most towards a random state.
@@ -23,7 +24,7 @@ RANGE = 10.0
 SPACING = 5.0
 
 
-def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """Search a path with RRT-Connect.
 
     Args:
@@ -33,34 +34,34 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
     Returns:
         OK with a path whose every edge is clear, or why there is none.
     """
-    with jax.enable_x64(True):
-        space = Space(scene, settings)
-        return space.straight() or _connect(space)
+    space = Space(scene, settings)
+    straight = yield from space.straight()
+    return straight or (yield from _connect(space))
 
 
-def _connect(space: Space) -> SearchResult:
+def _connect(space: Space) -> Steps[SearchResult]:
     """Grow the trees until they meet or the effort is spent."""
     trees, side = (Tree(space.start), Tree(space.goal)), 0
     while (limit := space.spent()) is None:
         tree, other = trees[side], trees[1 - side]
-        grown, _ = _grow(space, tree, space.draw(min(SAMPLES, space.left)), RANGE, side)
+        grown, _ = yield from _grow(space, tree, space.draw(min(SAMPLES, space.left)), RANGE, side)
         new = grown[grown >= 0][: space.left]
         if len(new):
-            met, whole = _grow(space, other, tree.states[new], np.inf, 1 - side)
+            met, whole = yield from _grow(space, other, tree.states[new], np.inf, 1 - side)
             if np.any(whole):
                 costs = np.where(whole, tree.costs[new] + other.costs[met], np.inf)
                 best = int(np.argmin(costs))
                 mine = tree.states[tree.branch(int(new[best]))]
                 rest = other.states[other.branch(int(met[best]))][-2::-1]  # what they share is there once
                 corners = np.concatenate([mine, rest])
-                return space.found(corners if side == 0 else corners[::-1])
+                return (yield from space.found(corners if side == 0 else corners[::-1]))
         side = 1 - side
     return space.result(limit)
 
 
 def _grow(
     space: Space, tree: Tree, targets: np.ndarray, longest: float, side: int
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Steps[tuple[np.ndarray, np.ndarray]]:
     """Grow a tree towards states, from the nearest node each, as far as the motion is clear.
 
     Args:
@@ -82,7 +83,7 @@ def _grow(
     end, length = between(begin, targets, part), part * distance
     far_root = space.start if side else space.goal
     ways = [np.stack([costs, costs + length]), space.distance(np.stack([begin, end]), far_root)]
-    clear = space.reach(begin, end, ways[side], ways[1 - side])
+    clear = yield from space.reach(begin, end, ways[side], ways[1 - side])
     whole = (clear == 1) & (part == 1)
     places = np.full(len(targets), -1)
     for i in np.flatnonzero(whole | (clear * length >= LEAST)):

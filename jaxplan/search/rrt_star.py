@@ -8,19 +8,19 @@ motion from the new node to the goal, are checked in one call: a motion is clear
 
 Once there is a path, the search goes on for as many extensions as that took, but at least `IMPROVE`, and only
 towards states that can be on a shorter path (informed RRT*). The straight motion from start to goal is tried
-first, and the path is shortened at the end.
+first, and the path is smoothed at the end.
 
 The clearance wanted of a motion between two nodes is that of the way through the older one. Costs only ever
 become less, and the wanted clearance with them, so that what has been clear remains so.
 """
 
-import jax
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
+from jaxplan.search.corners import ARRIVED, between
+from jaxplan.search.lockstep import Steps
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.rrt import FEW, LEAST, MANY, Space, Tree, between
-from jaxplan.search.tree import ARRIVED
+from jaxplan.search.rrt import FEW, LEAST, MANY, Space, Tree
 
 RANGE = 10.0
 GOAL_BIAS = 0.05
@@ -30,7 +30,7 @@ IMPROVE = 100
 PATIENCE = 20
 
 
-def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """Search a path with RRT*.
 
     Args:
@@ -41,9 +41,9 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
         OK with a path whose every edge is clear, or why there is none; OK, too, where a limit ends
         the search after a path has been found.
     """
-    with jax.enable_x64(True):
-        space = Space(scene, settings)
-        return space.straight() or _Star(space).run()
+    space = Space(scene, settings)
+    straight = yield from space.straight()
+    return straight or (yield from _Star(space).run())
 
 
 class _Star:
@@ -57,11 +57,11 @@ class _Star:
         self.shortest = float(space.distance(space.start, space.goal))
         self.drawn: list[np.ndarray] = []
 
-    def run(self) -> SearchResult:
+    def run(self) -> Steps[SearchResult]:
         """Grow the tree until a limit is reached or the path has been improved long enough."""
         space, enough = self.space, np.inf
         while (limit := space.spent()) is None and space.extensions < enough:
-            place = self._grow(self._target())
+            place = yield from self._grow(self._target())
             if place is not None:
                 costs = self.tree.costs[: self.tree.size] + self.to_goal
                 self.last = int(np.argmin(costs))
@@ -72,7 +72,8 @@ class _Star:
                 break
         if self.best == np.inf and limit is not None:
             return space.result(limit)
-        return space.found(np.concatenate([self.tree.states[self.tree.branch(self.last)], space.goal[None]]))
+        corners = np.concatenate([self.tree.states[self.tree.branch(self.last)], space.goal[None]])
+        return (yield from space.found(corners))
 
     def _target(self) -> np.ndarray:
         """The goal, or a random state that can be on a path shorter than the best one."""
@@ -90,7 +91,7 @@ class _Star:
                 return self.drawn.pop()
         return space.draw(FEW)[-1]
 
-    def _grow(self, target: np.ndarray) -> int | None:
+    def _grow(self, target: np.ndarray) -> Steps[int | None]:
         """Grow towards a state; the place of the new node, None where there was no way."""
         space, tree = self.space, self.tree
         space.extensions += 1
@@ -101,13 +102,13 @@ class _Star:
         end, length = between(begin, target[None], part), part * away[nearest]
         from_start = np.stack([[cost], cost + length])
         from_goal = space.distance(np.stack([begin, end]), space.goal)
-        clear = space.reach(begin, end, from_start, from_goal)
+        clear = yield from space.reach(begin, end, from_start, from_goal)
         if clear[0] * length[0] < LEAST:
             return None
         state = between(begin, end, clear)[0]
-        return self._join(state, nearest, cost + float(clear[0] * length[0]))
+        return (yield from self._join(state, nearest, cost + float(clear[0] * length[0])))
 
-    def _join(self, state: np.ndarray, parent: int, cost: float) -> int:
+    def _join(self, state: np.ndarray, parent: int, cost: float) -> Steps[int]:
         """Add a node under the best parent, and let its neighbours come under it; its place."""
         space, tree = self.space, self.tree
         away = space.distance(tree.states[: tree.size], state)
@@ -119,7 +120,8 @@ class _Star:
         costs, rest = tree.costs[near], float(length[-1])
         from_start = np.stack([[*costs, cost + rest], [*(costs + length[:-1]), cost]])
         from_goal = space.distance(np.stack([first, second]), space.goal)
-        clear = space.reach(first, second, from_start, from_goal) == 1
+        reached = yield from space.reach(first, second, from_start, from_goal)
+        clear = reached == 1
         ways = np.where(clear[:-1], costs + length[:-1], np.inf)
         if len(near) and ways.min() < cost:
             parent, cost = int(near[np.argmin(ways)]), float(ways.min())

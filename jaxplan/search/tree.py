@@ -2,21 +2,12 @@
 
 from dataclasses import dataclass
 
-import jax
 import numpy as np
-from jax import Array
-from numpy.typing import ArrayLike
 
-from jaxplan import quaternion, so3
 from jaxplan.path import Path
+from jaxplan.search.corners import ARRIVED, subdivide
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.problem import Scene
-from jaxplan.zones import capacity
-
-# A node this near to the goal, in steps, is the goal.
-ARRIVED = 1e-9
-# Paths of up to this many nodes share their compiled kernels.
-_ROWS = 32
+from jaxplan.search.problem import Scene, steps_between
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,23 +99,17 @@ def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
     return options[choice, np.arange(options.shape[-1])]
 
 
-def unrotated(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (k, 3) turned by the inverse of a unit quaternion."""
-    scalar, vector = quaternion[0], quaternion[1:]
-    twice = 2 * np.cross(vectors, vector)
-    return vectors + scalar * twice + np.cross(twice, vector)
+# The rows, flattened, are the matrices that take the vector product with e_x, e_y and e_z from the right.
+_PRODUCTS = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], float
+)
 
 
-def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:
-    """Cost of straight motions in steps, `jaxplan.path.step_cost` in numpy.
-
-    Args:
-        scene: gives the steps.
-        rotation: (...) rad.
-        joint_change: (..., 2n) rad.
-    """
-    joint = np.max(np.abs(joint_change) / scene.joint_steps, axis=-1, initial=0.0)
-    return np.maximum(np.asarray(rotation) / scene.attitude_step, joint)
+def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) turned by the inverses of unit quaternions (..., 4): (..., k, 3)."""
+    across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
+    twice = 2 * (vectors @ across)
+    return vectors + quaternions[..., :1, None] * twice + twice @ across
 
 
 def make_root(scene: Scene) -> Node:
@@ -135,85 +120,18 @@ def make_root(scene: Scene) -> Node:
     return Node(packed, 0.0, ahead, None)
 
 
-@jax.jit
-def _attitudes(scene: Scene, since: Array) -> Array:
-    return jax.numpy.asarray(scene.start_attitude) @ quaternion.to_matrix(since)
-
-
-def attitudes(scene: Scene, nodes: list[Node]) -> np.ndarray:
-    """(k, 3, 3) body to inertial, of k nodes."""
-    since = np.tile([1.0, 0.0, 0.0, 0.0], (max(_ROWS, capacity(len(nodes))), 1))
-    since[: len(nodes)] = [node.since for node in nodes]
-    return np.array(_attitudes(scene, since))[: len(nodes)]
-
-
 def trace(scene: Scene, arrival: Node) -> Path:
     """The path from the start through a node's ancestors, and straight on to the goal.
-
-    Every straight motion is cut into equal parts of at most one step.
 
     Args:
         scene: the problem.
         arrival: the node from which the straight motion is clear, or the goal itself.
     """
-    chain: list[Node] = []
+    corners: list[np.ndarray] = []
+    if arrival.ahead > ARRIVED:
+        corners.append(np.concatenate([scene.goal_quaternion, scene.goal_joints]))
     node: Node | None = arrival
     while node is not None:
-        chain.append(node)
+        corners.append(np.concatenate([node.since, node.joints]))
         node = node.parent
-    chain.reverse()
-    nodes = attitudes(scene, chain)
-    nodes[0] = scene.start_attitude  # both ends to the last bit
-    corners = np.array([node.joints for node in chain])
-    if arrival.ahead > ARRIVED:
-        nodes = np.concatenate([nodes, scene.goal_attitude[None]])
-        corners = np.concatenate([corners, scene.goal_joints[None]])
-    elif len(chain) > 1:
-        nodes[-1], corners[-1] = scene.goal_attitude, scene.goal_joints
-    return subdivide(scene, nodes, corners)
-
-
-@jax.jit
-def _between(first: Array, second: Array, fraction: Array) -> Array:
-    return so3.geodesic(first, second, fraction)
-
-
-def subdivide(scene: Scene, corners: np.ndarray, joints: np.ndarray) -> Path:
-    """The path along straight motions between corners, cut into equal parts of at most one step.
-
-    Args:
-        scene: gives the steps.
-        corners: (k + 1, 3, 3) attitudes.
-        joints: (k + 1, 2n) rad.
-    """
-    rough = make_path(scene, corners, joints)
-    parts = np.maximum(np.ceil(rough.edge_costs - ARRIVED).astype(int), 1)
-    if np.all(parts == 1):
-        return rough
-    edge = np.repeat(np.arange(len(parts)), parts)
-    fraction = np.concatenate([np.arange(1, count + 1) / count for count in parts])
-    size = max(_ROWS, capacity(len(edge)))
-    ends = [np.broadcast_to(np.eye(3), (size, 3, 3)).copy() for _ in range(2)]
-    ends[0][: len(edge)], ends[1][: len(edge)] = corners[edge], corners[edge + 1]
-    padded = np.zeros(size)
-    padded[: len(edge)] = fraction
-    new = np.asarray(_between(ends[0], ends[1], padded))[: len(edge)].copy()
-    whole = fraction == 1
-    new[whole] = corners[1:]
-    change = joints[edge + 1] - joints[edge]
-    new_joints = np.where(whole[:, None], joints[edge + 1], joints[edge] + fraction[:, None] * change)
-    return make_path(scene, np.concatenate([corners[:1], new]), np.concatenate([joints[:1], new_joints]))
-
-
-def make_path(scene: Scene, path_attitudes: np.ndarray, joints: np.ndarray) -> Path:
-    """A path with the cost of its edges.
-
-    Args:
-        scene: gives the steps.
-        path_attitudes: (m + 1, 3, 3).
-        joints: (m + 1, 2n) rad.
-    """
-    chord = np.linalg.norm(np.diff(path_attitudes, axis=0), axis=(1, 2))  # 2 sqrt(2) sin(rotation / 2)
-    rotation = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1))
-    costs = steps_between(scene, rotation, np.diff(joints, axis=0))
-    return Path(attitudes=path_attitudes, joints=joints, edge_costs=costs)
+    return subdivide(scene, np.array(corners[::-1]))

@@ -12,14 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search import mha_paper
+from jaxplan.search import mha_paper, multi_heuristic
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.multi_heuristic import Rules, run
+from jaxplan.search.lockstep import Steps
+from jaxplan.search.multi_heuristic import Rules
 from jaxplan.search.problem import Scene, SearchResult
 
 
-def search(scene: Scene, settings: SearchSettings) -> SearchResult:
+def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """Search a path with weighted A*.
 
     Args:
@@ -39,7 +40,7 @@ def search(scene: Scene, settings: SearchSettings) -> SearchResult:
         queues=2,
         informed=False,
     )
-    result = run(scene, settings, rules)
+    result = yield from multi_heuristic.search(scene, settings, rules)
     return replace(result, queue_expansions=(result.expansions,))
 
 

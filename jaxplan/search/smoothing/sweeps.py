@@ -1,0 +1,210 @@
+"""Whole paths as arrays: what their edges cost, nodes evenly along them, and the margins of every edge.
+
+For kernels. Components come first (quaternion or joint), nodes or edges last. Attitudes are unit quaternions
+relative to the start, neighbours of the same sign (`aligned`).
+"""
+
+from functools import reduce
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxplan import quaternion, zones
+from jaxplan.path import direction_curvature, step_cost
+from jaxplan.search.motions import computed_once, dot
+from jaxplan.search.multi_heuristic import TAPER_STEPS
+from jaxplan.search.problem import Scene
+from jaxplan.search.smoothing.components import between, conjugate, in_body, spread, times, unit
+
+_TINY = 1e-12
+
+
+def aligned(quaternions: Array) -> Array:
+    """The same attitudes (4, k), each of the sign that is nearer to the one before."""
+    q = quaternions
+    cosines = jnp.sum(q[:, 1:] * q[:, :-1], axis=0)
+    signs = jnp.cumprod(jnp.where(cosines < 0, -1.0, 1.0))
+    return q * jnp.concatenate([jnp.ones(1), signs])
+
+
+def nodes(scene: Scene, attitudes: Array, joints: Array) -> tuple[Array, Array]:
+    """Nodes (k, 3, 3) and (k, 2n) as this module takes them."""
+    # a product and a sum instead of small matrix products
+    since = jnp.sum(jnp.asarray(scene.start_attitude)[:, :, None] * attitudes[:, :, None, :], axis=1)
+    return aligned(quaternion.from_matrix(since).T), joints.T
+
+
+def rotation(turns: Array) -> Array:
+    """Angles of the rotations (4, ...), rad in [0, pi]."""
+    sine = jnp.sqrt(dot(turns[1:], turns[1:]))
+    return 2 * jnp.arctan2(sine, jnp.abs(turns[0]))
+
+
+def steps(scene: Scene, angles: Array, changes: Array) -> Array:
+    """Cost of motions, (m,), of rotations (m,) and joint changes (2n, m)."""
+    return step_cost(angles, changes.T, scene.attitude_step, scene.joint_steps)
+
+
+def edge_costs(scene: Scene, quaternions: Array, joints: Array) -> tuple[Array, Array]:
+    """Steps that each edge costs, and those of all its motions added up, both (m,)."""
+    change = jnp.diff(joints, axis=-1)
+    angles = rotation(between(quaternions))
+    every = jnp.sum(jnp.abs(change) / jnp.asarray(scene.joint_steps)[:, None], axis=0)
+    return steps(scene, angles, change), angles / scene.attitude_step + every
+
+
+def evenly(
+    quaternions: Array, joints: Array, costs: Array, count: Array | int, nodes: int
+) -> tuple[Array, Array]:
+    """Nodes at equal costs along a path.
+
+    Args:
+        quaternions: (4, k + 1).
+        joints: (2n, k + 1) rad.
+        costs: (k,) steps of the edges; those of no cost at the end count as the goal.
+        count: () number of equal edges wanted.
+        nodes: static, number of nodes handed out; those after the goal are the goal again.
+
+    Returns:
+        (4, nodes) and (2n, nodes); ends as they were.
+    """
+    until = jnp.concatenate([jnp.zeros(1), jnp.cumsum(costs)])
+    at = jnp.arange(nodes) * (until[-1] / count)
+    edge = jnp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
+    part = jnp.clip((at - until[edge]) / jnp.maximum(costs[edge], _TINY), 0, 1)
+    first, last = quaternions[:, edge], quaternions[:, edge + 1]
+    half = rotation(times(conjugate(first), last)) / 2
+    sine = jnp.sin(half)
+    straight = sine < 1e-6  # where geodesic and chord are the same to rounding
+    divisor = jnp.where(straight, 1, sine)
+    before = jnp.where(straight, 1 - part, jnp.sin((1 - part) * half) / divisor)
+    after = jnp.where(straight, part, jnp.sin(part * half) / divisor)
+    attitudes = unit(before * first + after * last)
+    angles = joints[:, edge] + part * (joints[:, edge + 1] - joints[:, edge])
+    beyond = jnp.arange(nodes) >= count
+    return jnp.where(beyond, quaternions[:, -1:], attitudes), jnp.where(beyond, joints[:, -1:], angles)
+
+
+def wanted_clearance(
+    scene: Scene, quaternions: Array, joints: Array, costs: Array, clearance: Array
+) -> Array:
+    """Clearance that the search would want on each edge, rad, (m,); none at start and goal.
+
+    As there, what lies behind is counted along the path and what lies ahead along the straight motion,
+    less the edge itself.
+    """
+    behind = jnp.cumsum(costs) - costs
+    turn = rotation(times(conjugate(quaternions[:, :-1]), jnp.asarray(scene.goal_quaternion)[:, None]))
+    left = jnp.asarray(scene.goal_joints)[:, None] - joints[:, :-1]
+    ahead = steps(scene, turn, left) - jnp.maximum(costs, 1)
+    return clearance * jnp.clip(jnp.minimum(behind, ahead) / TAPER_STEPS, 0, 1)
+
+
+def edge_margins(
+    scene: Scene, quaternions: Array, joints: Array, wanted: Array, gate: Array
+) -> tuple[Array, Array]:
+    """`motion_margins` of the edges between nodes (4, m + 1) and (2n, m + 1), at most a few steps long."""
+    turns = between(quaternions)
+    return motion_margins(
+        scene, quaternions[:, :-1], turns, joints[:, :-1], jnp.diff(joints), wanted, gate, halvings=2
+    )
+
+
+def motion_margins(
+    scene: Scene,
+    quaternions: Array,
+    turns: Array,
+    joints: Array,
+    changes: Array,
+    wanted: Array,
+    gate: Array,
+    *,
+    halvings: int,
+) -> tuple[Array, Array]:
+    """Lower bounds over whole motions, as `jaxplan.path.edge_margins` has them for one.
+
+    Args:
+        scene: the problem.
+        quaternions: (4, m) where the motions start.
+        turns: (4, m) quaternions of the whole turns, body axes.
+        joints: (2n, m) rad, at the start.
+        changes: (2n, m) rad.
+        wanted: (m,) rad; a zone gives it up to half of the room that it leaves.
+        gate: see `computed_once`.
+        halvings: static; each motion is cut into ``2^halvings`` intervals.
+
+    Returns:
+        (m,) smallest margin, and smallest margin less what is wanted, rad; +inf without zones.
+    """
+    count, parts = scene.mounts.shape[0], 2**halvings
+    attitudes, cosines, sines = _positions(scene, quaternions, turns, joints, changes, gate, halvings)
+    ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
+    fixed = spread(jnp.asarray(scene.fixed_boresights).T, 2)
+    still = jnp.broadcast_to(fixed, (*fixed.shape[:2], *attitudes.shape[1:]))
+    body = jnp.concatenate([jnp.stack([ce * ca, ce * sa, se]), still], axis=1)  # (3, d, parts + 1, m)
+    curvature = direction_curvature(rotation(turns), changes.T, fixed.shape[1]).T
+    sag = curvature[:, None] / (2 * parts**2)
+    least = [jnp.full_like(wanted, jnp.inf)] * 2  # margin and slack
+    for cones in (scene.cones, scene.grouped_cones):
+        if not cones.bound.size:
+            continue
+        axes = in_body(attitudes, jnp.asarray(scene.start_attitude).T @ jnp.asarray(cones.direction).T)
+        signed = spread(jnp.asarray(cones.side), 3) * dot(axes[:, :, None], body[:, None])
+        signed = computed_once(gate, signed)  # (z, d, parts + 1, m)
+        over = zones.edge_bound(signed[:, :, :-1], signed[:, :, 1:], sag)  # +inf for what is not a number
+        over = jnp.where(spread(jnp.asarray(cones.bound), 2), over, -jnp.inf)
+        worst = reduce(jnp.maximum, [over[:, d] for d in range(over.shape[1])])  # (z, parts, m)
+        if cones is scene.cones:  # the worst interval counts: one arc cosine for all
+            worst = jnp.max(worst, axis=1, keepdims=True)
+        worst = jnp.moveaxis(worst, 0, -1)
+        margins = zones.margins_from_cosines(cones, worst)
+        margins = jnp.where(jnp.isneginf(worst), jnp.inf, margins)
+        both = [margins, margins - jnp.minimum(wanted[:, None], _room(cones))]
+        if cones is scene.grouped_cones:
+            both = [zones.group_margins(cones, part) for part in both]
+        new = [jnp.min(part, axis=(0, -1)) for part in both]
+        least = [jnp.minimum(first, second) for first, second in zip(least, new, strict=True)]
+    return least[0], least[1]
+
+
+def _room(cones: zones.Cones) -> Array:
+    """(z,) rad, half of the room that each zone leaves."""
+    half_angle = jnp.asarray(cones.half_angle)
+    return jnp.where(jnp.asarray(cones.side) > 0, jnp.pi - half_angle, half_angle) / 2
+
+
+def _positions(
+    scene: Scene, quaternions: Array, turns: Array, joints: Array, changes: Array, gate: Array, halvings: int
+) -> tuple[Array, Array, Array]:
+    """Motions at the ends of their even parts.
+
+    Sines are taken for the start and the first part alone; the others are products of these.
+
+    Returns:
+        (4, parts + 1, m) attitudes; (2n, parts + 1, m) each of the cosines and sines of azimuths and
+        elevations.
+    """
+    parts = 2**halvings
+    mounts = jnp.concatenate([scene.mounts, jnp.zeros_like(scene.mounts)])[:, None]
+    half = rotation(turns) / 2
+    sine = jnp.sin(half)
+    axis = turns[1:] * jnp.where(turns[0] < 0, -1, 1) / jnp.where(sine > 0, sine, 1)
+    angles = [joints + mounts, changes / parts, half / parts]
+    cosines, sines = computed_once(gate, ([jnp.cos(a) for a in angles], [jnp.sin(a) for a in angles]))
+    attitudes, circles = quaternions[:, None], jnp.stack([cosines[0], sines[0]])[:, :, None]
+    step = jnp.concatenate([cosines[2][None], axis * sines[2]])[:, None]
+    turn = jnp.stack([cosines[1], sines[1]])[:, :, None]
+    for _ in range(halvings):
+        attitudes = jnp.concatenate([attitudes, times(attitudes, step)], axis=1)
+        circles = jnp.concatenate([circles, _product(circles, turn)], axis=2)
+        step, turn = times(step, step), _product(turn, turn)
+    attitudes = jnp.concatenate([attitudes, times(attitudes[:, :1], step)], axis=1)
+    circles = jnp.concatenate([circles, _product(circles[:, :, :1], turn)], axis=2)
+    attitudes, circles = computed_once(gate, (attitudes, circles))
+    return attitudes, circles[0], circles[1]
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Cosine and sine of the sum of two angles, (2, ...)."""
+    cosine, sine = first[0] * second[0] - first[1] * second[1], first[1] * second[0] + first[0] * second[1]
+    return jnp.stack([cosine, sine])
