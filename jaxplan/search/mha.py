@@ -38,7 +38,7 @@ from jaxplan.search.lockstep import Steps
 from jaxplan.search.multi_heuristic import Rules
 from jaxplan.search.problem import Scene, SearchResult, derived_seed
 from jaxplan.search.smoothing import bend_straight, smooth
-from jaxplan.search.tree import Moves, Node, make_root, unrotated
+from jaxplan.search.tree import Moves, Node, unrotated
 from jaxplan.status import Status
 
 JOINT_MOVES = 48
@@ -69,7 +69,7 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     straight = yield from multi_heuristic.try_straight(scene, settings)
     if straight is not None:
         return _without_expansion(straight)
-    shortest = make_root(scene).ahead
+    shortest = scene.straight_steps
     bent = yield from bend_straight(scene, settings)
     enough = (SHORT_ENOUGH if settings.improvements else BENT_ENOUGH) * shortest
     if bent is not None and bent.length <= enough and np.all(bent.slacks >= 0):
@@ -128,7 +128,7 @@ def _scale_to_anchor(scene: Scene) -> np.ndarray:
     left = np.abs(scene.goal_joints - scene.start_joints)
     joints, angle = np.sum(left), np.linalg.norm(turn)
     printed = [angle + joints, angle + np.linalg.norm(left), np.sum(np.abs(turn)) + joints]
-    return make_root(scene).ahead / np.maximum(printed, 1e-300)
+    return scene.straight_steps / np.maximum(printed, 1e-300)
 
 
 def propose(
@@ -199,11 +199,14 @@ def price(
         fields: the distance fields; until there are any their two heuristics are infinite.
         scale: (3,) factors of the printed heuristics.
     """
-    ahead, printed = expansion.heuristics[0], expansion.heuristics[1:] * scale[:, None, None]
-    heuristics = np.full((6, *ahead.shape), np.inf)
-    heuristics[0], heuristics[1:4] = ahead, printed
+    heuristics = np.empty((QUEUES, *expansion.steps.shape))
+    heuristics[0] = ahead = expansion.heuristics[0]
+    np.multiply(expansion.heuristics[1:], scale[:, None, None], out=heuristics[1:4])
     if fields.known:
-        whole = make_root(scene).ahead / np.maximum([np.sum(fields.start), np.max(fields.start)], 1e-300)
-        total, worst = expansion.fields * whole[:, None, None]
-        heuristics[4], heuristics[5] = (ahead + total) / 2, (worst + printed[1]) / 2
+        halves = scene.straight_steps / 2 / np.maximum([fields.start.sum(), fields.start.max()], 1e-300)
+        np.multiply(expansion.fields, halves[:, None, None], out=heuristics[4:])
+        heuristics[4] += ahead / 2
+        heuristics[5] += heuristics[2] / 2
+    else:
+        heuristics[4:] = np.inf
     return expansion.steps, heuristics

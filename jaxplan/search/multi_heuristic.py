@@ -173,11 +173,12 @@ class _Search:
         valid = (expansion.slacks >= 0) & (expansion.steps > 0)  # staying altogether leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
-        arrived = valid & (expansion.heuristics[0] <= ARRIVED)
+        arrived = ahead <= ARRIVED
         if self.rules.direct and expansion.onward is not None:
-            arrived |= valid & (expansion.onward >= 0)
-        if np.any(arrived):
-            best = int(np.argmin(np.where(arrived, children.costs + ahead, np.inf)))
+            arrived |= expansion.onward >= 0
+        arrived &= valid
+        if arrived.any():
+            best = int(np.where(arrived, children.costs + ahead, np.inf).argmin())
             self._arrive(children.make(best))
         keys = children.costs + self.settings.heuristic_weight * heuristics
         block = Block(children, np.where(valid, keys, np.inf).reshape(len(self.queues), -1))

@@ -55,6 +55,12 @@ class Scene:
     goal_coordinates: np.ndarray
 
     @cached_property
+    def straight_steps(self) -> float:
+        """Cost in steps of the straight motion from start to goal; no path costs less."""
+        change = self.goal_joints - self.start_joints
+        return float(steps_between(self, np.linalg.norm(self.goal_coordinates), change))
+
+    @cached_property
     def on_device(self) -> "Scene":
         """The same as arrays that jitted functions take without a copy, in 64 bits."""
         with jax.enable_x64(True):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxplan.path import Path
 from jaxplan.search.corners import ARRIVED, subdivide
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.problem import Scene, steps_between
+from jaxplan.search.problem import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,9 +115,7 @@ def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 def make_root(scene: Scene) -> Node:
     """The start as a node."""
     packed = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.goal_coordinates, scene.start_joints])
-    change = scene.goal_joints - scene.start_joints
-    ahead = float(steps_between(scene, np.linalg.norm(scene.goal_coordinates), change))
-    return Node(packed, 0.0, ahead, None)
+    return Node(packed, 0.0, scene.straight_steps, None)
 
 
 def trace(scene: Scene, arrival: Node) -> Path:

@@ -17,7 +17,6 @@ from jaxplan.search.corners import ARRIVED, make_path
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.problem import Scene
 from jaxplan.search.smoothing import band, descent, sweeps
-from jaxplan.search.tree import make_root
 
 ITERATIONS = 6
 # Paths are compared by their length and this much of the steps of all their motions added up.
@@ -59,7 +58,7 @@ def score(length: float, travel: float) -> float:
 
 def edges_for(length: float, scene: Scene) -> int:
     """Size of the kernels that take a path of some length, steps."""
-    longest = min(length, LONGEST * make_root(scene).ahead)
+    longest = min(length, LONGEST * scene.straight_steps)
     return max(EDGES, zones.capacity(math.ceil(longest)))
 
 

@@ -16,7 +16,6 @@ from jaxplan.search.lockstep import Call, Steps
 from jaxplan.search.problem import Scene
 from jaxplan.search.smoothing import chains
 from jaxplan.search.smoothing.bends import EDGES, Bend, bend, edge_table, edges_for, padded, score
-from jaxplan.search.tree import make_root
 
 # A length within this factor of the straight motion's is not worth another start.
 NEAR_SHORTEST = 1.01
@@ -52,7 +51,7 @@ def smooth(scene: Scene, settings: SearchSettings, path: Path, bent: Bend | None
         or longer by up to 0.5 % where platform and joints travel less for it. It is the path given if that
         is straight, or if no better one was found.
     """
-    straight = make_root(scene).ahead
+    straight = scene.straight_steps
     if straight <= ARRIVED or _is_straight(scene, path, straight):
         return path
     if bent is None:
