@@ -191,7 +191,9 @@ def edge_bound(start: ArrayLike, end: ArrayLike, curvature: ArrayLike) -> Array:
     a, b, c = jnp.asarray(start), jnp.asarray(end), jnp.asarray(curvature)
     rise = b - a
     inside = jnp.abs(rise) < c
-    vertex = a + (c + rise) ** 2 / (4 * jnp.where(inside, c, 1))
+    # the quotient by itself, since many intervals often share a curvature; of one too small to be seen beside
+    # anything a larger one is as good
+    vertex = a + (c + rise) ** 2 * (0.25 / jnp.maximum(c, jnp.sqrt(jnp.finfo(c.dtype).tiny)))
     bound = jnp.where(inside, vertex, jnp.maximum(a, b))
     return jnp.where(jnp.isnan(rise + c), jnp.inf, bound)
 
