@@ -27,6 +27,7 @@ from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
 from jaxplan.zones import capacity
 
 PAPER_KINDS = ("keep_out", "keep_in")
+TOLERANCE = 1e-9  # rad, by which a margin may be below zero: rounding
 _INTERVALS = 32  # an edge is cut into, for the check
 _REHEARSALS = 5  # searches before the clock runs, so that what they use is compiled
 
@@ -97,6 +98,19 @@ PAPER = (
 )
 
 
+def make_problem(scenario: Scenario) -> Scene:
+    """The search problem of a random scene: from its start to the nearest goal of step 1.
+
+    Args:
+        scenario: one of `random_scenario`.
+    """
+    attitude = start_attitude(scenario)
+    goals = find_goals(scenario, attitude)
+    if isinstance(goals, Plan):  # never: random scenes are made with a goal
+        raise RuntimeError(f"{scenario.name}: {goals.message}")
+    return make_scene(scenario, goals[0], attitude)
+
+
 def compare(
     kinds: Iterable[str],
     planners: Iterable[str] = tuple(PLANNERS),
@@ -120,21 +134,14 @@ def compare(
     rows = []
     names = tuple(planners)
     for kind in kinds:
-        problems = [_problem(random_scenario(seed, kind)) for seed in range(first_seed, first_seed + count)]
+        scenarios = [random_scenario(seed, kind) for seed in range(first_seed, first_seed + count)]
+        problems = [(scenario, make_problem(scenario)) for scenario in scenarios]
         feasible = [(scenario, scene) for scenario, scene in problems if find_barrier(scene) is None]
         for planner in names:
             rows.append(_row(kind, planner, feasible, done))
             for _ in range(count - len(feasible)):
                 done()
     return tuple(rows)
-
-
-def _problem(scenario: Scenario) -> tuple[Scenario, Scene]:
-    attitude = start_attitude(scenario)
-    goals = find_goals(scenario, attitude)
-    if isinstance(goals, Plan):  # never: random scenes are made with a goal
-        raise RuntimeError(f"{scenario.name}: {goals.message}")
-    return scenario, make_scene(scenario, goals[0], attitude)
 
 
 def _row(
@@ -178,12 +185,15 @@ def _edges(
     return jax.numpy.concatenate([single, grouped], axis=-1)
 
 
-def is_clear(scene: Scene, path: Path) -> bool:
-    """Whether no edge of a path breaks a zone, by a lower bound of the margins of whole edges.
+def least_margins(scene: Scene, path: Path) -> np.ndarray:
+    """Lower bound of the least margin along each whole edge of a path.
 
     Args:
         scene: the problem.
         path: between its start and goal.
+
+    Returns:
+        (m,) rad; +inf without zones.
     """
     rows = capacity(path.edges)
     first, last = (np.tile(np.eye(3), (rows, 1, 1)) for _ in range(2))
@@ -192,7 +202,17 @@ def is_clear(scene: Scene, path: Path) -> bool:
     joints[: path.edges], change[: path.edges] = path.joints[:-1], np.diff(path.joints, axis=0)
     with jax.enable_x64(True):
         margins = np.asarray(_edges(scene, first, last, joints, change))[: path.edges]
-    return bool(np.all(margins >= -1e-9))
+    return np.min(margins, axis=-1, initial=np.inf)
+
+
+def is_clear(scene: Scene, path: Path) -> bool:
+    """Whether no edge of a path breaks a zone, by a lower bound of the margins of whole edges.
+
+    Args:
+        scene: the problem.
+        path: between its start and goal.
+    """
+    return bool(np.all(least_margins(scene, path) >= -TOLERANCE))
 
 
 def success_interval(successes: int, trials: int) -> tuple[float, float]:
