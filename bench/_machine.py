@@ -6,11 +6,14 @@ import platform
 from importlib.metadata import version
 
 
-def print_machine() -> None:
+def print_machine(*others: str) -> None:
     """Keep to one core where the system allows it, and print processor, cores and versions.
 
     On two cores the hand-over of small kernels between threads takes longer than the kernels and varies from
     run to run.
+
+    Args:
+        others: packages whose versions matter, besides those of every bench.
     """
     cores = os.cpu_count()
     with contextlib.suppress(AttributeError, OSError):
@@ -21,5 +24,5 @@ def print_machine() -> None:
             model = next(line.split(":", 1)[1].strip() for line in info if line.startswith("model name"))
     except (OSError, StopIteration):
         pass  # no such file on this system: the short name does
-    packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy", "osqp"))
+    packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy", "osqp", *others))
     print(f"{model}, {cores} cores (one used), Python {platform.python_version()}, {packages}\n")

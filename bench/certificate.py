@@ -15,6 +15,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 from _machine import print_machine
+from _options import positive
 
 import jaxplan as jp
 from jaxplan import zones
@@ -65,7 +66,7 @@ def crowded(scenario: jp.Scenario, count: int) -> jp.Scenario:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=100)
+    parser.add_argument("--repeats", type=positive, default=100)
     options = parser.parse_args()
     print_machine()
     print(

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from _machine import print_machine
+from _options import not_negative, positive
 from tqdm import tqdm
 
 sys.path.append(
@@ -74,13 +75,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("-n", "--problems", type=int, default=1000)
-    parser.add_argument("--starts", type=int, default=60, help="SLSQP runs a problem")
-    parser.add_argument("--seed", type=int, default=0, help="number of the first problem, a multiple of ten")
+    parser.add_argument("-n", "--problems", type=positive, default=1000)
+    parser.add_argument("--starts", type=positive, default=60, help="SLSQP runs a problem")
     parser.add_argument(
-        "--repeats", type=int, default=50, help="problems of each kind whose latency is measured"
+        "--seed", type=not_negative, default=0, help="number of the first problem, a multiple of ten"
+    )
+    parser.add_argument(
+        "--repeats", type=positive, default=50, help="problems of each kind whose latency is measured"
     )
     options = parser.parse_args()
+    if options.seed % len(KINDS):
+        parser.error(
+            f"argument --seed: {options.seed} must be a multiple of {len(KINDS)}, the number of kinds"
+        )
     print_machine()
     latency(options.seed, options.repeats)
     print()

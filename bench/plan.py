@@ -16,6 +16,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 from _machine import print_machine
+from _options import positive
 
 import jaxplan as jp
 
@@ -53,7 +54,7 @@ def import_seconds(statement: str, repeats: int = 7) -> float:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=30)
+    parser.add_argument("--repeats", type=positive, default=30)
     options = parser.parse_args()
     print_machine()
     print(f"compiled by a second scene of the same sizes: {compiled_by_second_scene()}\n")

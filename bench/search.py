@@ -14,6 +14,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 from _machine import print_machine
+from _options import positive
 
 from jaxplan.cases import paper_case
 from jaxplan.planner.check import start_attitude
@@ -78,7 +79,7 @@ def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[
 
 
 def case_searches(repeats: int) -> None:
-    print("\ncase  planner    steps (needed)  expansions  median ms over seeds")
+    print("\ncase  planner      steps (needed)  expansions  median ms over seeds")
     for number in (1, 2, 3, 4):
         scenario = paper_case(number)
         attitude = start_attitude(scenario)
@@ -96,14 +97,14 @@ def case_searches(repeats: int) -> None:
                 lengths.append(result.path.length if result.path else np.nan)
                 expansions.append(result.expansions)
             print(
-                f"{number:4d}  {method:9s}  {np.median(lengths):6.2f} ({needed:5.2f})"
+                f"{number:4d}  {method:11s}  {np.median(lengths):6.2f} ({needed:5.2f})"
                 f"  {np.median(expansions):10.0f}  {1e3 * np.median(seconds):8.1f}"
             )
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=300)
+    parser.add_argument("--repeats", type=positive, default=300)
     options = parser.parse_args()
     print_machine()
     expansion_times(options.repeats)

@@ -14,6 +14,7 @@ from pathlib import Path as File
 
 import numpy as np
 from _machine import print_machine
+from _options import positive
 
 sys.path.insert(0, str(File(__file__).parents[1] / "tests"))
 
@@ -72,7 +73,7 @@ def samples(repeats: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=50)
+    parser.add_argument("--repeats", type=positive, default=50)
     arguments = parser.parse_args()
     print_machine()
     fits(arguments.repeats)

@@ -1,0 +1,76 @@
+"""What a path is judged by, the same for every planner: its length, and its margins found in two ways."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxplan.path import Path
+from jaxplan.search import Scene
+from jaxplan.table4 import TOLERANCE, least_margins
+
+SAMPLES = 64  # intervals of an edge, which is at most one step long
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measures:
+    """A path in numbers.
+
+    Attributes:
+        steps: length in steps, `jaxplan.path.step_cost`.
+        travel: rotation of the platform and changes of all joints summed, rad.
+        edges: of the path, each at most one step.
+        below: edges whose margin is below zero by the exact bound of `jaxplan.path.edge_margins`.
+        below_sampled: likewise by dense samples.
+        margin: least, by the bound, rad.
+    """
+
+    steps: float
+    travel: float
+    edges: int
+    below: int
+    below_sampled: int
+    margin: float
+
+
+def measure(scene: Scene, path: Path) -> Measures:
+    """Judge a path."""
+    bounds, sampled = least_margins(scene, path), sampled_margins(scene, path)
+    turns = Rotation.from_matrix(path.attitudes)
+    rotation = (turns[:-1].inv() * turns[1:]).magnitude()
+    return Measures(
+        steps=path.length,
+        travel=float(np.sum(rotation) + np.sum(np.abs(np.diff(path.joints, axis=0)))),
+        edges=path.edges,
+        below=int(np.sum(~(bounds >= -TOLERANCE))),
+        below_sampled=int(np.sum(~(sampled >= -TOLERANCE))),
+        margin=float(np.min(bounds)),
+    )
+
+
+def straight_lengths(scene: Scene) -> tuple[float, float]:
+    """Steps and travel of the straight motion from start to goal, which no path can undercut."""
+    rotation = float(np.linalg.norm(scene.goal_coordinates))
+    change = np.abs(scene.goal_joints - scene.start_joints)
+    steps = max(rotation / scene.attitude_step, float(np.max(change / scene.joint_steps)))
+    return steps, rotation + float(np.sum(change))
+
+
+def sampled_margins(scene: Scene, path: Path) -> np.ndarray:
+    """(m,) least margin of each edge at `SAMPLES` + 1 instants, in numpy and scipy alone, rad."""
+    if np.any(scene.grouped_cones.bound) or len(scene.fixed_boresights):
+        raise ValueError("zones in groups and instruments are not sampled")
+    part = np.linspace(0, 1, SAMPLES + 1)
+    turns = Rotation.from_matrix(path.attitudes)
+    vectors = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    steps = Rotation.from_rotvec((part[:, None, None] * vectors).reshape(-1, 3)).as_matrix()
+    attitudes = path.attitudes[:-1] @ steps.reshape(SAMPLES + 1, -1, 3, 3)  # (samples, m, 3, 3)
+    joints = path.joints[:-1] + part[:, None, None] * np.diff(path.joints, axis=0)
+    yaw, pitch = np.split(joints, 2, axis=-1)
+    yaw = yaw + scene.mounts
+    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+    inertial = body @ np.swapaxes(attitudes, -1, -2)  # (samples, m, n, 3)
+    cones = scene.cones
+    angles = np.arccos(np.clip(inertial @ cones.direction.T, -1, 1))  # (samples, m, n, Z)
+    margins = np.where(cones.bound.T, cones.side * (angles - cones.half_angle), np.inf)
+    return np.min(margins, axis=(0, 2, 3), initial=np.inf)

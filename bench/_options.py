@@ -1,0 +1,34 @@
+"""Option types that refuse what makes no sense, in argparse's words, and what to say of a missing package."""
+
+import argparse
+import math
+
+# with the name of the package
+MISSING = "{} is missing: install the extra that brings it with pip install -e '.[bench]'"
+
+
+def positive(text: str) -> int:
+    """An integer of at least 1."""
+    return _at_least(1, text)
+
+
+def not_negative(text: str) -> int:
+    """An integer of at least 0."""
+    return _at_least(0, text)
+
+
+def angle(text: str) -> float:
+    """An angle in rad, from 0 to pi."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= math.pi:
+        raise argparse.ArgumentTypeError(f"{text!r} must be an angle in rad, from 0 to pi")
+    return value
+
+
+def _at_least(least: int, text: str) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r} must be an integer of at least {least}")
+    return int(text)
