@@ -52,7 +52,7 @@ class Case:
 
 def print_kind(kind: str, cases: Sequence[Case], infeasible: int) -> None:
     """The planners on the scenes of one kind."""
-    print(f"\n{kind}: {len(cases)} scenes, and {infeasible} proved to have no path")
+    print(f"{kind}: {len(cases)} scenes, and {infeasible} proved to have no path")
     print(_HEAD)
     for name in dict.fromkeys(name for case in cases for name in case.trials):
         mine = [case for case in cases if name in case.trials]
@@ -73,11 +73,12 @@ def print_kind(kind: str, cases: Sequence[Case], infeasible: int) -> None:
             f"{sum(p.edges for p in paths):8}"
             f"{np.rad2deg(min((p.margin for p in paths), default=np.nan)):11.4f}"
         )
+    print()
 
 
 def print_targets(results: Mapping[str, Sequence[Case]]) -> None:
     """Each target with its figure and its bar."""
-    print(f"\n{'target':<66}{'figure':>9}{'bar':>11}")
+    print(f"{'target':<66}{'figure':>9}{'bar':>11}")
     for text, figure, bar in _targets(results):
         verdict = "met" if figure <= bar else "MISSED"
         print(f"{text:<66}{figure:9.3f}{f'<= {bar:g}':>11}  {verdict}")
