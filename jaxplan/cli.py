@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jaxplan.scenario import Scenario
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
+_MARK = "jaxplan"  # in the pictures that are ours
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -90,6 +91,7 @@ def _table4_parser(commands: Any) -> None:
     table4.add_argument("--kind", action="append", metavar="K", help="of random scenes; may be repeated")
     table4.add_argument("--planner", action="append", metavar="P", help="may be repeated; all by default")
     table4.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="of the first scene (0)")
+    table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
     table4.add_argument("--json", action="store_true", help="print the rows for machines")
     table4.set_defaults(run=_table4)
 
@@ -162,18 +164,23 @@ def _table4(options: argparse.Namespace) -> int:
 
     from jaxplan.cases import RANDOM_KINDS
     from jaxplan.search import PLANNERS
-    from jaxplan.table4 import PAPER_KINDS, compare, format_table
+    from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
 
     kinds, planners = options.kind or PAPER_KINDS, options.planner or tuple(PLANNERS)
     for key, chosen, known in (("--kind", kinds, RANDOM_KINDS), ("--planner", planners, tuple(PLANNERS))):
         for name in chosen:
             if name not in known:
                 raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
+    folder = None if options.out is None else _folder(options.out)
     _keep_compiled_code()
     total = options.n * len(kinds) * len(planners)
     with tqdm(total=total, desc="table4", unit=" searches", delay=1, leave=False, disable=None) as bar:
         rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
     _print([row.summary() for row in rows] if options.json else format_table(rows))
+    if folder is not None:
+        from jaxplan.plotting import comparison_figure
+
+        _save(comparison_figure([*rows, *printed_rows(kinds)]), folder / "table4.png")
     return DONE
 
 
@@ -213,17 +220,19 @@ def _draw(plan: "Plan", folder: Path) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
     from jaxplan import plotting
 
-    mark = "jaxplan"
     left = set(plotting.FIGURE_NAMES)
     for name, figure in plotting.figures(plan):
-        file = folder / f"{name}.png"
-        figure.savefig(file, dpi=150, metadata={"Software": mark})
-        _say(f"wrote {file}")
+        _save(figure, folder / f"{name}.png")
         left.remove(name)
     for file in (folder / f"{name}.png" for name in sorted(left)):
-        if file.is_file() and mark.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+        if file.is_file() and _MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
             file.unlink()
             _say(f"removed {file}, which was of an earlier plan")
+
+
+def _save(figure: Any, file: Path) -> None:
+    figure.savefig(file, dpi=150, metadata={"Software": _MARK})
+    _say(f"wrote {file}")
 
 
 def _keep_compiled_code() -> None:

@@ -42,6 +42,7 @@ class Row:
         scenes: how many were tried, those proved infeasible left out.
         found: in how many of them it found a path.
         clear: in how many of them no edge of the path breaks a zone; None where nobody knows.
+        solved: (scenes,) bool, in which of them that is so; None for the paper.
         seconds: (scenes,) each search took, successful or not; for the paper (3,) least, largest, mean.
         nodes: (clear,) interior nodes; for the paper (3,) likewise.
         steps: (clear,) length in steps; None for the paper.
@@ -52,9 +53,14 @@ class Row:
     scenes: int
     found: int
     clear: int | None
+    solved: np.ndarray | None
     seconds: np.ndarray
     nodes: np.ndarray
     steps: np.ndarray | None
+
+    def interval(self, successes: int) -> tuple[float, float]:
+        """95 % Wilson interval of a success rate in these scenes."""
+        return success_interval(successes, self.scenes)
 
     def summary(self) -> dict[str, Any]:
         """The row for machines: least, largest and mean of times (s) and lengths."""
@@ -65,9 +71,7 @@ class Row:
             "scenes": self.scenes,
             "found": self.found,
             "clear": self.clear,
-            "clear_95_percent": success_interval(
-                self.found if self.clear is None else self.clear, self.scenes
-            ),
+            "clear_95_percent": self.interval(self.found if self.clear is None else self.clear),
             "seconds": _spread(self.seconds, printed),
             "interior_nodes": _spread(self.nodes, printed) if len(self.nodes) else None,
             "mean_steps": float(np.mean(self.steps)) if self.steps is not None and self.steps.size else None,
@@ -81,6 +85,7 @@ def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], node
         scenes=20,
         found=found,
         clear=None,
+        solved=None,
         seconds=np.array(seconds),
         nodes=np.array(nodes),
         steps=None,
@@ -96,6 +101,12 @@ PAPER = (
     _printed("keep_in", "paper's WA*", 18, (0.1, 1.7, 0.3), (13, 38, 24.2)),
     _printed("keep_in", "paper's RRT*", 17, (0.7, 13.1, 3.2), (11, 28, 16.8)),
 )
+
+
+def printed_rows(kinds: Iterable[str]) -> tuple[Row, ...]:
+    """The paper's rows of some kinds of scenes; it has none of most."""
+    wanted = set(kinds)
+    return tuple(row for row in PAPER if row.kind in wanted)
 
 
 def make_problem(scenario: Scenario) -> Scene:
@@ -150,15 +161,16 @@ def _row(
     search = PLANNERS[planner]
     for scenario, scene in problems[:_REHEARSALS]:
         search(scene, scenario.search)
-    found, seconds, paths = 0, [], []
+    found, seconds, solved, paths = 0, [], [], []
     for scenario, scene in problems:
         begin = time.perf_counter()
         result = search(scene, scenario.search)
         seconds.append(time.perf_counter() - begin)
+        clear = result.path is not None and is_clear(scene, result.path)
         if result.path is not None:
             found += 1
-            if is_clear(scene, result.path):
-                paths.append(result.path)
+            paths += [result.path] if clear else []
+        solved.append(clear)
         done()
     return Row(
         kind=kind,
@@ -166,6 +178,7 @@ def _row(
         scenes=len(problems),
         found=found,
         clear=len(paths),
+        solved=np.array(solved, dtype=bool),
         seconds=np.array(seconds),
         nodes=np.array([path.edges - 1 for path in paths]),
         steps=np.array([path.length for path in paths]),
@@ -234,7 +247,7 @@ def format_table(rows: Iterable[Row]) -> str:
     for row in rows:
         if row.kind != kind:
             kind = row.kind
-            lines += ["", f"{kind}", _HEAD, *(_line(paper) for paper in PAPER if paper.kind == kind)]
+            lines += ["", f"{kind}", _HEAD, *(_line(paper) for paper in printed_rows([kind]))]
         lines.append(_line(row))
     return "\n".join(lines[1:])
 
@@ -247,7 +260,7 @@ _HEAD = (
 
 def _line(row: Row) -> str:
     judged = row.found if row.clear is None else row.clear
-    low, high = success_interval(judged, row.scenes)
+    low, high = row.interval(judged)
     printed = row.steps is None
     seconds = [f"{value:9.1f}" if printed else f"{value:9.4f}" for value in _spread(row.seconds, printed)]
     nodes = _spread(row.nodes, printed)

@@ -160,6 +160,25 @@ def test_planners_are_compared_on_the_command_line(capsys):
     assert "--kind easy: must be one of keep_out" in err
 
 
+def test_the_comparison_is_drawn_where_it_is_asked_for(capsys, monkeypatch, tmp_path):
+    words = ("table4", "-n", 1, "--kind", "keep_in", "--planner", "rrt_connect")
+    code, out, err = run(capsys, *words, "-o", tmp_path / "out")
+    assert code == 0
+    assert "rrt_connect" in out
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["table4.png"]
+    assert f"wrote {tmp_path / 'out' / 'table4.png'}" in err
+    monkeypatch.setattr("jaxplan.table4.compare", lambda *_, **__: pytest.fail("searched"))
+    (tmp_path / "file").write_text("mine")
+    for folder, said in {
+        "": "DIR of -o is empty",
+        tmp_path / "file": f"{tmp_path / 'file'} is a file",
+        "/proc/nowhere": "/proc/nowhere: nothing can be written there",
+    }.items():
+        code, out, err = run(capsys, *words, "-o", folder)
+        assert (code, out) == (2, "")
+        assert said in err
+
+
 def test_the_command_without_words_says_what_it_can_do(capsys):
     code, _, err = run(capsys)
     assert code == 2

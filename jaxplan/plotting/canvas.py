@@ -30,13 +30,22 @@ def new_figure(size: tuple[float, float]) -> Figure:
     return pyplot.figure(figsize=size, layout="constrained")
 
 
-def panels(where: Canvas, count: int, size: tuple[float, float]) -> list[Axes]:
-    """The axes to draw on, from top to bottom.
+def panels(
+    where: Canvas,
+    count: int,
+    size: tuple[float, float],
+    *,
+    columns: int = 1,
+    heights: Sequence[float] | None = None,
+) -> list[Axes]:
+    """The axes to draw on, from top to bottom, and of each row from left to right.
 
     Args:
         where: as many axes as panels, a figure to put them in, or None for a new one.
-        count: of panels; new ones share their horizontal axis.
+        count: of panels; new ones share their horizontal axis with those above and below.
         size: of a new figure, inches.
+        columns: panels a row; new ones share their vertical axis.
+        heights: of the rows, in proportion; equal if None.
 
     Raises:
         ValueError: if another number of axes is given.
@@ -44,7 +53,10 @@ def panels(where: Canvas, count: int, size: tuple[float, float]) -> list[Axes]:
     if where is None:
         where = new_figure(size)
     if isinstance(where, Figure | SubFigure):
-        return list(where.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+        shape = (count // columns, columns)
+        spread = {"height_ratios": heights, "wspace": None if columns == 1 else 0.04}
+        grid = where.subplots(*shape, sharex="col", sharey="row", squeeze=False, gridspec_kw=spread)
+        return list(grid.ravel())
     given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
     if len(given) != count:
         raise ValueError(
