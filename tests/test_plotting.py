@@ -549,6 +549,36 @@ def test_the_name_of_a_keep_in_zone_of_more_than_half_the_sphere_stands_in_it() 
             assert np.rad2deg(_angle(spot, axis)) < half_angle
 
 
+def test_zones_about_one_axis_are_all_named() -> None:
+    plan = make_plan(0, 3, zones=0)
+    names = plan.scenario.spacecraft.device_names
+    for elevation in (-80, 3):
+        axis = _direction(np.array([[60, elevation]], dtype=float))[0]
+        zones = tuple(
+            KeepOut(name=f"zone {name}", direction=axis, half_angle=np.deg2rad(angle), devices=(name,))
+            for name, angle in zip(names, (40, 30, 25), strict=True)
+        )
+        axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_out=zones)))
+        axes.figure.draw_without_rendering()
+        boxes = [label.get_window_extent() for label in axes.texts]
+        assert len(boxes) == 3
+        assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+        for label, zone in zip(axes.texts, zones, strict=True):
+            spot = _direction(np.array([label.get_position()], dtype=float))[0]
+            assert _angle(spot, axis) < zone.half_angle
+
+
+def test_zones_of_a_group_look_and_are_called_other_than_those_that_must_hold() -> None:
+    plan = make_plan(4, 1, zones=0)
+    axes = jp.plot.sphere(replace(plan, scenario=_mixed_scenario()))
+    last = {text.get_text().splitlines()[0]: text.get_text().splitlines()[-1] for text in axes.texts}
+    groups = {zone.name: zone.any_of for zone in _mixed_scenario().keep_in}
+    assert len({group for group in groups.values() if group is not None}) == 2
+    for name, group in groups.items():
+        assert (last[name] == f"any of {group}") == (group is not None)
+    assert {"keep-in zone", "keep-in zone,\nany of its group"} <= _legend(axes)
+
+
 # Where they are drawn
 
 

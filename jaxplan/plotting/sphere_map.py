@@ -51,8 +51,9 @@ _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """The zones and the way of every device's boresight on the unfolded sphere.
 
-    Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one; the small print under a
-    zone's name says which devices it binds if not all. A plan that failed is drawn as far as it came: the
+    Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
+    are of a group of which any one holds; the small print under a zone's name says which devices it binds if
+    not all, and its group. A plan that failed is drawn as far as it came: the
     path instead of the trajectory, start and goal without a path, and the targets where no goal was found.
 
     Args:
@@ -93,10 +94,14 @@ def _draw_zone(axes: Axes, zone: KeepOut | KeepIn) -> None:
         *(Shape(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings)
     )
     axes.add_artist(PathPatch(shape, **_fill(zone), zorder=1, linewidth=0))  # add_patch would be slow
-    keep_in = isinstance(zone, KeepIn)
     line = unfolded.outline(zone.direction, zone.half_angle)
-    colour, dashes = (KEEP_IN, (0, (5, 2.5))) if keep_in else (KEEP_OUT, "-")
-    axes.plot(*line.T, color=colour, linestyle=dashes, linewidth=1.1, zorder=1.6)
+    axes.plot(*line.T, **_outline(zone), linewidth=1.1, zorder=1.6)
+
+
+def _outline(zone: KeepOut | KeepIn) -> Look:
+    if isinstance(zone, KeepIn):
+        return {"color": KEEP_IN, "linestyle": (0, (5, 2.5)) if zone.any_of is None else (0, (1, 1.5))}
+    return {"color": KEEP_OUT, "linestyle": "-"}
 
 
 def _fill(zone: KeepOut | KeepIn) -> Look:
@@ -166,11 +171,15 @@ def _frame(axes: Axes, plan: "Plan") -> None:
 
 
 def _zone_entries(scenario: "Scenario") -> Entries:
+    """One of each kind of zones that the scenario has."""
+    alone = [zone for zone in scenario.keep_in if zone.any_of is None]
+    grouped = [zone for zone in scenario.keep_in if zone.any_of is not None]
     entries: Entries = []
     if scenario.keep_out:
         patch = Patch(**{**_fill(scenario.keep_out[0]), "edgecolor": to_rgba(KEEP_OUT, 0.6)}, linewidth=1)
         entries.append((patch, "keep-out zone"))
-    if scenario.keep_in:
-        look = {**_fill(scenario.keep_in[0]), "edgecolor": KEEP_IN}
-        entries.append((Patch(**look, linewidth=1, linestyle="--"), "keep-in zone"))
+    for zones, text in ((alone, "keep-in zone"), (grouped, "keep-in zone,\nany of its group")):
+        if zones:
+            look = {**_fill(zones[0]), "edgecolor": KEEP_IN, "linestyle": _outline(zones[0])["linestyle"]}
+            entries.append((Patch(**look, linewidth=1), text))
     return entries

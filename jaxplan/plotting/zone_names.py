@@ -31,7 +31,7 @@ def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray) -> None:
     crowded = len(zones) > _CROWD
     labels = Labels(ways)
     for zone in zones:
-        lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario)]
+        lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario), *_group(zone)]
         size = (_LETTER * max(len(line) for line in lines), _LINE * len(lines))
         spot = labels.place(_places(zone, size), size, must=True)
         assert spot is not None
@@ -59,7 +59,7 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
     angle = float(np.rad2deg(zone.half_angle))
     wide = angle > 90
     inside = [(0.0, offset * min(angle, 90)) for offset in (0, 0.5, -0.5, 0.8, -0.8)]
-    aside = [(turn, height) for turn in (60.0, -60.0, 120.0, -120.0) for _, height in inside] if wide else []
+    aside = [(turn, height) for turn in (60.0, -60.0, 120.0, -120.0) for _, height in inside]
     beside = (
         []
         if wide or not isinstance(zone, KeepIn)
@@ -70,7 +70,8 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
     for turn, height in [*beside, *inside, *aside]:
         across = (azimuth + turn + 180) % 360 - 180
         clear = abs(elevation + height) <= room[1]
-        if clear and (not wide or _separation(zone, across, elevation + height) < angle - 3):
+        sure = not wide and turn == 0
+        if clear and (sure or _separation(zone, across, elevation + height) < angle - 3):
             places.append((float(np.clip(across, -room[0], room[0])), float(elevation + height)))
     if not places:
         across, up = np.clip((azimuth, elevation), -room, room)
@@ -95,3 +96,8 @@ def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
     if len(bound) == 1:
         return [f"for {bound[0]}"]
     return [f"not {others[0]}"] if len(others) == 1 else [f"for {len(bound)} of {len(names)}"]
+
+
+def _group(zone: KeepOut | KeepIn) -> list[str]:
+    """A line that names a zone's group; none if it is in none."""
+    return [f"any of {zone.any_of}"] if isinstance(zone, KeepIn) and zone.any_of is not None else []
