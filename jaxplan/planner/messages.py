@@ -52,9 +52,7 @@ def parted(scenario: Scenario, barrier: Barrier) -> str:
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
     """Of a search without success."""
     settings = scenario.search
-    obstacle = most_obstructive(scene)
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
-    blocked = "" if obstacle is None else f"; zone {zones[obstacle].name} is most in the way"
+    blocked = _in_the_way(scenario, scene)
     if result.status is Status.TIME_LIMIT:
         return (
             f"no path within search.time_limit_s = {settings.time_limit:g} "
@@ -65,6 +63,19 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
         f"try another search.seed, or lower search.clearance_deg = {np.rad2deg(settings.clearance):.3g}"
         f"{blocked}"
     )
+
+
+def _in_the_way(scenario: Scenario, scene: Scene) -> str:
+    """What the straight motion breaks most, to end a sentence; empty where it breaks nothing."""
+    obstacle = most_obstructive(scene)
+    if obstacle is None:
+        return ""
+    cones, row = obstacle
+    if cones is scene.grouped_cones:
+        group = [zone.any_of for zone in scenario.keep_in if zone.any_of is not None][row]
+        return f"; keep-in group {group} is most in the way"
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
+    return f"; zone {zones[row].name} is most in the way"
 
 
 def uncertified(report: Report) -> str:

@@ -75,14 +75,15 @@ def find_barrier(scene: Scene) -> Barrier | None:
     return None
 
 
-def most_obstructive(scene: Scene) -> int | None:
-    """The zone that the straight motion from start to goal breaks most.
+def most_obstructive(scene: Scene) -> tuple[Cones, int] | None:
+    """The zone or group that the straight motion from start to goal breaks most.
 
     Args:
-        scene: a search problem; groups of zones are left out.
+        scene: a search problem.
 
     Returns:
-        Its row of `Scene.cones`; None where the straight motion breaks no zone.
+        Which of the scene's two tables it is in, and its row there, a group's first; None where the straight
+        motion breaks nothing.
     """
     fraction = np.linspace(0, 1, 201)[:, None]
     angle = np.linalg.norm(scene.goal_coordinates)
@@ -92,12 +93,21 @@ def most_obstructive(scene: Scene) -> int | None:
         turned = _turn(axis, float(s[0] * angle))
         joints = scene.start_joints + s * (scene.goal_joints - scene.start_joints)
         seen = _boresights(scene, scene.start_attitude @ turned, joints)
-        angles = _angle(seen[None], scene.cones.direction[:, None])
-        margins = scene.cones.side[:, None] * (angles - scene.cones.half_angle[:, None])
-        zone = np.min(np.where(scene.cones.bound, margins, np.inf), axis=1, initial=np.inf)
-        if zone.size and zone.min() < deepest:
-            deepest, found = float(zone.min()), int(zone.argmin())
+        for cones in (scene.cones, scene.grouped_cones):
+            margins = _constraint_margins(cones, seen)
+            if margins.size and margins.min() < deepest:
+                deepest, found = float(margins.min()), (cones, int(margins.argmin()))
     return found
+
+
+def _constraint_margins(cones: Cones, seen: np.ndarray) -> np.ndarray:
+    """(Z,) rad, a group's in the row of its first zone, where devices look along (D, 3)."""
+    angles = _angle(seen[None], cones.direction[:, None])
+    margins = cones.side[:, None] * (angles - cones.half_angle[:, None])
+    zone = np.min(np.where(cones.bound, margins, np.inf), axis=1, initial=np.inf)
+    best = np.full(len(zone), -np.inf)
+    np.maximum.at(best, cones.group, zone)
+    return np.where(np.isneginf(best), np.inf, best)
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
