@@ -90,14 +90,15 @@ SCENES = {
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
     node, moves, found = expansion(scene, mha, CLEARANCE, edges=True)
-    slacks = found.slacks
-    joints = node.joints + chosen(moves.options[0], moves.choice)
+    slacks, ends = found.slacks, ends_of(scene, found).as_matrix()
+    every = np.broadcast_to(moves.options, (len(ends), *moves.options.shape[1:]))  # one set, or one an end
+    joints = np.array([node.joints + chosen(options, moves.choice) for options in every])
     truth = np.array([
         [
             sampled_margin(scene, *edge_states(scene.start_attitude, node.joints, end, q, 41)).min()
-            for q in joints
+            for q in row
         ]
-        for end in ends_of(scene, found).as_matrix()
+        for end, row in zip(ends, joints, strict=True)
     ])  # fmt: skip
     accepted = slacks >= 0
     assert np.all(truth[accepted] >= CLEARANCE - 1e-9)
@@ -105,8 +106,8 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     if name != "no zones":
         assert 0 < accepted.mean() < 1, "the scene decides nothing"
     # onward the bound is coarser: sound, and sharp where there is room
-    for attitude, row, clear in zip(ends_of(scene, found).as_matrix(), found.onward, accepted, strict=True):
-        for q, slack, possible in list(zip(joints, row, clear, strict=True))[::5]:
+    for attitude, reached, row, clear in zip(ends, joints, found.onward, accepted, strict=True):
+        for q, slack, possible in list(zip(reached, row, clear, strict=True))[::5]:
             if possible:
                 onward = edge_states(attitude, q, scene.goal_attitude, scene.goal_joints, 81)
                 lowest = sampled_margin(scene, *onward).min()

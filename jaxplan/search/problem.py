@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from jaxplan import quaternion
 from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
+from jaxplan.search.holding import held_axes
 from jaxplan.status import Status
 from jaxplan.zones import Cones, tabulate
 
@@ -32,8 +33,8 @@ class Scene:
         start_joints: (2n,) rad.
         goal_attitude: (3, 3).
         goal_joints: (2n,) rad.
-        held: (n,) bool, terminals that a keep-in zone binds all the time.
-        held_axes: (n, 3) axis of that zone, inertial; the first where there are several.
+        held: (n,) bool, terminals that a search should keep in a keep-in zone, see `holding`.
+        held_axes: (n, 3) axis of that zone, inertial.
         goal_quaternion: (4,) of the goal relative to the start.
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
@@ -99,9 +100,7 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
     goal_quaternion, goal_coordinates = _relative(start_attitude, np.asarray(goal.attitude, float))
     single_in = [zone for zone in scenario.keep_in if zone.any_of is None]
     grouped_in = [zone for zone in scenario.keep_in if zone.any_of is not None]
-    holding = [next((z for z in single_in if t.name in z.devices), None) for t in craft.terminals]
-    held = np.array([zone is not None for zone in holding], dtype=bool)
-    held_axes = np.array([[0.0, 0.0, 1.0] if zone is None else zone.direction for zone in holding])
+    held, axes = held_axes(scenario, start_attitude, goal)
     return Scene(
         cones=tabulate(scenario.keep_out, single_in, craft.device_names),
         grouped_cones=tabulate((), grouped_in, craft.device_names),
@@ -115,7 +114,7 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         goal_attitude=np.asarray(goal.attitude, float),
         goal_joints=np.asarray(goal.joints, float),
         held=held,
-        held_axes=held_axes.reshape(-1, 3),
+        held_axes=axes,
         goal_quaternion=goal_quaternion,
         goal_coordinates=goal_coordinates,
     )
