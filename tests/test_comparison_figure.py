@@ -101,7 +101,7 @@ def test_a_planner_has_one_colour_whichever_are_compared():
     assert len(set.union(*colours.values())) == len(PLANNERS)
 
 
-@pytest.mark.parametrize(("kinds", "planners"), [(1, 1), (1, 5), (2, 5), (4, 3), (5, 1), (5, 5)])
+@pytest.mark.parametrize(("kinds", "planners"), [(1, 1), (2, 5), (5, 1), (5, 5)])
 def test_any_kinds_and_planners_fit_on_the_page(kinds, planners):
     names = RANDOM_KINDS[:kinds]
     rows = [make_row(kind, planner) for kind in names for planner in list(PLANNERS)[:planners]]

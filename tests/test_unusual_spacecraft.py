@@ -19,8 +19,9 @@ from jaxplan.search.holding import held_axes
 METHODS = ("mha", "rrt_connect")
 INSTANTS = 6001
 
-PAIR = {"camera-1": look(0), "camera-2": look(-120)}
-CLOSE_PAIR = {"camera-1": look(0), "camera-2": look(-100)}
+# The third camera looks along the axis of the turn, in no group: all scenes of three share their kernels.
+PAIR = {"camera-1": look(0), "camera-2": look(-120), "camera-3": look(0, 90)}
+CLOSE_PAIR = {**PAIR, "camera-2": look(-100)}
 TRACKERS = {"tracker-1": look(0), "tracker-2": look(-50), "tracker-3": look(150, 40)}
 
 
@@ -48,10 +49,14 @@ def one_tracker(method: str) -> jp.Scenario:
 
 
 def three_trackers(method: str) -> jp.Scenario:
-    """Each tracker has its own exclusion angles about Sun and Earth; tracker-1's Sun is in the way."""
+    """Each tracker has its own exclusion angles about Sun and Earth; tracker-1's Sun is in the way.
+
+    One of the others has to see its guide stars.
+    """
     angles = {"tracker-1": (45, 40), "tracker-2": (20, 30), "tracker-3": (10, 25)}
     zones = [avoids(f"Sun for {name}", 60, 30, sun, name) for name, (sun, _) in angles.items()]
     zones += [avoids(f"Earth for {name}", 60, -80, earth, name) for name, (_, earth) in angles.items()]
+    zones += [sees("tracker-2", 10, 0, 75), sees("tracker-3", 210, 40, 75)]
     return make_relay(120, TRACKERS, *zones, method=method)
 
 
