@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.path import Path
 from jaxplan.search import Scene
-from jaxplan.search.tree import subdivide
+from jaxplan.search.corners import subdivide
 
 try:
     from ompl import base, geometric, util
@@ -129,7 +129,9 @@ class Rival:
         states = [solution.getState(i) for i in range(solution.getStateCount())]
         rows = np.array([self.motions.row(state) for state in states])
         with jax.enable_x64(True):
-            return subdivide(self.scene, Rotation.from_quat(rows[:, :4]).as_matrix(), rows[:, 4:])
+            start = Rotation.from_matrix(self.scene.start_attitude)
+        since = (start.inv() * Rotation.from_quat(rows[:, :4])).as_quat(scalar_first=True)
+        return subdivide(self.scene, np.concatenate([since, rows[:, 4:]], axis=1))
 
 
 def _box(limits: np.ndarray) -> base.RealVectorStateSpace:

@@ -19,12 +19,12 @@ from _options import positive
 from jaxplan.cases import paper_case
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
-from jaxplan.search import PLANNERS, make_scene, mha
+from jaxplan.search import PLANNERS, make_scene, mha_rules
 from jaxplan.search.fields import distance_fields
 from jaxplan.search.kernels import expand
 from jaxplan.search.lockstep import alone
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS
-from jaxplan.search.multi_heuristic import Rules, _Search
+from jaxplan.search.multi_heuristic import Rules, Search
 from jaxplan.search.tree import make_root
 
 
@@ -44,7 +44,7 @@ def expansion_times(repeats: int) -> None:
     scene = make_scene(scenario, find_goals(scenario, attitude)[0], attitude)
     with jax.enable_x64(True):
         node, rng = make_root(scene), np.random.default_rng(0)
-        moves = mha.propose(scene, node, rng, scenario.search, 0)
+        moves = mha_rules.propose(scene, node, rng, scenario.search, 0)
         clearance = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         fields = distance_fields(scene).table
         arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance, fields)
@@ -55,7 +55,7 @@ def expansion_times(repeats: int) -> None:
         kernel = median_us(lambda: alone(scene, expand(*arguments, edges=True)), repeats)
         print(f"the expansion kernel           {kernel:10.0f} us")
         whole = []
-        rules = mha.rules(scene)
+        rules = mha_rules.rules(scene)
         without_shortcut = replace(rules, direct=False)
         for seed in range(max(repeats // 20, 5)):
             whole += _times_of_expansions(scene, replace(scenario.search, seed=seed), without_shortcut)
@@ -64,7 +64,7 @@ def expansion_times(repeats: int) -> None:
 
 def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[float]:
     """Seconds of each of 20 expansions: queues, moves, kernel, prices and the new block."""
-    search = _Search(scene, settings, rules)
+    search = Search(scene, settings, rules)
     alone(scene, search._expand(make_root(scene), 0))
     seconds = []
     for count in range(20):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan.cases import paper_case, random_scenario
-    from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan
+    from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
     from jaxplan.status import Status
     from jaxplan.trajectory import Trajectory
@@ -34,6 +34,7 @@ _HOMES = {
     "load_scenario": "jaxplan.scenario",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
+    "plan_batch": "jaxplan.planner",
     "random_scenario": "jaxplan.cases",
     "save_scenario": "jaxplan.scenario",
 }
@@ -50,6 +51,7 @@ __all__ = [
     "load_scenario",
     "paper_case",
     "plan",
+    "plan_batch",
     "plot",
     "random_scenario",
     "save_scenario",

@@ -4,17 +4,19 @@ import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
 from scipy.spatial.transform import Rotation
 
-from jaxplan.search import mha, mha_paper
+from jaxplan.cases import random_scenario
+from jaxplan.search import PLANNERS, mha_paper, mha_rules
 from jaxplan.search.fields import SIZE, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
 from jaxplan.search.lockstep import alone
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, steps_between
 from jaxplan.search.tree import Moves, Node, chosen, make_root
+from jaxplan.table4 import make_problem
 from jaxplan.zones import KeepIn, KeepOut
 
 CLEARANCE = np.deg2rad(0.5)
-LAST_SCALE = len(mha.SCALES) - 1  # the number of an expansion with short moves
+LAST_SCALE = len(mha_rules.SCALES) - 1  # the number of an expansion with short moves
 
 
 def zones_at_hand(
@@ -89,7 +91,7 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
-    node, moves, found = expansion(scene, mha, CLEARANCE, edges=True)
+    node, moves, found = expansion(scene, mha_rules, CLEARANCE, edges=True)
     slacks, ends = found.slacks, ends_of(scene, found).as_matrix()
     every = np.broadcast_to(moves.options, (len(ends), *moves.options.shape[1:]))  # one set, or one an end
     joints = np.array([node.joints + chosen(options, moves.choice) for options in every])
@@ -186,14 +188,13 @@ def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
     rng = np.random.default_rng(2)
     at_limit = scene.joint_limits * np.sign(rng.standard_normal(8))
     node = Node(np.concatenate([make_root(scene).packed[:7], at_limit]), 0.0, 1.0, None)
-    moves: Moves = mha.propose(scene, node, rng, make_scenario().search, 1)
+    moves: Moves = mha_rules.propose(scene, node, rng, make_scenario().search, 1)
     ends = at_limit + chosen(moves.options[0], moves.choice)
     assert np.all(np.abs(ends) <= scene.joint_limits + 1e-12)
     cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], ends - at_limit)
-    assert np.all(cost <= mha.SCALES[1] + 1e-12)
-    assert np.allclose(
-        ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -0.1 * mha.SCALES[1], 0.1 * mha.SCALES[1])
-    )
+    assert np.all(cost <= mha_rules.SCALES[1] + 1e-12)
+    longest = 0.1 * mha_rules.SCALES[1]
+    assert np.allclose(ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -longest, longest))
 
 
 def test_fields_lead_around_zones():
@@ -201,7 +202,7 @@ def test_fields_lead_around_zones():
     fields = distance_fields(scene)
     assert fields.table.shape == (1, SIZE, SIZE)
     node = make_root(scene)
-    moves = mha.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
+    moves = mha_rules.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
     tried = (moves.turns, moves.options, moves.choice)
     found = alone(scene, expand(node.packed, *tried, wanted, fields.table, edges=True))
@@ -224,18 +225,16 @@ def test_without_zones_fields_are_distances_on_the_sphere():
 
 
 def test_a_second_scene_of_the_same_padded_sizes_compiles_nothing():
-    scenes = [
-        scene_of(make_scenario(3, keep_out=zones_at_hand(3, 0, count, seed)))
-        for count, seed in ((2, 1), (3, 4), (4, 5), (5, 6), (7, 2))
-    ]
-    settings = make_scenario().search
-    before = [mha.search(scene, settings).expansions for scene in scenes[:-1]]
-    assert any(before), "the first scenes must need all that is compiled"
+    search, settings = PLANNERS["mha"], make_scenario().search
+    hard = [make_problem(random_scenario(seed, "hard_keep_out")) for seed in (3, 10, 15)]
+    assert all(search(scene, settings).expansions for scene in hard[:-1]), "all must be compiled"
+    few = [scene_of(make_scenario(3, keep_out=zones_at_hand(3, 0, count, 4))) for count in (3, 7)]
     compiled = []
     jax.monitoring.register_event_duration_secs_listener(
         lambda event, duration, **_: compiled.append(event) if "backend_compile" in event else None
     )
-    mha.search(scenes[-1], settings)
+    for scene in (*few, *hard[-1:]):
+        search(scene, settings)
     assert not compiled
     jax.jit(lambda x: x + len(compiled))(1.0)
     assert compiled, "the counter does not count"

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.path import Path
 from jaxplan.scenario import Scenario, SearchSettings
-from jaxplan.search import PLANNERS, Scene, mha, multi_heuristic, smoothing
+from jaxplan.search import PLANNERS, Scene, mha_rules, multi_heuristic, smoothing
 from jaxplan.search.corners import make_path, subdivide
 from jaxplan.search.lockstep import alone
 from jaxplan.search.problem import steps_between
@@ -57,7 +57,7 @@ def blocked(terminals: int, instruments: int, seed: int = 0, share: float = 0.6)
 def found_path(scenario: Scenario, scene: Scene, **changes: object) -> Path:
     """A path that the search has found, and that nobody has cut short."""
     settings = replace(scenario.search, **changes)
-    return alone(scene, multi_heuristic.search(scene, settings, mha.rules(scene))).path
+    return alone(scene, multi_heuristic.search(scene, settings, mha_rules.rules(scene))).path
 
 
 def sampled_margins(scene: Scene, path: Path, samples: int = 17) -> np.ndarray:

@@ -1,58 +1,39 @@
-"""The default planner: multi-heuristic A* with an expansion that can leave the goal's values again.
+"""The default planner: what is quickest first, then multi-heuristic A* and trees in a race.
 
-The straight motion to the goal is tried first, and then what an elastic band makes of it (`smoothing`): that
-is near the shortest, and often all that is needed. Else the search begins. The straight motion is tried again
-from every child (analytic expansion), so an expansion that comes near the goal's side of the obstacles ends
-the search. Attitude moves: toward the
-goal, stay, and random directions; each joint goes toward its goal, stays or goes away, of which a sample
-of combinations is tried. The joints of a terminal that a keep-in zone holds follow the zone instead of
-staying. Moves are `SCALES` steps long in turn, and clipped at goal and limits, not dropped. All edges are
-checked whole, and the path is smoothed at the end (`smoothing`). If it is asked for, the search is then run
-again with other random moves, for paths that pass the zones on other sides, and the shortest path is kept.
+1. The straight motion to the goal.
+2. What an elastic band makes of it (`smoothing`): near the shortest, and often all that is needed.
+3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics of `mha_rules`), which tries the
+   straight motion again from every child (analytic expansion) and, from time to time, expands any node,
+   whatever its key. All edges are checked whole.
+4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path.
 
-The cost of a move is the steps it takes, the largest over platform and joints, so the cost of the straight
-motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality: it is the
-anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the anchor consistent, a path
-found costs at most ``w1 w2`` times the cheapest in the graph of the moves that were drawn; of the
-continuous problem that graph is a sample, so there it is no bound.
-
-The further queues are the three heuristics of equation (15), and two that see the zones (`fields`), each
-scaled to agree with the anchor at the start, so that the weight ``w2`` compares like with like; and an
-exploration queue.
+The path is smoothed. If it is asked for, 3 and 4 are then repeated with other random moves, for paths that
+pass the zones on other sides, and the shortest is kept.
 """
 
-import math
 import time
 from dataclasses import replace
-from functools import partial
-from itertools import product
 
 import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search import multi_heuristic
-from jaxplan.search.fields import Fields
-from jaxplan.search.kernels import Expansion
 from jaxplan.search.lockstep import Steps
-from jaxplan.search.multi_heuristic import Rules
+from jaxplan.search.mha_rules import QUEUES, rules
+from jaxplan.search.multi_heuristic import Search, try_straight
 from jaxplan.search.problem import Scene, SearchResult, derived_seed
-from jaxplan.search.smoothing import bend_straight, smooth
-from jaxplan.search.tree import Moves, Node, unrotated
+from jaxplan.search.race import race
+from jaxplan.search.rrt import Space
+from jaxplan.search.rrt_connect import connect
+from jaxplan.search.smoothing import Bend, bend_straight, smooth
 from jaxplan.status import Status
 
-JOINT_MOVES = 48
-# Lengths of the moves in steps, one after the other (multi-resolution A*).
-SCALES = (8.0, 4.0, 8.0, 2.0)
-# Steps that moves away from the goal keep from the joint limits: a trajectory swings past its nodes.
-JOINT_RESERVE = 0.2
 # No improvement is looked for of a path within this factor of the straight motion's length.
 SHORT_ENOUGH = 1.001
 # A bent straight motion within this factor of its length is taken without a search.
 BENT_ENOUGH = 1.05
-# The anchor, the three heuristics of equation (15), and two that see the zones.
-QUEUES = 6
-_TOWARD, _STAY, _AWAY = 0, 1, 2
+# Expansions after which trees join in.
+HEAD_START = 48
 
 
 def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
@@ -66,7 +47,7 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
         OK with a path whose every edge is clear, or why there is none.
     """
     begin = time.monotonic()
-    straight = yield from multi_heuristic.try_straight(scene, settings)
+    straight = yield from try_straight(scene, settings)
     if straight is not None:
         return _without_expansion(straight)
     shortest = scene.straight_steps
@@ -74,9 +55,7 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     enough = (SHORT_ENOUGH if settings.improvements else BENT_ENOUGH) * shortest
     if bent is not None and bent.length <= enough and np.all(bent.slacks >= 0):
         return _without_expansion(bent.path(scene))
-    best = yield from multi_heuristic.search(scene, settings, rules(scene))
-    if best.path is not None:
-        best = replace(best, path=(yield from smooth(scene, settings, best.path, bent)))
+    best = yield from _search(scene, settings, bent)
     for attempt in range(1, settings.improvements + 1):
         left = settings.time_limit - (time.monotonic() - begin)
         spare = settings.max_expansions - best.expansions
@@ -84,129 +63,37 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
             break
         seed = derived_seed(settings.seed, 0, attempt)
         effort = replace(settings, seed=seed, max_expansions=spare, time_limit=left)
-        again = yield from multi_heuristic.search(scene, effort, rules(scene))
-        best = yield from _better(scene, settings, best, again)
+        again = yield from _search(scene, effort, bent)
+        shorter = again.path is not None and again.path.length < best.path.length
+        best = replace(
+            best,
+            path=again.path if shorter else best.path,
+            expansions=best.expansions + again.expansions,
+            queue_expansions=tuple(np.add(best.queue_expansions, again.queue_expansions).tolist()),
+        )
     return best
 
 
 def _without_expansion(path: Path) -> SearchResult:
-    return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * QUEUES)
+    return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * (QUEUES + 1))
 
 
-def _better(
-    scene: Scene, settings: SearchSettings, best: SearchResult, again: SearchResult
-) -> Steps[SearchResult]:
-    """The shorter path of two searches, the second of which is smoothed here, and the effort of both."""
-    path = best.path
-    if again.path is not None and path is not None:
-        smoothed = yield from smooth(scene, settings, again.path)
-        path = smoothed if smoothed.length < path.length else path
-    return replace(
-        best,
-        path=path,
-        expansions=best.expansions + again.expansions,
-        queue_expansions=tuple(np.add(best.queue_expansions, again.queue_expansions).tolist()),
-    )
-
-
-def rules(scene: Scene) -> Rules:
-    """How the default planner proposes and prices children."""
-    return Rules(
-        propose=propose,
-        price=partial(price, scale=_scale_to_anchor(scene)),
-        edges=True,
-        shared=True,
-        direct=True,
-        queues=QUEUES,
-        informed=True,
-    )
-
-
-def _scale_to_anchor(scene: Scene) -> np.ndarray:
-    """(3,) factors that make the heuristics of equation (15) equal the anchor at the start."""
-    turn = scene.goal_coordinates  # of the goal about the start, where all of them are taken
-    left = np.abs(scene.goal_joints - scene.start_joints)
-    joints, angle = np.sum(left), np.linalg.norm(turn)
-    printed = [angle + joints, angle + np.linalg.norm(left), np.sum(np.abs(turn)) + joints]
-    return scene.straight_steps / np.maximum(printed, 1e-300)
-
-
-def propose(
-    scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
-) -> Moves:
-    """Moves from a node, see the module's text."""
-    scale = SCALES[number % len(SCALES)]
-    attitude_step, joint_steps = scale * scene.attitude_step, scale * scene.joint_steps
-    turns = np.zeros((settings.attitude_moves + 2, 3))
-    angle = math.hypot(*node.to_goal.tolist())
-    turns[0] = node.to_goal * min(1.0, attitude_step / max(angle, 1e-300))
-    vectors = rng.standard_normal((settings.attitude_moves, 3))
-    turns[2:] = vectors * (attitude_step / np.sqrt(np.sum(vectors * vectors, axis=1)))[:, None]
-
-    remaining = scene.goal_joints - node.joints
-    options = np.zeros((3, len(remaining)))
-    options[_TOWARD] = np.maximum(np.minimum(remaining, joint_steps), -joint_steps)
-    away = node.joints + np.where(remaining > 0, -joint_steps, joint_steps)
-    bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
-    options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
-    held = np.flatnonzero(scene.held)
-    choice = _joint_moves(scene, rng)
-    if not len(held):
-        return Moves(turns, options[None], choice)
-    every = np.repeat(options[None], len(turns), axis=0)
-    every[:, _STAY] = _following(scene, node, turns, held, bound)
-    return Moves(turns, every, choice)
-
-
-def _following(
-    scene: Scene, node: Node, turns: np.ndarray, held: np.ndarray, bound: np.ndarray
-) -> np.ndarray:
-    """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
-    now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
-    half = np.sqrt(np.sum(turns * turns, axis=1))[:, None] / 2
-    turned = np.concatenate([np.cos(half), turns * (np.sinc(half / np.pi) / 2)], axis=1)
-    seen = unrotated(turned, now)
-    x, y, z = seen[:, :, 0], seen[:, :, 1], seen[:, :, 2]
-    yaw = np.arctan2(y, x) - scene.mounts[held]
-    yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
-    pitch = np.arctan2(z, np.hypot(x, y))
-    joints = np.repeat(node.joints[None], len(turns), axis=0)
-    joints[:, held], joints[:, held + len(scene.mounts)] = yaw, pitch
-    return np.maximum(np.minimum(joints, bound), -bound) - node.joints
-
-
-def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """(M, 2n) options of each joint move: all combinations where they are few, else a sample."""
-    joints = len(scene.joint_limits)
-    if 3**joints <= JOINT_MOVES:
-        return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
-    choice = rng.integers(0, 3, (JOINT_MOVES, joints), dtype=np.int32)
-    choice[0] = _TOWARD
-    if np.any(scene.held):
-        held = np.tile(scene.held, 2)
-        choice[1 : JOINT_MOVES // 2, held] = _STAY  # half of the moves keep every link
-    return choice
-
-
-def price(
-    scene: Scene, expansion: Expansion, fields: Fields, *, scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) and heuristics (6, A, M) of the children in steps, the anchor first.
+def _search(scene: Scene, settings: SearchSettings, bent: Bend | None) -> Steps[SearchResult]:
+    """Multi-heuristic A*, from some point on in a race with trees, and the path smoothed.
 
     Args:
         scene: the problem.
-        expansion: the children.
-        fields: the distance fields; until there are any their two heuristics are infinite.
-        scale: (3,) factors of the printed heuristics.
+        settings: effort and seed.
+        bent: what has become of the straight motion.
     """
-    heuristics = np.empty((QUEUES, *expansion.steps.shape))
-    heuristics[0] = ahead = expansion.heuristics[0]
-    np.multiply(expansion.heuristics[1:], scale[:, None, None], out=heuristics[1:4])
-    if fields.known:
-        halves = scene.straight_steps / 2 / np.maximum([fields.start.sum(), fields.start.max()], 1e-300)
-        np.multiply(expansion.fields, halves[:, None, None], out=heuristics[4:])
-        heuristics[4] += ahead / 2
-        heuristics[5] += heuristics[2] / 2
-    else:
-        heuristics[4:] = np.inf
-    return expansion.steps, heuristics
+    for_trees = max(settings.max_expansions - HEAD_START, 0) // 2
+    informed = Search(
+        scene, replace(settings, max_expansions=settings.max_expansions - for_trees), rules(scene)
+    )
+    trees = Space(scene, replace(settings, max_expansions=for_trees))
+    answer = yield from race(informed.run(), connect(trees), head_start=HEAD_START)
+    path = answer.path
+    if path is not None:
+        path = yield from smooth(scene, settings, path, bent)
+    counts = (*informed.counts, trees.extensions)
+    return SearchResult(status=answer.status, path=path, expansions=sum(counts), queue_expansions=counts)

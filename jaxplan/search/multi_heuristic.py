@@ -82,11 +82,15 @@ def search(scene: Scene, settings: SearchSettings, rules: Rules) -> Steps[Search
     Returns:
         OK with the path, or NODE_LIMIT or TIME_LIMIT without.
     """
-    return _Search(scene, settings, rules).run()
+    return Search(scene, settings, rules).run()
 
 
-class _Search:
-    """One run: the queues, what has been expanded, and the best way to the goal so far."""
+class Search:
+    """One run: the queues, what has been expanded, and the best way to the goal so far.
+
+    Attributes:
+        counts: expansions that each queue has asked for, the anchor's first.
+    """
 
     def __init__(self, scene: Scene, settings: SearchSettings, rules: Rules) -> None:
         self.scene, self.settings, self.rules = scene, settings, rules
@@ -107,8 +111,9 @@ class _Search:
         if root.ahead <= ARRIVED:
             return self._result(Status.OK, trace(self.scene, root))
         for queue in range(1 if self.rules.shared else len(self.queues)):
-            yield from self._expand(root, queue)
-        if self.rules.informed and self.arrival is None:
+            if not self._spent():
+                yield from self._expand(root, queue)
+        if self.rules.informed and self.arrival is None and not self._spent():
             self.fields = distance_fields(self.scene)
             yield from self._expand(root, 0)
         turn = 0
@@ -119,7 +124,7 @@ class _Search:
                 queue = 0
             if self.arrival is not None and self.goal_cost <= self.queues[queue].min_key():
                 return self._result(Status.OK, trace(self.scene, self.arrival))
-            if sum(self.counts) >= self.settings.max_expansions:
+            if self._spent():
                 return self._result(Status.NODE_LIMIT)
             if time.monotonic() >= deadline:
                 return self._result(Status.TIME_LIMIT)
@@ -127,6 +132,10 @@ class _Search:
             node = self._any() if explore else self._next(queue)
             if node is not None:
                 yield from self._expand(node, queue)
+
+    def _spent(self) -> bool:
+        """Whether all expansions have been made."""
+        return sum(self.counts) >= self.settings.max_expansions
 
     def _result(self, status: Status, path: Path | None = None) -> SearchResult:
         counts = tuple(self.counts)

@@ -79,7 +79,8 @@ class SearchResult:
         status: OK, NODE_LIMIT, TIME_LIMIT or NO_PATH.
         path: from start to goal, None unless the status is OK.
         expansions: nodes expanded.
-        queue_expansions: how many of them each queue asked for, the anchor's first.
+        queue_expansions: how many of them each queue asked for, the anchor's first; of `mha` the last number
+            is that of the trees.
     """
 
     status: Status

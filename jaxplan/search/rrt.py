@@ -125,8 +125,13 @@ class Space:
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
-        """(k,) places in a tree of the states nearest to k others."""
-        return np.argmin(self.distance(states[:, None], tree.states[: tree.size]), axis=1)
+        """(k,) places in a tree of the states nearest to k others, to within some 1e-8 steps."""
+        known = tree.states[: tree.size]
+        cosines = np.minimum(np.abs(states[:, :4] @ known[:, :4].T), 1)  # of half the turns
+        away = np.arccos(cosines) * (2 / self.scene.attitude_step)
+        for joint, step in enumerate(self.scene.joint_steps, start=4):
+            np.maximum(away, np.abs(states[:, joint, None] - known[:, joint]) / step, out=away)
+        return np.argmin(away, axis=1)
 
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray

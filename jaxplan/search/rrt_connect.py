@@ -36,10 +36,10 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     """
     space = Space(scene, settings)
     straight = yield from space.straight()
-    return straight or (yield from _connect(space))
+    return straight or (yield from connect(space))
 
 
-def _connect(space: Space) -> Steps[SearchResult]:
+def connect(space: Space) -> Steps[SearchResult]:
     """Grow the trees until they meet or the effort is spent."""
     trees, side = (Tree(space.start), Tree(space.goal)), 0
     while (limit := space.spent()) is None:

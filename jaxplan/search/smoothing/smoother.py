@@ -8,7 +8,6 @@ is clear, by as much as is wanted or by as much as in the path that was given.
 
 import numpy as np
 
-from jaxplan import zones
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
 from jaxplan.search.corners import ARRIVED
@@ -87,10 +86,13 @@ class _Race:
             self.best, self.score = found, found.score
 
     def _as_clear_as_given(self, found: Bend) -> Steps[bool]:
-        """Whether what lacks of the wanted clearance lacks in the path given, too."""
+        """Whether what lacks of the wanted clearance lacks in the path given, too; of very long ones no."""
         edges = self.path.edges
-        nodes = padded(self.path.attitudes, self.path.joints, max(EDGES, zones.capacity(edges)))
-        table = yield Call(edge_table, (*nodes, self.clearance))
+        if edges > EDGES:  # would compile kernels of its own
+            return False
+        table = yield Call(
+            edge_table, (*padded(self.path.attitudes, self.path.joints, EDGES), self.clearance)
+        )
         margins, slacks = table[:2, :edges]
         floor = np.min(margins[~(slacks >= 0)], initial=np.inf)
         return bool(np.all((found.slacks >= 0) | (found.margins >= max(floor, 0))))

@@ -1,0 +1,42 @@
+"""The time that a plan takes, step by step."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+class Clock:
+    """Seconds by step, and what is left of a time limit.
+
+    Attributes:
+        seconds: by the name of a step. Only what was spent on the plan counts, not what other plans took
+            that are made at the same time.
+    """
+
+    def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
+        self.seconds: dict[str, float] = {}
+        self._time_limit, self._show = time_limit, show
+
+    def spent(self) -> float:
+        """Seconds spent on all steps."""
+        return sum(self.seconds.values())
+
+    def left(self) -> float:
+        """Seconds that are left."""
+        return max(self._time_limit - self.spent(), 0.0)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Count seconds to a step."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Count the time of a block to a step."""
+        begin = time.monotonic()
+        self._show(name)
+        yield
+        self.add(name, time.monotonic() - begin)
+
+    def timings(self) -> dict[str, float]:
+        """Seconds by step, and in all."""
+        return {**self.seconds, "total": self.spent()}

@@ -1,0 +1,145 @@
+"""Planning one scenario, or many at once."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from jaxplan.planner.chain import Chain, Query, chain
+from jaxplan.planner.clock import Clock
+from jaxplan.planner.record import Plan, PlanningError
+from jaxplan.scenario import Scenario
+from jaxplan.search import PLANNERS, SearchResult, search_batch
+
+# Scenarios that are planned at once, so that progress is seen and memory stays small.
+TOGETHER = 256
+
+
+def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
+    """Plan a manoeuvre and prove it safe.
+
+    Args:
+        scenario: the problem and its settings.
+        throw: raise when there is no certified plan; otherwise return what was found, with its status.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        The plan. Of a failed one the fields before the failing step are filled; UNCERTIFIED keeps trajectory
+        and report.
+
+    Raises:
+        PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
+        TypeError: if it is no scenario.
+
+    Example:
+        >>> import jaxplan as jp
+        >>> plan = jp.plan(jp.paper_case(2))
+        >>> plan.trajectory.sample(10.0).attitude.shape
+        (3, 3)
+    """
+    _expect_scenario("scenario", scenario)
+    with _bar("planning", " steps", None, progress) as bar:
+
+        def show(name: str) -> None:
+            bar.set_description(f"planning: {name}")
+            bar.update()
+
+        clock = Clock(scenario.search.time_limit, show)
+        run = _Run(scenario, clock)
+        while run.query is not None:
+            with clock.step("search"):
+                found = PLANNERS[run.query.settings.method](run.query.scene, run.query.settings)
+            run.go_on(found)
+    result = run.plan()
+    if throw and not result.ok:
+        raise PlanningError(result)
+    return result
+
+
+def plan_batch(scenarios: Sequence[Scenario], *, progress: bool = True) -> list[Plan]:
+    """Plan many scenarios, their searches in lockstep.
+
+    Args:
+        scenarios: the problems, each with its own settings; they need not be alike.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        The plans in the same order, failed ones with their status and message: none raises. They are those of
+        `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of
+        searches made together each plan is given an equal share.
+
+    Raises:
+        TypeError: if one of them is no scenario.
+    """
+    for number, scenario in enumerate(scenarios):
+        _expect_scenario(f"scenarios[{number}]", scenario)
+    plans: list[Plan] = []
+    with _bar("planning", " plans", len(scenarios), progress) as bar:
+        for first in range(0, len(scenarios), TOGETHER):
+            runs = []
+            for scenario in scenarios[first : first + TOGETHER]:
+                runs.append(_Run(scenario, Clock(scenario.search.time_limit)))
+                bar.update(runs[-1].query is None)
+            while asking := [run for run in runs if run.query is not None]:
+                for run, found in zip(asking, _search(asking), strict=True):
+                    run.go_on(found)
+                    bar.update(run.query is None)
+            plans += [run.plan() for run in runs]
+    return plans
+
+
+class _Run:
+    """A chain under way.
+
+    Attributes:
+        clock: its time.
+        query: the search it waits for, None at its end.
+    """
+
+    def __init__(self, scenario: Scenario, clock: Clock) -> None:
+        self.clock = clock
+        self._chain: Chain = chain(scenario, clock)
+        self._plan: Plan | None = None
+        self.query: Query | None = None
+        self.go_on(None)
+
+    def go_on(self, found: SearchResult | None) -> None:
+        """Send the answer to the query, None to begin."""
+        try:
+            self.query = self._chain.send(found)  # type: ignore[arg-type]
+        except StopIteration as end:
+            self.query, self._plan = None, end.value
+
+    def plan(self) -> Plan:
+        """The answer at its end."""
+        assert self._plan is not None
+        return replace(self._plan, timings=self.clock.timings())
+
+
+def _search(asking: Sequence[_Run]) -> list[SearchResult]:
+    """The answers to the queries, and the time they took to the clocks, in equal shares."""
+    begin = time.monotonic()
+    queries = [run.query for run in asking if run.query is not None]
+    found = search_batch([query.scene for query in queries], [query.settings for query in queries])
+    share = (time.monotonic() - begin) / len(asking)
+    for run in asking:
+        run.clock.add("search", share)
+    return found
+
+
+def _expect_scenario(name: str, given: object) -> None:
+    """Raise for what is none, such as the name of a file."""
+    if not isinstance(given, Scenario):
+        kind = type(given).__name__
+        raise TypeError(f"{name} must be a Scenario, not {kind}; jp.load_scenario reads one from a file")
+
+
+@contextmanager
+def _bar(what: str, unit: str, total: int | None, progress: bool) -> Iterator[Any]:
+    """A bar shown after a second where somebody can see it."""
+    from tqdm.auto import tqdm
+
+    hidden = not progress or None  # None: where stderr is no terminal
+    with tqdm(desc=what, unit=unit, total=total, delay=1, leave=False, disable=hidden) as bar:
+        yield bar
