@@ -166,7 +166,9 @@ def _table4(options: argparse.Namespace) -> int:
     from jaxplan.search import PLANNERS
     from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
 
-    kinds, planners = options.kind or PAPER_KINDS, options.planner or tuple(PLANNERS)
+    kinds, planners = (
+        tuple(dict.fromkeys(names)) for names in (options.kind or PAPER_KINDS, options.planner or PLANNERS)
+    )
     for key, chosen, known in (("--kind", kinds, RANDOM_KINDS), ("--planner", planners, tuple(PLANNERS))):
         for name in chosen:
             if name not in known:

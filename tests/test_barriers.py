@@ -319,14 +319,14 @@ def ends(scene: Scene) -> np.ndarray:
     )
 
 
-def fenced_scene(device: int, devices: tuple[str, ...], **group: str) -> Scene:
+def fenced_scene(device: int, devices: tuple[str, ...], more: tuple[KeepIn, ...] = (), **group: str) -> Scene:
     """Two terminals and a camera, with a fence around one of them and a harmless zone before it."""
     plain = make_scenario(terminals=2, instruments=1, turn=(0.1, -0.3, 0.2))
     plain = replace(plain, goal=replace(plain.goal, joints=0.9 * plain.start.joints))
     start, goal = ends(scene_of(plain))[:, device]
     keep_out, keep_in = fence(start, goal, devices, **group)
     harmless = zone(KeepOut, "harmless", -unit(start + goal), 0.2, devices)
-    return scene_of(replace(plain, keep_out=(harmless, *keep_out), keep_in=tuple(keep_in)))
+    return scene_of(replace(plain, keep_out=(harmless, *keep_out), keep_in=(*keep_in, *more)))
 
 
 @pytest.mark.parametrize(("device", "name"), [(0, "terminal-1"), (1, "terminal-2"), (2, "camera-1")])
@@ -341,9 +341,11 @@ def test_a_fenced_device_is_named_with_its_zones(device, name):
 
 
 def test_a_group_is_no_proof():
-    scene = fenced_scene(2, ("camera-1",), any_of="trackers")
-    assert find_barrier(scene) is None
-    start, goal = ends(scene)[:, 2]
+    alone = fenced_scene(2, ("camera-1",), any_of="trackers")
+    assert find_barrier(alone) is not None, "alone in its group, a zone must hold"
+    start, goal = ends(alone)[:, 2]
+    another = zone(KeepIn, "another", -start, 1.0, ("terminal-1",), any_of="trackers")
+    assert find_barrier(fenced_scene(2, ("camera-1",), (another,), any_of="trackers")) is None
     out, kept = fence(start, goal, ("camera-1",), any_of="trackers")
     other = zone(KeepIn, "other", -start, 1.0, ("camera-2",), any_of="trackers")
     names = ("camera-1", "camera-2")

@@ -71,3 +71,6 @@ def test_a_batch_may_be_empty_and_names_what_is_no_scenario():
     assert jp.plan_batch([]) == []
     with pytest.raises(TypeError, match=r"scenarios\[1\] must be a Scenario, not str"):
         jp.plan_batch([jp.paper_case(1), "case-1.toml"])
+    with pytest.raises(TypeError, match=r"scenarios must be several, not a Scenario; jp\.plan plans one"):
+        jp.plan_batch(jp.paper_case(1))
+    assert [plan.ok for plan in jp.plan_batch(jp.paper_case(number) for number in (2,))] == [True]

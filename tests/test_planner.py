@@ -11,7 +11,7 @@ from jaxplan.certificate import Report
 from jaxplan.planner import chain, messages
 from jaxplan.planner.check import check_plan
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import STRETCHED, Targets
+from jaxplan.scenario import STRETCHED, Targets, parse_scenario
 from jaxplan.search import make_scene
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -336,6 +336,55 @@ def test_a_ring_of_zones_around_the_goal_is_a_proof_that_no_path_exists():
     assert all(zone.name in plan.message for zone in ring)
     gap = jp.plan(replace(scenario, keep_out=ring[1:]), throw=False)
     assert gap.status is jp.Status.OK
+
+
+STRAIT = """
+schema_version = 1
+name = "strait"
+[spacecraft]
+rate_limit_deg_s = 3.0
+acceleration_limit_deg_s2 = 2.0
+[[spacecraft.instrument]]
+name = "telescope"
+boresight = [0.0, 0.0, 1.0]
+[start]
+attitude = [0.0, 0.6457718, 0.0]
+[goal]
+attitude = [0.0, -0.6457718, 0.0]
+[[keep_out]]
+name = "port"
+direction = [0.0, 0.258819, 0.965926]
+half_angle_deg = 28.0
+[[keep_out]]
+name = "starboard"
+direction = [0.0, -0.258819, 0.965926]
+half_angle_deg = 28.0
+[[keep_in]]
+name = "channel"
+direction = [0.0, 0.0, 1.0]
+half_angle_deg = 40.0
+devices = ["telescope"]
+"""
+
+
+@pytest.mark.parametrize("group", ["", 'any_of = "alone"'])
+def test_a_strait_shut_by_a_keep_in_zone_opens_as_the_message_says(group):
+    shut = parse_scenario(STRAIT + group)
+    plan = jp.plan(shut, throw=False)
+    assert plan.status is jp.Status.NO_PATH
+    assert "make a keep-out zone smaller or a keep-in zone larger" in plan.message
+    (channel,) = shut.keep_in
+    wide = jp.plan(replace(shut, keep_in=(replace(channel, half_angle=np.deg2rad(70)),)), throw=False)
+    assert wide.status is jp.Status.OK
+
+
+@pytest.mark.parametrize("key", ["rotation_vector", "angular_velocity"])
+def test_a_start_that_is_no_number_is_invalid_without_zones_too(key):
+    scenario = replace(parse_scenario(STRAIT), keep_out=(), keep_in=())
+    lost = replace(scenario, start=replace(scenario.start, **{key: np.array([0.0, np.nan, 0.0])}))
+    plan = jp.plan(lost, throw=False)
+    assert (plan.status, plan.path) == (jp.Status.INVALID_START, None)
+    assert ("attitude" if key == "rotation_vector" else "rate") in plan.message
 
 
 def test_a_duration_that_is_too_short_says_how_long_it_takes():

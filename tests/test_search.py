@@ -187,6 +187,17 @@ def test_further_searches_shorten_the_path_and_stay_within_the_effort():
     assert spent.path is None or spent.expansions <= 2, "no time is left for another"
 
 
+def test_a_bent_straight_motion_is_kept_where_no_search_finds_a_better_path():
+    scenario = random_scenario(6, "hard_keep_out")  # bent clear, to 1.025 times its length
+    start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
+    scene = scene_of(scenario, find_goals(scenario, start)[0])
+    bent = PLANNERS["mha"](scene, scenario.search)
+    assert (bent.status, bent.expansions) == (Status.OK, 0)
+    tried = PLANNERS["mha"](scene, replace(scenario.search, improvements=3, max_expansions=1))
+    assert (tried.status, tried.expansions) == (Status.OK, 1)
+    assert np.array_equal(tried.path.joints, bent.path.joints)
+
+
 def test_a_search_that_cannot_succeed_ends_at_its_limits():
     settings = replace(make_scenario().search, max_expansions=40)
     scene = enclosed_scene()

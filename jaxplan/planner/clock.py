@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from jaxplan.stopwatch import working_time
+
 
 class Clock:
     """Seconds by step, and what is left of a time limit.
@@ -15,27 +17,28 @@ class Clock:
 
     def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
         self.seconds: dict[str, float] = {}
-        self._time_limit, self._show = time_limit, show
+        self._left, self._show = time_limit, show
 
     def spent(self) -> float:
         """Seconds spent on all steps."""
         return sum(self.seconds.values())
 
     def left(self) -> float:
-        """Seconds that are left."""
-        return max(self._time_limit - self.spent(), 0.0)
+        """Seconds that are left of the limit, which does not count what is spent on compiling."""
+        return max(self._left, 0.0)
 
-    def add(self, name: str, seconds: float) -> None:
-        """Count seconds to a step."""
+    def add(self, name: str, seconds: float, working: float) -> None:
+        """Count seconds to a step, and those of them that are not spent on compiling to the limit."""
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        self._left -= working
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
         """Count the time of a block to a step."""
-        begin = time.monotonic()
+        begin, began = time.monotonic(), working_time()
         self._show(name)
         yield
-        self.add(name, time.monotonic() - begin)
+        self.add(name, time.monotonic() - begin, working_time() - began)
 
     def timings(self) -> dict[str, float]:
         """Seconds by step, and in all."""

@@ -7,7 +7,7 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.scenario import Scenario
-from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
+from jaxplan.search import Barrier, Scene, SearchResult, alone_and_grouped, most_obstructive
 from jaxplan.status import Status
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -40,12 +40,15 @@ def unreachable(scenario: Scenario, found: Decomposition) -> str:
 
 def parted(scenario: Scenario, barrier: Barrier) -> str:
     """Of a device that no motion brings to its goal direction."""
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
-    names = [zones[row].name for row in barrier.zones]
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *alone_and_grouped(scenario.keep_in)[0]]
+    ring = [zones[row] for row in barrier.zones]
+    names = [zone.name for zone in ring]
+    out, inside = (any(isinstance(zone, kind) for zone in ring) for kind in (KeepOut, KeepIn))
+    change = " or ".join(["a keep-out zone smaller"] * out + ["a keep-in zone larger"] * inside)
     return (
         f"{scenario.spacecraft.device_names[barrier.device]} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
-        "make one of them smaller, or do not bind the device to it"
+        f"make {change}, or do not bind the device to it"
     )
 
 
@@ -60,8 +63,7 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
         )
     return (
         f"no path within search.max_expansions = {settings.max_expansions}: raise it, "
-        f"try another search.seed, or lower search.clearance_deg = {np.rad2deg(settings.clearance):.3g}"
-        f"{blocked}"
+        f"or try another search.seed{blocked}"
     )
 
 
@@ -72,9 +74,9 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
         return ""
     cones, row = obstacle
     if cones is scene.grouped_cones:
-        group = [zone.any_of for zone in scenario.keep_in if zone.any_of is not None][row]
+        group = alone_and_grouped(scenario.keep_in)[1][row].any_of
         return f"; keep-in group {group} is most in the way"
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *(z for z in scenario.keep_in if z.any_of is None)]
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *alone_and_grouped(scenario.keep_in)[0]]
     return f"; zone {zones[row].name} is most in the way"
 
 

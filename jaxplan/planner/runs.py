@@ -1,7 +1,7 @@
 """Planning one scenario, or many at once."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -11,6 +11,7 @@ from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, SearchResult, search_batch
+from jaxplan.stopwatch import working_time
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -57,7 +58,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     return result
 
 
-def plan_batch(scenarios: Sequence[Scenario], *, progress: bool = True) -> list[Plan]:
+def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[Plan]:
     """Plan many scenarios, their searches in lockstep.
 
     Args:
@@ -72,6 +73,9 @@ def plan_batch(scenarios: Sequence[Scenario], *, progress: bool = True) -> list[
     Raises:
         TypeError: if one of them is no scenario.
     """
+    if isinstance(scenarios, Scenario):
+        raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
+    scenarios = list(scenarios)
     for number, scenario in enumerate(scenarios):
         _expect_scenario(f"scenarios[{number}]", scenario)
     plans: list[Plan] = []
@@ -119,12 +123,12 @@ class _Run:
 
 def _search(asking: Sequence[_Run]) -> list[SearchResult]:
     """The answers to the queries, and the time they took to the clocks, in equal shares."""
-    begin = time.monotonic()
+    begin, began = time.monotonic(), working_time()
     queries = [run.query for run in asking if run.query is not None]
     found = search_batch([query.scene for query in queries], [query.settings for query in queries])
-    share = (time.monotonic() - begin) / len(asking)
+    share, working = (time.monotonic() - begin) / len(asking), (working_time() - began) / len(asking)
     for run in asking:
-        run.clock.add("search", share)
+        run.clock.add("search", share, working)
     return found
 
 

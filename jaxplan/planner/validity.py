@@ -44,7 +44,8 @@ def breaches(
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
     """
     craft = scenario.spacecraft
-    found = [
+    found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
+    found += [
         f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
         for name, excess, limit in zip(
             craft.joint_names, np.abs(joints) - craft.joint_limits, craft.joint_limits, strict=True

@@ -89,8 +89,9 @@ class SearchSettings:
         anchor_weight: ``w2``, at least 1.
         attitude_moves: random unit vectors drawn for an expansion.
         clearance: rad, wanted beyond the zones; it tapers to zero at start and goal.
-        max_expansions: gives up after as many.
-        time_limit: s, infinite for none ("off" in files).
+        max_expansions: a search gives up after as many; of `mha` half of those beyond 48 are for trees. A
+            plan may need several searches.
+        time_limit: s, infinite for none ("off" in files); what is spent on compiling does not count.
         max_goals: how many distinct goals of step 1 may be tried.
         improvements: how many further searches may look for a shorter path once one is found, while
             expansions and time are left; only `mha` makes them.

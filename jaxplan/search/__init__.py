@@ -8,7 +8,7 @@ from jaxplan.scenario.model import SearchSettings
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.lockstep import Steps, alone, together
-from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
+from jaxplan.search.problem import Scene, SearchResult, alone_and_grouped, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 
@@ -56,6 +56,7 @@ __all__ = [
     "Planner",
     "Scene",
     "SearchResult",
+    "alone_and_grouped",
     "derived_seed",
     "find_barrier",
     "make_scene",

@@ -22,7 +22,8 @@ shrunk by `TOLERANCE`, and count as overlapping when they still do so by as much
 1e-15 rad. What is proved is thus a little more: no motion exists even if margins may fall to -4e-9 rad,
 which is beyond the -1e-9 rad that a certificate allows.
 
-A keep-in zone of an ``any_of`` group need not hold by itself, so that no proof may use it: it is left out.
+A keep-in zone of an ``any_of`` group of several need not hold by itself, so that no proof may use it: it is
+left out.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,6 @@ The path is smoothed. If it is asked for, 3 and 4 are then repeated with other r
 pass the zones on other sides, and the shortest is kept.
 """
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +26,7 @@ from jaxplan.search.rrt import Space
 from jaxplan.search.rrt_connect import connect
 from jaxplan.search.smoothing import Bend, bend_straight, smooth
 from jaxplan.status import Status
+from jaxplan.stopwatch import working_time
 
 # No improvement is looked for of a path within this factor of the straight motion's length.
 SHORT_ENOUGH = 1.001
@@ -46,18 +46,21 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     Returns:
         OK with a path whose every edge is clear, or why there is none.
     """
-    begin = time.monotonic()
+    begin = working_time()
     straight = yield from try_straight(scene, settings)
     if straight is not None:
         return _without_expansion(straight)
     shortest = scene.straight_steps
     bent = yield from bend_straight(scene, settings)
     enough = (SHORT_ENOUGH if settings.improvements else BENT_ENOUGH) * shortest
-    if bent is not None and bent.length <= enough and np.all(bent.slacks >= 0):
-        return _without_expansion(bent.path(scene))
+    clear = bent if bent is not None and bent.clear else None
+    if clear is not None and clear.length <= enough:
+        return _without_expansion(clear.path(scene))
     best = yield from _search(scene, settings, bent)
+    if clear is not None and best.path is None:
+        best = replace(best, status=Status.OK, path=clear.path(scene))
     for attempt in range(1, settings.improvements + 1):
-        left = settings.time_limit - (time.monotonic() - begin)
+        left = settings.time_limit - (working_time() - begin)
         spare = settings.max_expansions - best.expansions
         if best.path is None or best.path.length <= SHORT_ENOUGH * shortest or spare <= 0 or left <= 0:
             break

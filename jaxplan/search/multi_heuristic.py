@@ -8,7 +8,6 @@ or, as printed, independent. The search ends when the best way found to the goal
 next key.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,6 +24,7 @@ from jaxplan.search.problem import Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.tree import Children, Moves, Node, make_root, trace
 from jaxplan.status import Status
+from jaxplan.stopwatch import working_time
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -106,7 +106,7 @@ class Search:
 
     def run(self) -> Steps[SearchResult]:
         """Expand until the goal is reached or the effort is spent."""
-        deadline = time.monotonic() + self.settings.time_limit
+        deadline = working_time() + self.settings.time_limit
         root = make_root(self.scene)
         if root.ahead <= ARRIVED:
             return self._result(Status.OK, trace(self.scene, root))
@@ -126,7 +126,7 @@ class Search:
                 return self._result(Status.OK, trace(self.scene, self.arrival))
             if self._spent():
                 return self._result(Status.NODE_LIMIT)
-            if time.monotonic() >= deadline:
+            if working_time() >= deadline:
                 return self._result(Status.TIME_LIMIT)
             explore = self.rules.informed and turn % EXPLORE_EVERY == 0
             node = self._any() if explore else self._next(queue)

@@ -1,5 +1,7 @@
 """What every planner of step 2 is given, and what it answers."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,7 +15,7 @@ from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
 from jaxplan.search.holding import held_axes
 from jaxplan.status import Status
-from jaxplan.zones import Cones, tabulate
+from jaxplan.zones import Cones, KeepIn, tabulate
 
 
 @jax.tree_util.register_dataclass
@@ -99,8 +101,7 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
     """
     craft = scenario.spacecraft
     goal_quaternion, goal_coordinates = _relative(start_attitude, np.asarray(goal.attitude, float))
-    single_in = [zone for zone in scenario.keep_in if zone.any_of is None]
-    grouped_in = [zone for zone in scenario.keep_in if zone.any_of is not None]
+    single_in, grouped_in = alone_and_grouped(scenario.keep_in)
     held, axes = held_axes(scenario, start_attitude, goal)
     return Scene(
         cones=tabulate(scenario.keep_out, single_in, craft.device_names),
@@ -119,6 +120,14 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         goal_quaternion=goal_quaternion,
         goal_coordinates=goal_coordinates,
     )
+
+
+def alone_and_grouped(keep_in: Sequence[KeepIn]) -> tuple[list[KeepIn], list[KeepIn]]:
+    """Keep-in zones that must hold all the time, alone in their group or in none, and the others."""
+    sizes = Counter(zone.any_of for zone in keep_in)
+    of_many = [zone.any_of is not None and sizes[zone.any_of] > 1 for zone in keep_in]
+    alone = [zone for zone, grouped in zip(keep_in, of_many, strict=True) if not grouped]
+    return alone, [zone for zone, grouped in zip(keep_in, of_many, strict=True) if grouped]
 
 
 def _relative(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,6 @@ the other planners. How far a state is from the root is known along its tree; fr
 at least the straight distance, which then counts.
 """
 
-import time
-
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -29,6 +27,7 @@ from jaxplan.search.problem import Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
 from jaxplan.search.smoothing import smooth
 from jaxplan.status import Status
+from jaxplan.stopwatch import working_time
 
 INTERVALS = 32
 # Motions of a jitted call: few for single samples, many for neighbourhoods.
@@ -98,7 +97,7 @@ class Space:
 
     def __init__(self, scene: Scene, settings: SearchSettings) -> None:
         self.scene, self.settings = scene, settings
-        self.deadline = time.monotonic() + settings.time_limit
+        self.deadline = working_time() + settings.time_limit
         self.rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
         self.start = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.start_joints])
         self.goal = np.concatenate([scene.goal_quaternion, scene.goal_joints])
@@ -113,7 +112,7 @@ class Space:
         """The limit that is reached, if any."""
         if self.left <= 0:
             return Status.NODE_LIMIT
-        return Status.TIME_LIMIT if time.monotonic() >= self.deadline else None
+        return Status.TIME_LIMIT if working_time() >= self.deadline else None
 
     def draw(self, count: int) -> np.ndarray:
         """Random states, (count, 4 + 2n), see `samples`."""

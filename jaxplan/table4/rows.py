@@ -48,10 +48,11 @@ class Row:
             "scenes": self.scenes,
             "found": self.found,
             "clear": self.clear,
-            "clear_95_percent": self.interval(self.found if self.clear is None else self.clear),
+            "found_95_percent": self.interval(self.found),
+            "clear_95_percent": None if self.clear is None else self.interval(self.clear),
             "seconds": spread(self.seconds, printed),
-            "interior_nodes": spread(self.nodes, printed) if len(self.nodes) else None,
-            "mean_steps": float(np.mean(self.steps)) if self.steps is not None and self.steps.size else None,
+            "interior_nodes": spread(self.nodes, printed),
+            "steps": None if self.steps is None else spread(self.steps, False),
         }
 
 
@@ -96,10 +97,10 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def spread(values: np.ndarray, printed: bool) -> tuple[float, float, float]:
-    """Least, largest and mean; of the paper's rows they are given."""
+def spread(values: np.ndarray, printed: bool) -> tuple[float, float, float] | None:
+    """Least, largest and mean; of the paper's rows they are given. None of nothing."""
     if not len(values):
-        return (np.nan, np.nan, np.nan)
+        return None
     if printed:
         return float(values[0]), float(values[1]), float(values[2])
     return float(np.min(values)), float(np.max(values)), float(np.mean(values))

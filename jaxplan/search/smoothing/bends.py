@@ -46,6 +46,11 @@ class Bend:
     length: float
     score: float
 
+    @property
+    def clear(self) -> bool:
+        """Whether every edge is as clear as wanted."""
+        return bool(np.all(self.slacks >= 0))
+
     def path(self, scene: Scene) -> Path:
         """As a path."""
         return make_path(scene, self.attitudes, self.joints)

@@ -80,9 +80,7 @@ class _Race:
         """Take what was found if it is better than the best so far, and as clear as it must be."""
         if found is None or found.length > LENGTHENING * self.path.length or found.score >= self.score:
             return
-        if np.all(found.margins >= 0) and (
-            np.all(found.slacks >= 0) or (yield from self._as_clear_as_given(found))
-        ):
+        if np.all(found.margins >= 0) and (found.clear or (yield from self._as_clear_as_given(found))):
             self.best, self.score = found, found.score
 
     def _as_clear_as_given(self, found: Bend) -> Steps[bool]:
