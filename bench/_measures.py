@@ -50,10 +50,8 @@ def measure(scene: Scene, path: Path) -> Measures:
 
 def straight_lengths(scene: Scene) -> tuple[float, float]:
     """Steps and travel of the straight motion from start to goal, which no path can undercut."""
-    rotation = float(np.linalg.norm(scene.goal_coordinates))
     change = np.abs(scene.goal_joints - scene.start_joints)
-    steps = max(rotation / scene.attitude_step, float(np.max(change / scene.joint_steps)))
-    return steps, rotation + float(np.sum(change))
+    return scene.straight_steps, float(np.linalg.norm(scene.goal_coordinates) + np.sum(change))
 
 
 def sampled_margins(scene: Scene, path: Path) -> np.ndarray:

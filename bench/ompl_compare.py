@@ -18,7 +18,7 @@ its figure and its bar; ratios of lengths are means over scenes, ratios of times
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from _machine import print_machine
 from _measures import measure, straight_lengths
@@ -72,8 +72,9 @@ def compare(
     trials = [Trial(seconds=[[] for _ in range(way.seeds)]) for way in ways]
     for repeat in range(repeats):
         search(scene, scenario.search)  # follows OMPL; the next follows its like, as OMPL's runs do
+        bare = replace(scene)  # with nothing of it computed yet
         begin = time.perf_counter()
-        search(scene, scenario.search)
+        search(bare, scenario.search)
         ours.seconds[0].append(time.perf_counter() - begin)
         for way, rival, trial in zip(ways, rivals, trials, strict=True):
             for number in range(way.seeds if repeat < way.repeats else 0):

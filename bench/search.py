@@ -85,8 +85,7 @@ def case_searches(repeats: int) -> None:
         attitude = start_attitude(scenario)
         goal = find_goals(scenario, attitude)[0]
         scene = make_scene(scenario, goal, attitude)
-        joint = np.max(np.abs(scene.goal_joints - scene.start_joints) / scene.joint_steps)
-        needed = max(goal.slew_angle / scene.attitude_step, joint)
+        needed = scene.straight_steps
         for method, search in PLANNERS.items():
             search(scene, scenario.search)
             seconds, lengths, expansions = [], [], []

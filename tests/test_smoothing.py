@@ -11,8 +11,8 @@ from jaxplan.scenario import Scenario, SearchSettings
 from jaxplan.search import PLANNERS, Scene, mha_rules, multi_heuristic, smoothing
 from jaxplan.search.corners import make_path, subdivide
 from jaxplan.search.lockstep import alone
-from jaxplan.search.problem import steps_between
-from jaxplan.search.smoothing.band import JOINT_RESERVE
+from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, steps_between
+from jaxplan.search.smoothing import bends
 from jaxplan.search.smoothing.smoother import LENGTHENING
 from jaxplan.search.tree import make_root
 from jaxplan.zones import KeepIn, KeepOut
@@ -79,7 +79,7 @@ def wanted_margins(scene: Scene, path: Path, clearance: float) -> np.ndarray:
     ahead = steps_between(scene, turns, scene.goal_joints - path.joints[:-1])
     behind = np.cumsum(path.edge_costs) - path.edge_costs
     steps = np.minimum(behind, ahead - np.maximum(path.edge_costs, 1))
-    return clearance * np.clip(steps / multi_heuristic.TAPER_STEPS, 0, 1)
+    return clearance * np.clip(steps / TAPER_STEPS, 0, 1)
 
 
 def assert_sound(scene: Scene, settings: SearchSettings, given: Path, smoothed: Path) -> None:
@@ -175,6 +175,19 @@ def test_a_straight_path_comes_back_as_it_is():
         scene = scene_of(scenario)
         path = PLANNERS["mha"](scene, scenario.search).path
         assert smooth(scene, scenario.search, path) is path
+
+
+@pytest.mark.parametrize("lost", ["attitude", "joint"])
+def test_a_node_that_is_no_number_is_never_clear(lost):
+    scenario = blocked(3, 0)
+    scene = scene_of(scenario)
+    path = found_path(scenario, scene)
+    attitudes, joints = bends.padded(path.attitudes, path.joints, bends.EDGES)
+    (attitudes if lost == "attitude" else joints)[5] = np.nan
+    with jax.enable_x64(True):
+        margins, slacks = bends.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[:2]
+    assert not np.any(margins[4:6] >= 0)
+    assert not np.any(slacks[4:6] >= 0)
 
 
 def test_start_equal_to_goal_comes_back_as_it_is():

@@ -77,7 +77,11 @@ def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
         attitudes: (m + 1, 3, 3).
         joints: (m + 1, 2n) rad.
     """
-    chord = np.linalg.norm(np.diff(attitudes, axis=0), axis=(1, 2))  # 2 sqrt(2) sin(rotation / 2)
-    rotation = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1))
-    costs = steps_between(scene, rotation, np.diff(joints, axis=0))
+    costs = steps_between(scene, rotations(attitudes), np.diff(joints, axis=0))
     return Path(attitudes=attitudes, joints=joints, edge_costs=costs)
+
+
+def rotations(attitudes: np.ndarray) -> np.ndarray:
+    """(m,) rad, between neighbours of attitudes (m + 1, 3, 3)."""
+    chord = np.linalg.norm(np.diff(attitudes, axis=0), axis=(1, 2))  # 2 sqrt(2) sin(rotation / 2)
+    return 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1))

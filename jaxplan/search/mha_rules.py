@@ -25,14 +25,12 @@ from jaxplan.scenario.model import SearchSettings
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules
-from jaxplan.search.problem import Scene
+from jaxplan.search.problem import JOINT_RESERVE, Scene
 from jaxplan.search.tree import Moves, Node, unrotated
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).
 SCALES = (8.0, 4.0, 8.0, 2.0)
-# Steps that moves away from the goal keep from the joint limits: a trajectory swings past its nodes.
-JOINT_RESERVE = 0.2
 # The anchor, the three heuristics of equation (15), and two that see the zones.
 QUEUES = 6
 _TOWARD, _STAY, _AWAY = 0, 1, 2

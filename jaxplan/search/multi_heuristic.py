@@ -20,14 +20,12 @@ from jaxplan.search.fields import Fields, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
 from jaxplan.search.lockstep import Steps
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
-from jaxplan.search.problem import Scene, SearchResult
+from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.tree import Children, Moves, Node, make_root, trace
 from jaxplan.status import Status
 from jaxplan.stopwatch import working_time
 
-# The wanted clearance grows from nothing to its full value over this many steps from start and goal.
-TAPER_STEPS = 4.0
 # Every so many turns the exploration queue has its own.
 EXPLORE_EVERY = 6
 

@@ -17,6 +17,11 @@ from jaxplan.search.holding import held_axes
 from jaxplan.status import Status
 from jaxplan.zones import Cones, KeepIn, tabulate
 
+# The wanted clearance grows from nothing to its full value over this many steps from start and goal.
+TAPER_STEPS = 4.0
+# Steps that joints keep from their limits unless they must: a trajectory swings past its nodes.
+JOINT_RESERVE = 0.2
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,8 +22,8 @@ from jaxplan.search.corners import half_turn, subdivide
 from jaxplan.search.kernels import interval_slacks
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import sight_between
-from jaxplan.search.multi_heuristic import TAPER_STEPS, try_straight
-from jaxplan.search.problem import Scene, SearchResult, steps_between
+from jaxplan.search.multi_heuristic import try_straight
+from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
 from jaxplan.search.smoothing import smooth
 from jaxplan.status import Status

@@ -23,8 +23,7 @@ from jax import Array
 
 from jaxplan import zones
 from jaxplan.search.motions import computed_once, dot
-from jaxplan.search.multi_heuristic import TAPER_STEPS
-from jaxplan.search.problem import Scene
+from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread, total
 
 PIECES = 24
@@ -32,8 +31,6 @@ TRAVEL = 0.2
 PENALTY = 700.0
 # Clearance that a band is given beyond what is wanted, rad, for what lies between its nodes.
 BUFFER = 0.012
-# Steps that are kept from the joint limits, as in the search, unless start or goal is nearer.
-JOINT_RESERVE = 0.2
 FAR = 0.15
 """Slack, rad, of what no zone binds, or more than what is to be felt."""
 

@@ -12,8 +12,7 @@ from jax import Array
 
 from jaxplan.path import Path
 from jaxplan.search.lockstep import Call, Kernel, Steps
-from jaxplan.search.multi_heuristic import TAPER_STEPS
-from jaxplan.search.problem import Scene
+from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing import sweeps
 from jaxplan.search.smoothing.components import conjugate, times
 

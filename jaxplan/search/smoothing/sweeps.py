@@ -12,8 +12,7 @@ from jax import Array
 from jaxplan import quaternion, zones
 from jaxplan.path import direction_curvature, step_cost
 from jaxplan.search.motions import computed_once, dot
-from jaxplan.search.multi_heuristic import TAPER_STEPS
-from jaxplan.search.problem import Scene
+from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, conjugate, in_body, spread, times, unit
 
 _TINY = 1e-12
