@@ -11,7 +11,8 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, assembly, chain, curve, evaluate, fit_paper, scaling
+from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, scaling
+from jaxplan.trajectory.paper import assembly, chain
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
 ZIG_ZAGS = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in ZIG_ZAG for s in (None, 3)])

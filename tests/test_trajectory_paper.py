@@ -12,7 +12,8 @@ from jaxplan.path import Path
 from jaxplan.scenario import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
-from jaxplan.trajectory import Samples, Trajectory, chain, fit_paper
+from jaxplan.trajectory import Samples, Trajectory, fit_paper
+from jaxplan.trajectory.paper import chain
 
 INERTIA = np.array([[120.0, 5.0, -3.0], [5.0, 90.0, 2.0], [-3.0, 2.0, 60.0]])
 

@@ -24,6 +24,7 @@ from jaxplan.scenario import Scenario, SearchSettings
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import METHODS
+from jaxplan.zones import tabulate
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
@@ -105,6 +106,8 @@ def _climb(
         message = messages.parted(scenario, barrier)
         best.add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return
+    # It looks for the shortest motion before it says that a duration is too short.
+    at_leisure = scenario.trajectory.method == "global"
     first = LADDER[0][0]
     found = {first: (yield Query(scene, _settings(scenario, first, 0, clock)))}
     for factor, halvings in LADDER if found[first].path is not None else BARE_LADDER:
@@ -118,8 +121,9 @@ def _climb(
         path = result.path
         for _ in range(halvings):
             path = halve(path)
-        best.add(_finish(replace(so_far, path=path), path, clock))
-        if best.over:
+        attempt = _finish(replace(so_far, path=path), path, clock)
+        best.add(attempt)
+        if best.over or (attempt.status is Status.LIMITS_TOO_TIGHT and at_leisure):
             return
 
 
@@ -144,6 +148,7 @@ def _finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
             path,
             scenario.spacecraft,
             scenario.trajectory,
+            cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
             start_angular_velocity=start.angular_velocity,
             start_joint_rates=start.joint_rates,
             end_angular_velocity=end.angular_velocity,

@@ -6,6 +6,7 @@ and `writing` go from one to the other.
 
 from jaxplan.scenario.faults import ScenarioError
 from jaxplan.scenario.model import (
+    MINIMUM,
     STRETCHED,
     GivenState,
     Scenario,
@@ -17,6 +18,7 @@ from jaxplan.scenario.reading import load_scenario, parse_scenario, scenario_fro
 from jaxplan.scenario.writing import dump_scenario, save_scenario, scenario_to_dict
 
 __all__ = [
+    "MINIMUM",
     "STRETCHED",
     "GivenState",
     "Scenario",

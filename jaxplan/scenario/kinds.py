@@ -100,12 +100,10 @@ class Choice(Kind):
     """One of a few words or whole numbers.
 
     Attributes:
-        options: what this version has.
-        later: what it knows of and does not have.
+        options: there are.
     """
 
     options: tuple[str | int, ...]
-    later: tuple[str, ...] = ()
 
     @property
     def wanted(self) -> str:
@@ -117,9 +115,7 @@ class Choice(Kind):
         for option in self.options:
             if type(value) is type(option) and value == option:
                 return option
-        unknown = f"must be {self.wanted}"
-        missing = f"this version does not have it; it has {self.wanted}"
-        place.fault(missing if isinstance(value, str) and value in self.later else unknown, value)
+        place.fault(f"must be {self.wanted}", value)
         return None
 
 
@@ -145,14 +141,13 @@ class Number(Kind):
     Attributes:
         interval: where it must lie, in the file's units.
         degrees: whether the file's unit is made of degrees and the model's of radians.
-        words: words that may stand in its place, and what the model holds for them.
-        later: words that this version knows of and does not have.
+        words: words that may stand in its place, and what the model holds for them; with "inf" among them
+            the number may be infinite too.
     """
 
     interval: Interval | None = None
     degrees: bool = False
     words: Mapping[str, Any] = field(default_factory=dict)
-    later: tuple[str, ...] = ()
 
     @property
     def wanted(self) -> str:
@@ -164,9 +159,8 @@ class Number(Kind):
         """The number in radians and seconds, or what its word stands for."""
         if isinstance(value, str) and value in self.words:
             return self.words[value]
-        if isinstance(value, str) and value in self.later:
-            place.fault(f"this version does not have it; it has {self.wanted}", value)
-            return None
+        if value == math.inf and "inf" in self.words:
+            return self.words["inf"]
         number = finite(value, place, self.wanted)
         if number is None:
             return None

@@ -105,27 +105,32 @@ SEARCH = Table(
     ),
 )
 
-_DURATION = Number(Interval("[1e-3, 1e7]"), words={"stretched": model.STRETCHED}, later=("minimum",))
-_TRAJECTORY_FIELDS = (
-    _always(
-        "method", Choice(model.TRAJECTORY_METHODS, model.LATER_TRAJECTORY_METHODS), "method", "the method"
-    ),
-    Field("duration_s", _DURATION, "duration", "from start to goal, or as short as scaling the time allows"),
-    Field("segments", Integer(Interval("[1, 1000]")), "segments", "at least; as few as possible if absent"),
-    # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
-    Field("order", Integer(Interval("[5, 24]")), "order", "degree of the polynomials"),
-    Field("rate_weight", Number(Interval("[0, 1e6]")), "rate_weight", "lambda_1 of the paper"),
-    Field(
-        "acceleration_weight", Number(Interval("[1e-6, 1e6]")), "acceleration_weight", "lambda_2 of the paper"
-    ),
-)
-_TRAJECTORY_KEYS = ", ".join(field.key for field in _TRAJECTORY_FIELDS)
+_DURATION = Number(Interval("[1e-3, 1e7]"), words={"stretched": model.STRETCHED, "minimum": model.MINIMUM})
+_TUBE = Number(Interval("[0, 180]"), degrees=True, words={"inf": math.inf})
 
 TRAJECTORY = Table(
     TrajectorySettings,
-    _TRAJECTORY_FIELDS,
-    refused=dict.fromkeys(
-        model.LATER_TRAJECTORY_KEYS, f"this version does not have it; [trajectory] has {_TRAJECTORY_KEYS}"
+    (
+        _always("method", Choice(model.TRAJECTORY_METHODS), "method", "the method"),
+        Field("duration_s", _DURATION, "duration", "or as short as scaling the time, or any motion, allows"),
+        Field("segments", Integer(Interval("[1, 1000]")), "segments", "of paper, at least"),
+        # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
+        Field("order", Integer(Interval("[5, 24]")), "order", "of paper, degree of the polynomials"),
+        Field("rate_weight", Number(Interval("[0, 1e6]")), "rate_weight", "lambda_1 of the paper"),
+        Field(
+            "acceleration_weight",
+            Number(Interval("[1e-6, 1e6]")),
+            "acceleration_weight",
+            "lambda_2 of the paper",
+        ),
+        Field("jerk_weight", Number(Interval("[0, 1e6]")), "jerk_weight", "of global"),
+        Field("node_tube_deg", _TUBE, "node_tube", "of global, how far off a node may be passed"),
+        Field(
+            "end_acceleration",
+            Choice(model.END_ACCELERATIONS),
+            "end_acceleration",
+            "of global, at start and goal",
+        ),
     ),
 )
 

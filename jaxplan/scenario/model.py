@@ -15,12 +15,9 @@ import numpy as np
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepIn, KeepOut
 
-# The methods that there are. What a later version has is known too, so that a file made for that one is
-# told from a misspelt one.
 SEARCH_METHODS = ("mha", "mha-paper", "wastar", "rrt_star", "rrt_connect")
-TRAJECTORY_METHODS = ("paper",)
-LATER_TRAJECTORY_METHODS = ("global",)
-LATER_TRAJECTORY_KEYS = ("jerk_weight", "node_tube_deg", "end_acceleration")
+TRAJECTORY_METHODS = ("global", "paper")
+END_ACCELERATIONS = ("zero", "free")
 
 
 @jax.tree_util.register_static
@@ -31,6 +28,7 @@ class Word(str):
 
 
 STRETCHED = Word("stretched")
+MINIMUM = Word("minimum")
 
 
 def _static(**kwargs: Any) -> Any:
@@ -120,20 +118,29 @@ class TrajectorySettings:
 
     Attributes:
         method: name of the method.
-        duration: s, or `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
-            limits.
-        segments: at least as many quadratic programs along the path; None for as few as its length allows.
-        order: of the Legendre basis, ``l``.
-        rate_weight: ``lambda_1``, on the platform's rate.
+        duration: s; `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
+            limits; `MINIMUM` (equal to "minimum"), of "global" only, for the shortest motion within limits
+            and zones.
+        segments: of "paper", at least as many quadratic programs along the path; None for as few as its
+            length allows.
+        order: of "paper", of the Legendre basis, ``l``.
+        rate_weight: ``lambda_1``, on rates; of "paper" the platform's alone.
         acceleration_weight: ``lambda_2``, on accelerations.
+        jerk_weight: of "global", on jerks.
+        node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
+            first guess. None for 1 deg, and in the shortest motion for infinite.
+        end_acceleration: of "global", "zero" or "free" at start and goal.
     """
 
-    method: str = _static(default="paper")
+    method: str = _static(default="global")
     duration: float | str = STRETCHED
     segments: int | None = _static(default=None)
     order: int = _static(default=12)
     rate_weight: float = 1.0
     acceleration_weight: float = 3.0
+    jerk_weight: float = 30.0
+    node_tube: float | None = None
+    end_acceleration: str = _static(default="zero")
 
 
 @jax.tree_util.register_dataclass

@@ -10,7 +10,8 @@ from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.status import Status
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.scaling import Peaks
-from jaxplan.trajectory.schedule import MIN_ORDER
+
+MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditions at either end
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,18 +59,25 @@ def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None
         settings: of step 3.
         fractions: (m + 1,) times of the nodes over the duration, or None.
     """
-    duration, weights = settings.duration, np.array([settings.rate_weight, settings.acceleration_weight])
+    duration = settings.duration
+    weights = np.array([settings.rate_weight, settings.acceleration_weight, settings.jerk_weight])
     if isinstance(duration, str):
-        if duration != "stretched":
-            raise ValueError(f'trajectory.duration_s = "{duration}": must be a number or "stretched"')
+        words = ("stretched", "minimum") if settings.method == "global" else ("stretched",)
+        if duration not in words:
+            known = " or ".join(f'"{word}"' for word in words)
+            raise ValueError(f'trajectory.duration_s = "{duration}": must be a number or {known}')
     elif not 0 < duration < np.inf:
         raise ValueError(f"trajectory.duration_s = {duration}: must be positive")
     if settings.order < MIN_ORDER:
         raise ValueError(f"trajectory.order = {settings.order}: must be at least {MIN_ORDER}")
     if settings.segments is not None and settings.segments < 1:
         raise ValueError(f"trajectory.segments = {settings.segments}: must be at least 1")
-    if not (np.all(weights >= 0) and np.all(np.isfinite(weights)) and np.any(weights > 0)):
-        raise ValueError("trajectory.rate_weight and acceleration_weight must not be negative, nor both zero")
+    if not (np.all(weights >= 0) and np.all(np.isfinite(weights)) and np.any(weights[:2] > 0)):
+        raise ValueError(
+            "trajectory.*_weight must not be negative, nor rate_weight and acceleration_weight zero"
+        )
+    if settings.node_tube is not None and not settings.node_tube >= 0:
+        raise ValueError("trajectory.node_tube_deg must not be negative")
     if not np.all((path.edge_costs >= 0) & np.isfinite(path.edge_costs)):
         raise ValueError("the costs of a path's edges must be finite and not negative")
     if fractions is not None and not (

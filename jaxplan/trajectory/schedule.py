@@ -1,25 +1,22 @@
-"""When each node is passed, and which intervals share a quadratic program.
+"""What both methods know of a path's nodes: which are distinct, when each is passed, how far it turns.
 
 Time is shared out by the cost of the edges, which is the time that each takes at full speed; equal costs
 give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that two near
 nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as one.
-
-A segment of ``n`` intervals has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two
-derivatives over from its neighbour, or from the start of the motion, and should keep a coefficient for its
-objective; the one that closes the chain takes two from the other end as well. So the closing segment (the
-last for the joints, the first for the platform, which is planned backward) holds at most ``l - 4``
-intervals, every other one ``l - 3``. So ``m`` intervals fit into ``S`` segments exactly if
-``m // S <= l - 4``.
 """
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from jaxplan import so3
 from jaxplan.path import Path
+
+FEWEST_NODES = 32  # smallest padded number; each next one is four times as large
 
 _LEAST_SHARE = 0.1  # of the mean edge's time
 _SAME_NODE = 1e-10  # rad, or matrix element
-_CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a turn
-MIN_ORDER = 5  # a single interval must meet three conditions at either end
 
 
 def distinct_nodes(path: Path) -> np.ndarray:
@@ -54,78 +51,31 @@ def node_fractions(edge_costs: np.ndarray) -> np.ndarray:
     return ends / ends[-1]
 
 
-def fewest_segments(intervals: int, order: int) -> int:
-    """The smallest number of segments that the counting rule allows.
+def edge_turns(attitudes: np.ndarray) -> np.ndarray:
+    """Rotation along each edge.
 
     Args:
-        intervals: m, at least 1.
-        order: of the Legendre basis, at least `MIN_ORDER`.
-    """
-    return intervals // (order - 3) + 1
-
-
-def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Node indices at which the segments of the joints, and those of the platform, end.
-
-    Both are split equally wherever the counting rule allows it for both; else the closing segments are
-    the short ones, which stand at opposite ends.
-
-    Args:
-        intervals: m, at least 1.
-        segments: S, from `fewest_segments` to m.
-        order: of the Legendre basis.
+        attitudes: (m + 1, 3, 3) body to inertial.
 
     Returns:
-        Two integer arrays (S + 1,), from 0 to m.
+        (m, 3) rad, rotation vectors in the axes of each edge's first node.
     """
-    equal = np.round(np.linspace(0, intervals, segments + 1)).astype(int)
-    sizes = np.diff(equal)
-    if max(sizes[0], sizes[-1]) <= order - 4 and sizes.max() <= order - 3:
-        return equal, equal
-    sizes = np.full(segments, intervals // segments)
-    sizes[: intervals % segments] += 1
-    return np.concatenate([[0], np.cumsum(sizes)]), np.concatenate([[0], np.cumsum(sizes[::-1])])
+    with jax.enable_x64(True):
+        return np.asarray(_edge_turns(padded(attitudes, FEWEST_NODES)))[: len(attitudes) - 1]
 
 
-def is_full(intervals: int, segments: int, order: int) -> bool:
-    """Whether a closing segment has at most one coefficient left for its objective."""
-    return segments < intervals and intervals // segments >= order - 5
-
-
-def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
-    """Whether every segment of more than one interval can work in one chart.
-
-    A segment whose edges turn by ``L`` in all has ``|eta| <= L`` along them, since ``eta`` is the rotation
-    between two motions that start together and end together; below half a turn its logarithm has no jump. A
-    single interval has none anyway.
+def padded(array: np.ndarray, size: int) -> np.ndarray:
+    """An array brought to one of few lengths by repeating its last entry, so that kernels are compiled once.
 
     Args:
-        turns: (m, 3) rad, rotation of each edge.
-        ends: (S + 1,) node indices where the platform's segments end.
+        array: (k, ...).
+        size: the least length; each next one is four times as large.
     """
-    turned = np.add.reduceat(np.linalg.norm(turns, axis=1), ends[:-1])
-    return bool(np.all((turned <= _CHART_REACH) | (np.diff(ends) == 1)))
+    while size < len(array):
+        size *= 4
+    return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
 
 
-def shortest_duration(
-    moves: np.ndarray, fractions: np.ndarray, rate_limits: np.ndarray, acceleration_limits: np.ndarray
-) -> float:
-    """The duration at which the differences of the nodes, from rest to rest, just keep all limits.
-
-    First differences are held against rates, second ones against accelerations.
-
-    Args:
-        moves: (m, d) change of each axis along each edge, rad.
-        fractions: (m + 1,) of the duration.
-        rate_limits: (d,) rad/s.
-        acceleration_limits: (d,) rad/s^2.
-
-    Returns:
-        s; a curve through the nodes needs more.
-    """
-    shares = np.diff(fractions)[:, None]
-    rates = np.pad(moves / shares, ((1, 1), (0, 0)))
-    between = np.pad(shares, ((1, 1), (0, 0)), mode="edge")
-    accelerations = np.diff(rates, axis=0) / ((between[1:] + between[:-1]) / 2)
-    by_rate = np.max(np.abs(rates) / rate_limits)
-    return float(max(by_rate, np.sqrt(np.max(np.abs(accelerations) / acceleration_limits))))
+@jax.jit
+def _edge_turns(attitudes: Array) -> Array:
+    return so3.log(jnp.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])

@@ -17,8 +17,9 @@ from jax import Array
 
 from jaxplan import so3
 from jaxplan.trajectory.basis import energy, legendre
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
-_FEWEST_SEGMENTS, _FEWEST_NODES = 4, 32  # smallest padded sizes; each next one is four times as large
+_FEWEST_SEGMENTS = 4  # smallest padded number; each next one is four times as large
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,9 +84,9 @@ def assemble(
     """
     count = len(joint_ends) - 1
     indices = [_node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
-    nodes = _filled(attitudes, _FEWEST_NODES), _filled(times, _FEWEST_NODES)
+    nodes = padded(attitudes, FEWEST_NODES), padded(times, FEWEST_NODES)
     with jax.enable_x64(True):
-        assembled = _assemble(*nodes, *(_filled(index, _FEWEST_SEGMENTS) for index in indices), order=order)
+        assembled = _assemble(*nodes, *(padded(index, _FEWEST_SEGMENTS) for index in indices), order=order)
         joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in assembled)
 
     def segments(
@@ -107,34 +108,9 @@ def assemble(
     )
 
 
-def edge_turns(attitudes: np.ndarray) -> np.ndarray:
-    """Rotation along each edge.
-
-    Args:
-        attitudes: (m + 1, 3, 3) body to inertial.
-
-    Returns:
-        (m, 3) rad, rotation vectors in the axes of each edge's first node.
-    """
-    with jax.enable_x64(True):
-        return np.asarray(_edge_turns(_filled(attitudes, _FEWEST_NODES)))[: len(attitudes) - 1]
-
-
-def _filled(array: np.ndarray, size: int) -> np.ndarray:
-    """The array brought to a padded length, from the given one on, by repeating its last entry."""
-    while size < len(array):
-        size *= 4
-    return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
-
-
 def _node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
     """(S, slots) node of each slot; slots left over repeat the last one."""
     return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
-
-
-@jax.jit
-def _edge_turns(attitudes: Array) -> Array:
-    return so3.log(jnp.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
 
 
 @partial(jax.jit, static_argnames="order")

@@ -14,11 +14,12 @@ from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.assembly import edge_turns
-from jaxplan.trajectory.chain import Nodes, fit_nodes
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, at_rest, boundary, check, remedy, too_tight, within_limits
+from jaxplan.trajectory.paper import counting
+from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
 from jaxplan.trajectory.scaling import SAFETY, Peaks, peaks
+from jaxplan.zones import Cones
 
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
@@ -32,6 +33,7 @@ def fit_paper(
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
     *,
+    cones: Cones | None = None,
     node_fractions: np.ndarray | None = None,
     start_angular_velocity: np.ndarray | None = None,
     start_joint_rates: np.ndarray | None = None,
@@ -59,6 +61,7 @@ def fit_paper(
         path: m + 1 nodes; the edges' costs share out the time.
         spacecraft: its limits.
         settings: of step 3.
+        cones: the zones, which this method does not look at.
         node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
             to 1, instead of what the costs say.
         start_angular_velocity: (3,) rad/s, body axes; zero by default, as are the next three.
@@ -92,7 +95,7 @@ def fit_paper(
         attitudes=np.asarray(path.attitudes, float)[distinct],
         joints=np.asarray(path.joints, float)[distinct],
         fractions=fractions,
-        turns=edge_turns(path.attitudes[distinct]),
+        turns=schedule.edge_turns(path.attitudes[distinct]),
         start=start,
         end=end,
     )
@@ -123,15 +126,15 @@ class _Task:
         """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
         rates, accelerations = np.hstack(self.limits)
         ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
-        moves = schedule.shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
+        moves = counting.shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
         return moves + float(np.max(ends / accelerations))
 
     def segment_counts(self) -> Iterator[int]:
         """Numbers of segments to try, from as few as wanted up to one an interval."""
         intervals, order = len(self.nodes.turns), self.settings.order
-        count = max(self.settings.segments or _DEFAULT_SEGMENTS, schedule.fewest_segments(intervals, order))
+        count = max(self.settings.segments or _DEFAULT_SEGMENTS, counting.fewest_segments(intervals, order))
         while count < intervals:
-            if schedule.charts_suffice(self.nodes.turns, schedule.split(intervals, count, order)[1]):
+            if counting.charts_suffice(self.nodes.turns, counting.split(intervals, count, order)[1]):
                 yield count
             count = max(count + 1, int(_MORE_SEGMENTS * count))
         yield intervals
@@ -227,7 +230,7 @@ def _stretched(task: _Task) -> Fit:
         attempt = task.attempt(task.nominal_duration, count, limited=False)
         if attempt is not None and attempt.better_than(best):
             best = attempt
-        full = task.settings.segments is None and schedule.is_full(
+        full = task.settings.segments is None and counting.is_full(
             len(task.nodes.turns), count, task.settings.order
         )
         if best is not None and best.peaks.stretch <= _CALM and best.peaks.in_range and not full:

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.trajectory import qp, schedule
-from jaxplan.trajectory.assembly import Segments, assemble
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.paper import counting, qp
+from jaxplan.trajectory.paper.assembly import Segments, assemble
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +72,7 @@ def fit_nodes(
         The trajectory, or None if a program has no solution.
     """
     times = nodes.fractions * duration
-    joint_ends, platform_ends = schedule.split(len(nodes.turns), segments, settings.order)
+    joint_ends, platform_ends = counting.split(len(nodes.turns), segments, settings.order)
     joints, platform, charts = assemble(
         attitudes=nodes.attitudes,
         joints=nodes.joints,

@@ -1,0 +1,145 @@
+"""Splines of degree 5 on given breaks: values, derivatives, energies and pieces.
+
+A curve is ``z(s) = sum_i N_i(s) c_i`` on [0, 1] with the B-splines ``N_i`` of degree 5 and simple knots, so
+it has four continuous derivatives. A derivative is a spline of one degree less, whose coefficients are
+differences of those of the curve; all its values lie between the least and the largest of them, which turns
+a limit at every instant into as many linear rows.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+
+import numpy as np
+
+DEGREE = 5
+SMOOTHNESS = DEGREE - 1
+_DERIVATIVES = 4  # the curve itself and three more
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Basis:
+    """The B-splines on some breaks.
+
+    Attributes:
+        breaks: (K + 1,) from 0 to 1, rising.
+        differences: four matrices (n - d, n) from the n = K + 5 coefficients of a curve to those of its d-th
+            derivative.
+    """
+
+    breaks: np.ndarray
+    differences: tuple[np.ndarray, ...]
+    _found: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def on(cls, breaks: np.ndarray) -> "Basis":
+        """The basis on breaks (K + 1,)."""
+        knots = _knots(breaks, DEGREE)
+        matrices = [np.eye(len(breaks) - 1 + DEGREE)]
+        for degree in range(DEGREE, DEGREE - _DERIVATIVES + 1, -1):
+            rows = len(knots) - degree - 2
+            rate = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+            step = np.zeros((rows, rows + 1))
+            step[np.arange(rows), np.arange(rows)] = -rate
+            step[np.arange(rows), np.arange(1, rows + 1)] = rate
+            matrices.append(step @ matrices[-1])
+            knots = knots[1:-1]
+        return cls(breaks=breaks, differences=tuple(matrices))
+
+    @classmethod
+    @cache
+    def even(cls, intervals: int) -> "Basis":
+        """The basis on breaks at equal distances, made once."""
+        return cls.on(np.linspace(0, 1, intervals + 1))
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients, n."""
+        return self.differences[0].shape[0]
+
+    def rows(self, places: np.ndarray, derivatives: int = _DERIVATIVES) -> np.ndarray:
+        """Rows that give a curve and its derivatives.
+
+        Args:
+            places: (S,) in [0, 1].
+            derivatives: how many, the curve itself counted.
+
+        Returns:
+            (derivatives, S, n), by 1, 1/s, 1/s^2 and 1/s^3 of the places' unit.
+        """
+        from scipy.interpolate import BSpline
+
+        return np.stack(
+            [
+                BSpline.design_matrix(places, _knots(self.breaks, DEGREE - d), DEGREE - d)
+                @ self.differences[d]
+                for d in range(derivatives)
+            ]
+        )
+
+    def within(self, points: int) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced places, so many on each interval, and the end.
+
+        Returns:
+            The places (K * points + 1,) and the rows there.
+        """
+        if points in self._found:
+            return self._found[points]
+        steps = np.arange(points) / points
+        inner = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps
+        places = np.append(inner.ravel(), self.breaks[-1])
+        self._found[points] = places, self.rows(places)
+        return self._found[points]
+
+    @cached_property
+    def energies(self) -> np.ndarray:
+        """(4, n, n) integrals of the products of the d-th derivatives, exact by Gauss' rule."""
+        nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
+        half = np.diff(self.breaks)[:, None] / 2
+        rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel())
+        return np.swapaxes(rows, 1, 2) @ ((half * weights).reshape(-1, 1) * rows)
+
+    def pieces(self, coefficients: np.ndarray) -> np.ndarray:
+        """The same curve in Legendre polynomials on each interval.
+
+        Args:
+            coefficients: (n, d).
+
+        Returns:
+            (K, 6, d) in the basis of `jaxplan.trajectory.basis`.
+        """
+        nodes, to_legendre = _legendre_fit()
+        half = np.diff(self.breaks)[:, None] / 2
+        values = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel(), 1)[0] @ coefficients
+        return to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
+
+
+def refined(breaks: np.ndarray, intervals: int) -> np.ndarray:
+    """Breaks with the longest intervals cut evenly, until there are as many as wanted.
+
+    Args:
+        breaks: (K + 1,) rising.
+        intervals: at least K.
+
+    Returns:
+        (intervals + 1,).
+    """
+    lengths = np.diff(breaks)
+    parts = np.ones(len(lengths), dtype=int)
+    for _ in range(intervals - len(lengths)):
+        parts[np.argmax(lengths / parts)] += 1
+    inner = [
+        low + length * np.arange(count) / count
+        for low, length, count in zip(breaks[:-1], lengths, parts, strict=True)
+    ]
+    return np.append(np.concatenate(inner), breaks[-1])
+
+
+def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
+    return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
+
+
+@cache
+def _legendre_fit() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes in [-1, 1], both ends among them, and the matrix from values there to Legendre coefficients."""
+    nodes = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
+    return nodes, np.linalg.inv(np.polynomial.legendre.legvander(nodes, DEGREE))

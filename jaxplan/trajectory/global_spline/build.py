@@ -1,0 +1,157 @@
+"""From a path to the task that `sqp` works on, and from its curve to a trajectory."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.global_spline import chart as charts
+from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
+from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
+from jaxplan.trajectory.global_spline.families import Tube
+from jaxplan.trajectory.global_spline.motion import Problem, cosines, margins
+from jaxplan.trajectory.global_spline.sqp import Point, Task
+from jaxplan.trajectory.global_spline.timing import along
+from jaxplan.zones import Cones
+
+CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
+_OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
+_SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Request:
+    """What to fit.
+
+    Attributes:
+        attitudes: (m + 1, 3, 3) nodes, body to inertial.
+        joints: (m + 1, 2n) rad.
+        places: (m + 1,) of the nodes in [0, 1].
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+        basis: of the splines.
+        points: places on each interval.
+        radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
+        rest: whether accelerations are zero at both ends.
+    """
+
+    attitudes: np.ndarray
+    joints: np.ndarray
+    places: np.ndarray
+    rates: np.ndarray
+    basis: Basis
+    points: int
+    radius: float
+    rest: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Built:
+    """A task with the curve to begin with.
+
+    Attributes:
+        task: for `sqp.improve`.
+        coefficients: (n, A) of the first curve.
+        reach: rad, how far the nodes lie from the chart's steady motion.
+    """
+
+    task: Task
+    coefficients: np.ndarray
+    reach: float
+
+
+def build(
+    request: Request,
+    spacecraft: Spacecraft,
+    cones: Cones,
+    duration: float,
+    *,
+    weights: tuple[float, float, float],
+    limited: bool,
+    free_time: bool,
+) -> Built:
+    """The task of a request.
+
+    Args:
+        request: what to fit.
+        spacecraft: its limits.
+        cones: the zones.
+        duration: s, given or to begin with.
+        weights: of rate, acceleration and jerk.
+        limited: whether limits are kept, or time will be stretched to them.
+        free_time: whether the shortest duration is looked for.
+    """
+    chart, b = charts.fitting(request.attitudes, request.places)
+    nodes = np.column_stack([b, request.joints])
+    basis = request.basis
+    rates = request.rates.copy()
+    rates[1, :3] = chart.end_turn @ rates[1, :3]
+    space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=request.rest))
+    places, rows = basis.within(request.points)
+    inner = slice(1, -1)
+    tube = None
+    if request.radius == 0:
+        space = space.through(request.places[inner], nodes[inner])
+    elif np.isfinite(request.radius) and len(nodes) > 2:
+        # Of the platform's axes a cube within the ball: what b is off bounds what the attitude is.
+        radius = np.full(nodes.shape[1], request.radius)
+        radius[:3] /= np.sqrt(3.0)
+        tube = Tube(basis.rows(request.places[inner], 1)[0], nodes[inner], radius)
+    problem = Problem.of(chart, spacecraft, cones)
+    first = _nearest(space, rows[0], along(nodes, request.places, places), duration)
+    task = Task(
+        problem=problem,
+        space=space,
+        places=places,
+        rows=rows,
+        wanted=_wanted(problem, request),
+        tube=tube,
+        limited=limited,
+        weights=weights,
+        free_time=free_time,
+    )
+    return Built(task=task, coefficients=first, reach=charts.farthest(chart, b, request.places))
+
+
+def trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
+    """The curve of a point in time.
+
+    Args:
+        task: its chart and basis.
+        point: the curve.
+        node_times: (m + 1,) s, when the nodes are passed.
+    """
+    basis, chart, duration = task.space.basis, task.problem.chart, point.duration
+    pieces = basis.pieces(point.coefficients)
+    count = len(pieces)
+    breaks = basis.breaks * duration
+    return Trajectory(
+        breaks=breaks,
+        chart_attitude=np.repeat(chart.attitude[None], count, axis=0),
+        chart_start=np.zeros(count),
+        chart_rate=np.repeat(chart.turn[None] / duration, count, axis=0),
+        coefficients=np.ascontiguousarray(pieces[:, :, :3]),
+        joint_breaks=breaks,
+        joint_coefficients=np.ascontiguousarray(pieces[:, :, 3:]),
+        node_times=node_times,
+        smoothness=SMOOTHNESS,
+        method="global",
+    )
+
+
+def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: float) -> np.ndarray:
+    """The curve nearest to points (S, A) at the places, a little smoothed."""
+    start = space.fixed + duration * space.by_time
+    design = rows @ space.free
+    bending = space.free.T @ space.energies[3] @ space.free
+    weight = _SMOOTHING * len(bending) / np.trace(bending)
+    pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
+    return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
+
+
+def _wanted(problem: Problem, request: Request) -> np.ndarray:
+    """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
+    cones, ends = problem.cones, [0, -1]
+    found = margins(cones, cosines(problem, request.attitudes[ends], request.joints[ends]))
+    room = np.where(cones.side > 0, np.pi - cones.half_angle, cones.half_angle)
+    return np.minimum(CLEARANCE, _OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))

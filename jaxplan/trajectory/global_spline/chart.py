@@ -1,0 +1,115 @@
+"""One chart of SO(3) for a whole manoeuvre, and where nodes lie in it.
+
+The chart moves with a constant rotation ``r`` from the first attitude to the last (equation 25 with
+``tau = s`` in [0, 1] and ``Omega = r``):
+
+    R(s) = R_a U exp(eta^) U,   U = exp(s r^ / 2),   eta(s) = b(s) - s r.
+
+``eta`` is what a motion departs from the steady one. Its logarithm is taken on the branch that continues the
+node before, so nodes may lie more than half a turn off; ``D(eta)`` is regular up to a whole turn.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxplan import so3
+
+REACH = 4.0  # rad; beyond it, short of the whole turn at which D is singular, a chart is no longer used
+_NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the one the other way round
+_FEWEST_NODES = 32  # smallest padded size; each next one is four times as large
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chart:
+    """A moving chart.
+
+    Attributes:
+        attitude: (3, 3) ``R_a``, body to inertial.
+        turn: (3,) rad, ``r``.
+    """
+
+    attitude: np.ndarray
+    turn: np.ndarray
+
+    @property
+    def end_turn(self) -> np.ndarray:
+        """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
+        with jax.enable_x64(True):
+            return np.asarray(_half(self.turn))
+
+    def coordinates(self, attitudes: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """``b`` at nodes.
+
+        Args:
+            attitudes: (m + 1, 3, 3) in the order of the motion, the first one that of the chart.
+            places: (m + 1,) of the nodes in [0, 1].
+
+        Returns:
+            (m + 1, 3) rad.
+        """
+        size = _FEWEST_NODES
+        while size < len(places):
+            size *= 4
+        extra = size - len(places)
+        padded = np.concatenate([attitudes, np.repeat(attitudes[-1:], extra, axis=0)])
+        with jax.enable_x64(True):
+            eta = np.array(_departures(self.attitude, self.turn, padded, np.pad(places, (0, extra))))
+        eta = eta[: len(places)]
+        for before, own in pairwise(eta):  # views: each is taken on the branch of the one before
+            angle = np.sqrt(own @ own)
+            if angle > 0:
+                own *= 1 + 2 * np.pi / angle * np.round((before @ own / angle - angle) / (2 * np.pi))
+        return eta + places[:, None] * self.turn
+
+
+def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
+    """The chart from the first node to the last in which all nodes lie nearest to the steady motion.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        places: (m + 1,) in [0, 1].
+
+    Returns:
+        The chart, and ``b`` (m + 1, 3) at the nodes.
+    """
+    with jax.enable_x64(True):
+        turn = np.asarray(_turn(attitudes[0], attitudes[-1]))
+    best = _at(attitudes, places, turn)
+    angle = np.linalg.norm(turn)
+    if farthest(*best, places) > _NEAR and angle > 0:
+        other = _at(attitudes, places, turn * (1 - 2 * np.pi / angle))  # the long way round
+        if farthest(*other, places) < farthest(*best, places):
+            return other
+    return best
+
+
+def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
+    """Largest ``|eta|`` of the nodes, rad; infinite where the last one is not the chart's own end."""
+    eta = b - places[:, None] * chart.turn
+    distances = np.linalg.norm(eta, axis=1)
+    return float(np.max(distances)) if distances[-1] < 1 else np.inf
+
+
+def _at(attitudes: np.ndarray, places: np.ndarray, turn: np.ndarray) -> tuple[Chart, np.ndarray]:
+    chart = Chart(attitude=attitudes[0], turn=turn)
+    return chart, chart.coordinates(attitudes, places)
+
+
+@jax.jit
+def _half(turn: Array) -> Array:
+    return so3.exp(turn / 2)
+
+
+@jax.jit
+def _turn(first: Array, last: Array) -> Array:
+    return so3.log(first.T @ last)
+
+
+@jax.jit
+def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -> Array:
+    back = so3.exp(-places[:, None] * turn / 2)  # U^T
+    return so3.log(back @ (attitude.T @ attitudes) @ back)

@@ -1,0 +1,272 @@
+"""A motion at many places: attitudes, loads and margins, with the slopes that a program needs.
+
+Rates are those in ``s``, the place in [0, 1]; in time they are divided by powers of the duration.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory.global_spline.chart import Chart
+from jaxplan.trajectory.pieces import chart_motion
+from jaxplan.zones import Cones
+
+_NEAR_AXIS = 1e-6  # least sine of an angle to a zone's axis, where the margin has no slope
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """What does not change while a curve is looked for.
+
+    Attributes:
+        chart: of the platform.
+        spacecraft: its limits.
+        cones: the zones.
+        limits: (Q, 3) of the platform's loads, in time.
+        powers: (Q,) of 1 / duration in the loads.
+        dynamic: whether torque and momentum are among the loads.
+        jerky: whether the jerk is.
+        names: (Q,) of the loads.
+    """
+
+    chart: Chart
+    spacecraft: Spacecraft
+    cones: Cones
+    limits: np.ndarray
+    powers: np.ndarray
+    dynamic: bool
+    jerky: bool
+    names: tuple[str, ...]
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """(3, 3) kg m^2, body axes; where none is given, none is needed."""
+        given = self.spacecraft.inertia
+        return np.eye(3) if given is None else np.asarray(given, float)
+
+    @classmethod
+    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Cones) -> "Problem":
+        """The problem of a spacecraft among zones; what has no limit is not looked at."""
+        loads: list[tuple[str, ArrayLike, int]] = [
+            ("rate", spacecraft.rate_limit, 1),
+            ("acceleration", spacecraft.acceleration_limit, 2),
+        ]
+        actuators = (spacecraft.torque_limit, spacecraft.wheel_momentum_limit)
+        dynamic = spacecraft.inertia is not None and any(limit is not None for limit in actuators)
+        if dynamic:
+            torque, momentum = (np.inf if limit is None else limit for limit in actuators)
+            loads += [("torque", torque, 2), ("momentum", momentum, 1)]
+        if spacecraft.jerk_limit is not None:
+            loads.append(("jerk", spacecraft.jerk_limit, 3))
+        names, limits, powers = zip(*loads, strict=True)
+        return cls(
+            chart=chart,
+            spacecraft=spacecraft,
+            cones=cones,
+            limits=np.stack([np.broadcast_to(np.asarray(limit, float), 3) for limit in limits]),
+            powers=np.array(powers),
+            dynamic=dynamic,
+            jerky=spacecraft.jerk_limit is not None,
+            names=names,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A curve at S places.
+
+    Attributes:
+        problem: chart, spacecraft and zones.
+        places: (S,) in [0, 1].
+        curves: (4, S, 3 + 2n) ``b`` and joints with three derivatives.
+        attitude: (S, 3, 3) body to inertial.
+        tangent: (S, 3, 3) what turns a change of ``b`` into a rotation of the body, in body axes: ``U^T D``.
+        loads: (S, Q, 3) of the platform.
+        body: (S, D, 3) boresights in body axes.
+        body_slopes: (2, S, n, 3) their derivatives in yaw and in pitch.
+        cosines: (S, D, Z) of the angles between boresights and zones' axes.
+        margins: (S, D, Z) rad; +inf where a zone does not bind a device, and for all entries of a group
+            but the one that holds best.
+    """
+
+    problem: Problem
+    places: np.ndarray
+    curves: np.ndarray
+    attitude: np.ndarray
+    tangent: np.ndarray
+    loads: np.ndarray
+    body: np.ndarray
+    body_slopes: np.ndarray
+    cosines: np.ndarray
+    margins: np.ndarray
+
+    @cached_property
+    def load_slopes(self) -> np.ndarray:
+        """(S, Q, 3, 4, 3) derivatives of the loads in ``b`` and its derivatives (last axes)."""
+        with jax.enable_x64(True):
+            return np.asarray(_load_slopes(*_arguments(self), **_choices(self.problem)))
+
+    def is_finite(self) -> bool:
+        """Whether all numbers are."""
+        return bool(np.all(np.isfinite(self.loads)) and np.all(np.isfinite(self.cosines)))
+
+    def margin_slopes(self, place: np.ndarray, device: np.ndarray, zone: np.ndarray) -> np.ndarray:
+        """Derivatives of some margins in ``b`` and the joints.
+
+        Args:
+            place: (R,) index of a place.
+            device: (R,) index.
+            zone: (R,) index.
+
+        Returns:
+            (R, 3 + 2n) of ``side * (angle - half angle)``; the angle falls by ``d cos / sin``.
+        """
+        cones, joints = self.problem.cones, self.problem.spacecraft.mounts.size
+        cosine = self.cosines[place, device, zone]
+        factor = -cones.side[zone] / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
+        axis = np.einsum("ri,rij->rj", cones.direction[zone], self.attitude[place])  # in the body
+        slopes = np.zeros((len(place), 3 + 2 * joints))
+        # A rotation d of the body takes the boresight v to v + d x v, and axis . (d x v) = d . (v x axis).
+        turning = np.cross(self.body[place, device], axis)
+        slopes[:, :3] = np.einsum("rk,rka->ra", turning, self.tangent[place])
+        row = np.flatnonzero(device < joints)
+        for part in range(2):  # yaw, pitch
+            own = self.body_slopes[part, place[row], device[row]]
+            slopes[row, 3 + part * joints + device[row]] = np.einsum("rj,rj->r", own, axis[row])
+        return slopes * factor[:, None]
+
+
+def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion:
+    """The motion of a curve.
+
+    Args:
+        problem: chart, spacecraft and zones.
+        places: (S,) in [0, 1].
+        curves: (4, S, 3 + 2n) values and derivatives.
+    """
+    with jax.enable_x64(True):
+        found = _values(
+            problem.chart.attitude,
+            problem.chart.turn,
+            places,
+            curves[:, :, :3],
+            problem.inertia,
+            **_choices(problem),
+        )
+        attitude, tangent, loads = (np.asarray(array) for array in found)
+    body, body_slopes = _body(problem.spacecraft, curves[0, :, 3:])
+    own_cosines = _cosines(problem, attitude, body)
+    return Motion(
+        problem=problem,
+        places=places,
+        curves=curves,
+        attitude=attitude,
+        tangent=tangent,
+        loads=loads,
+        body=body,
+        body_slopes=body_slopes,
+        cosines=own_cosines,
+        margins=margins(problem.cones, own_cosines),
+    )
+
+
+def cosines(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Cosines (S, D, Z) of `Motion` for attitudes (S, 3, 3) and joints (S, 2n)."""
+    return _cosines(problem, attitudes, _body(problem.spacecraft, joints)[0])
+
+
+def margins(cones: Cones, angle_cosines: np.ndarray) -> np.ndarray:
+    """Margins (S, D, Z) as `Motion` has them, from the cosines (S, D, Z)."""
+    found = cones.side * (np.arccos(np.clip(angle_cosines, -1, 1)) - cones.half_angle)
+    found = np.where(cones.bound.T, found, np.inf)
+    for leader in np.flatnonzero(np.bincount(cones.group, minlength=1) > 1):
+        members = np.flatnonzero(cones.group == leader)
+        best = np.argmax(found[:, :, members].min(axis=1), axis=1)
+        others = members[None, :] != members[best][:, None]
+        found[:, :, members] = np.where(others[:, None, :], np.inf, found[:, :, members])
+    return found
+
+
+def _cosines(problem: Problem, attitudes: np.ndarray, body: np.ndarray) -> np.ndarray:
+    return (body @ np.swapaxes(attitudes, 1, 2)) @ problem.cones.direction.T
+
+
+def _body(craft: Spacecraft, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boresights (S, D, 3) in body axes (equation 13), and of terminals their slopes (2, S, n, 3)."""
+    yaw, pitch = np.split(joints, 2, axis=1)
+    azimuth = yaw + craft.mounts
+    (sin_a, sin_p), (cos_a, cos_p) = np.sin([azimuth, pitch]), np.cos([azimuth, pitch])
+    moving = np.stack([cos_p * cos_a, cos_p * sin_a, sin_p], axis=-1)
+    by_yaw = np.stack([-cos_p * sin_a, cos_p * cos_a, np.zeros_like(sin_a)], axis=-1)
+    by_pitch = np.stack([-sin_p * cos_a, -sin_p * sin_a, cos_p], axis=-1)
+    fixed = np.asarray(craft.fixed_boresights, float)
+    still = np.broadcast_to(fixed, (len(joints), *fixed.shape))
+    return np.concatenate([moving, still], axis=1), np.stack([by_yaw, by_pitch])
+
+
+def _arguments(motion: Motion) -> tuple[np.ndarray, ...]:
+    chart = motion.problem.chart
+    return chart.turn, motion.places, motion.curves[:, :, :3], motion.problem.inertia
+
+
+def _choices(problem: Problem) -> dict[str, bool]:
+    return {"dynamic": problem.dynamic, "jerky": problem.jerky}
+
+
+def _loads(turn: Array, place: Array, z: Array, inertia: Array, dynamic: bool, jerky: bool) -> Array:
+    """The loads (Q, 3) at one place from ``b`` and its derivatives, z (4, 3)."""
+
+    def moving(*point: Array) -> tuple[Array, ...]:
+        return chart_motion(turn, *point)[1:]
+
+    b, first, second, third = z
+    point = (place[None], b, first, second)
+    if jerky:
+        (rate, acceleration), (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
+    else:
+        rate, acceleration = moving(*point)
+    found = [rate, acceleration]
+    if dynamic:
+        momentum = inertia @ rate
+        found += [inertia @ acceleration + jnp.cross(rate, momentum), momentum]
+    if jerky:
+        found.append(jerk)
+    return jnp.stack(found)
+
+
+@partial(jax.jit, static_argnames=("dynamic", "jerky"))
+def _values(
+    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
+) -> tuple[Array, Array, Array]:
+    """Attitudes, tangents and loads at all places."""
+
+    def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
+        eta = z[0] - place * turn
+        half = so3.exp(place * turn / 2)
+        gamma = half @ so3.exp(eta) @ half
+        return (
+            attitude @ gamma,
+            half.T @ so3.right_jacobian(eta),
+            _loads(turn, place, z, inertia, dynamic, jerky),
+        )
+
+    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
+
+
+@partial(jax.jit, static_argnames=("dynamic", "jerky"))
+def _load_slopes(
+    turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
+) -> Array:
+    """Derivatives of the loads at all places."""
+
+    def at(place: Array, z: Array) -> Array:
+        return jax.jacfwd(_loads, argnums=2)(turn, place, z, inertia, dynamic, jerky)
+
+    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

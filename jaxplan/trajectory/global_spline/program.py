@@ -1,0 +1,153 @@
+"""The quadratic program of one step, solved through its dual; rows that a step would break are added to it.
+
+    minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + haste (dT / T)^2 / 2 ]
+
+over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
+inverse is that of one small matrix, and the dual has one unknown a row (`box_qp`). Few of the rows are near:
+a program begins with those, and is solved again with the rows added that its answer breaks.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
+from jaxplan.trajectory.global_spline.families import Family, Index, Step
+
+_SIZES = (64, 128, 256, 512, 1024)  # a dual is padded to, so that few are compiled
+_ROUNDS = 6
+_BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
+_NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
+_BINDING = 1e-6  # of the largest multiplier
+
+_solve = jax.jit(solve_box_qp)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Quadratic:
+    """The objective at a curve.
+
+    Attributes:
+        free: (n, k) ``F``: free changes are ``F x``.
+        by_time: (n, A) what the coefficients change by with the relative change of the duration.
+        hessian: (n, n) ``H``.
+        gradient: (n, A) ``g``.
+        haste: of the duration's own term, whose slope is 1; None for a given duration.
+        rows: (4, S, n) of the basis at the places.
+    """
+
+    free: np.ndarray
+    by_time: np.ndarray
+    hessian: np.ndarray
+    gradient: np.ndarray
+    haste: float | None
+    rows: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proposal:
+    """What a program answers.
+
+    Attributes:
+        step: to take; not finite where the program broke down.
+        binding: by family, which rows bind.
+        exact: whether no row that is only linearised binds.
+    """
+
+    step: Step
+    binding: dict[str, np.ndarray]
+    exact: bool
+
+
+def propose(
+    quadratic: Quadratic, families: list[Family], penalty: np.ndarray, held: dict[str, np.ndarray]
+) -> Proposal:
+    """Solve the program at a curve.
+
+    Args:
+        quadratic: the objective.
+        families: all rows at the curve.
+        penalty: by kind of row.
+        held: by family, rows to begin with beside those that are near.
+    """
+    inverse = np.linalg.inv(quadratic.free.T @ quadratic.hessian @ quadratic.free)
+    chosen = [family.chosen(family.room < family.near, family.room) for family in families]
+    for family, mask in zip(families, chosen, strict=True):
+        if family.name in held:
+            mask |= held[family.name]
+    for _ in range(_ROUNDS):
+        indices = [np.nonzero(mask) for mask in chosen]
+        step, multipliers = _answer(quadratic, inverse, families, indices, penalty)
+        added = False
+        for family, mask in zip(families, chosen, strict=True):
+            room = family.room - family.change(step) - family.time * step.stretch
+            broken = family.chosen(room < -_BROKEN * family.near, room) & ~mask
+            mask |= broken
+            added |= bool(np.any(broken))
+        if not added:
+            break
+    least = _BINDING * max((float(np.max(own, initial=0)) for own in multipliers), default=0.0)
+    binding = {}
+    for family, mask, index, own in zip(families, chosen, indices, multipliers, strict=True):
+        binding[family.name] = np.zeros_like(mask)
+        binding[family.name][tuple(part[own > least] for part in index)] = True
+    curved = (family for family in families if not family.linear)
+    return Proposal(
+        step=step, binding=binding, exact=not any(np.any(binding[family.name]) for family in curved)
+    )
+
+
+def _answer(
+    quadratic: Quadratic,
+    inverse: np.ndarray,
+    families: list[Family],
+    indices: list[Index],
+    penalty: np.ndarray,
+) -> tuple[Step, list[np.ndarray]]:
+    """The best step under some rows of each family, and the rows' multipliers."""
+    counts = [len(index[0]) for index in indices]
+    time = np.repeat([family.time for family in families], counts)
+    limit = np.repeat([penalty[family.kind] for family in families], counts)
+    every = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
+    room = [family.room[index] for family, index in zip(families, indices, strict=True)]
+    step, multipliers = _dual(quadratic, inverse, np.concatenate(every), time, np.concatenate(room), limit)
+    return step, np.split(multipliers, np.cumsum(counts)[:-1])
+
+
+def _dual(
+    quadratic: Quadratic,
+    inverse: np.ndarray,
+    every: np.ndarray,
+    time: np.ndarray,
+    room: np.ndarray,
+    penalty: np.ndarray,
+) -> tuple[Step, np.ndarray]:
+    """The best step under rows with the slopes ``every`` (R, A, n), and their multipliers (R,)."""
+    slopes = every @ quadratic.free
+    if np.any(quadratic.by_time):
+        time = time + np.einsum("ran,na->r", every, quadratic.by_time)
+    kept = np.flatnonzero(np.max(np.abs(slopes), axis=(1, 2), initial=0) > _NO_SLOPE)
+    if len(kept) > _SIZES[-1]:  # those with the least room
+        kept = np.sort(kept[np.argsort(room[kept])[: _SIZES[-1]]])
+    slopes, own_time, count = slopes[kept], time[kept], len(kept)
+    bent = slopes @ inverse
+    alone = -inverse @ (quadratic.free.T @ quadratic.gradient)  # (k, A), the step without rows
+    size = next(size for size in _SIZES if size >= count)
+    matrix, linear = np.eye(size), np.full(size, -1.0)  # a row that fills the size never binds
+    matrix[:count, :count] = np.tensordot(bent, slopes, axes=((1, 2), (1, 2)))
+    linear[:count] = np.tensordot(slopes, alone.T, axes=((1, 2), (0, 1))) - room[kept]
+    if quadratic.haste is not None:
+        matrix[:count, :count] += np.outer(own_time, own_time) / quadratic.haste
+        linear[:count] -= own_time / quadratic.haste
+    with jax.enable_x64(True):
+        answer = _solve(matrix, linear, np.append(penalty[kept], np.ones(size - count)))
+        y = np.asarray(answer.multipliers)[:count]
+    change = quadratic.free @ (alone - np.tensordot(bent, y, axes=(0, 0)).T)
+    stretch = 0.0
+    if quadratic.haste is not None:
+        stretch = float(-(1 + own_time @ y) / quadratic.haste)
+        change = change + stretch * quadratic.by_time
+    multipliers = np.zeros(len(room))
+    multipliers[kept] = y
+    return Step(change, quadratic.rows @ change, stretch), multipliers

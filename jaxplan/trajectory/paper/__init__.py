@@ -1,0 +1,5 @@
+"""The paper's scheme (section 4), corrected: segments on charts of SO(3), planned one after another."""
+
+from jaxplan.trajectory.paper.method import fit_paper
+
+__all__ = ["fit_paper"]
