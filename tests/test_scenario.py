@@ -66,6 +66,7 @@ def test_a_file_is_read_in_radians_and_seconds():
     assert s.search.terminal_step_scale == {"fore": 0.5}
     assert (s.search.attitude_moves, s.search.clearance) == (7, pytest.approx(math.radians(0.7)))
     assert (s.trajectory.duration, s.trajectory.order, s.trajectory.rate_weight) == (80.0, 11, 0.0)
+    assert (s.trajectory.node_tube, s.trajectory.end_acceleration) == (math.radians(2.5), "free")
 
 
 def test_what_a_file_leaves_out_is_the_default_of_the_model():
@@ -148,7 +149,7 @@ def test_only_what_is_required_or_differs_from_the_default_is_written():
         "start": {"attitude": [0.0, 0.0, 0.0]},
         "goal": {"attitude": [0.0, 0.0, 1.0]},
         "search": {"method": "mha"},  # a later version may have another default
-        "trajectory": {"method": "paper"},
+        "trajectory": {"method": "global"},
     }
 
 
@@ -160,11 +161,22 @@ def test_minus_zero_survives_writing():
 
 
 def test_words_stand_for_their_meaning_both_ways():
-    text = MINIMAL + '[search]\ntime_limit_s = "off"\n[trajectory]\nduration_s = "stretched"\n'
-    s = sc.parse_scenario(text)
-    assert math.isinf(s.search.time_limit)
-    assert s.trajectory.duration == "stretched"
-    assert sc.scenario_to_dict(s)["search"]["time_limit_s"] == "off"
+    text = MINIMAL + '[search]\ntime_limit_s = "off"\n[trajectory]\n'
+    for word in ("stretched", "minimum"):
+        s = sc.parse_scenario(text + f'duration_s = "{word}"\n')
+        assert math.isinf(s.search.time_limit)
+        assert s.trajectory.duration == word
+        assert sc.scenario_to_dict(s)["search"]["time_limit_s"] == "off"
+        assert sc.parse_scenario(sc.dump_scenario(s)).trajectory.duration == word
+
+
+@pytest.mark.parametrize("written", ["inf", '"inf"'])
+def test_a_tube_may_be_infinite(written):
+    s = sc.parse_scenario(MINIMAL + f"[trajectory]\nnode_tube_deg = {written}\n")
+    assert s.trajectory.node_tube == math.inf
+    again = sc.parse_scenario(sc.dump_scenario(s))
+    assert again.trajectory.node_tube == math.inf
+    assert bits(again) == bits(s)
 
 
 def test_a_scenario_is_a_tree_of_numbers():
@@ -253,6 +265,6 @@ def test_the_example_file_uses_every_key():
     assert keys(TARGETS) == set(used["goal"])
     assert keys(KEEP_OUT) == set(used["keep_out"][0])
     assert keys(KEEP_IN) == set(used["keep_in"][0])
-    # the method is the default one, and written all the same
+    # methods are written even where they are the default
     assert keys(SEARCH) == set(used["search"])
     assert keys(TRAJECTORY) == set(used["trajectory"])

@@ -11,7 +11,7 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, scaling
+from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, scaling, schedule
 from jaxplan.trajectory.paper import assembly, chain
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
@@ -212,7 +212,7 @@ def test_results_do_not_depend_on_the_precision_of_the_caller():
 
 def test_a_second_trajectory_of_the_same_sizes_compiles_nothing():
     kernels = (
-        assembly._edge_turns,
+        schedule._edge_turns,
         assembly._assemble,
         scaling._platform_loads,
         scaling._joint_loads,

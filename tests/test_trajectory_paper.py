@@ -452,7 +452,7 @@ def test_the_rate_weight_acts_on_the_platform_alone():
     [
         ({"duration": 0.0}, "duration_s"),
         ({"duration": np.nan}, "duration_s"),
-        ({"duration": "minimum"}, "duration_s"),
+        ({"duration": "minimum", "method": "paper"}, 'duration_s = "minimum": must be a number or "stretched"$'),
         ({"order": 4}, "order"),
         ({"segments": 0}, "segments"),
         ({"rate_weight": 0.0, "acceleration_weight": 0.0}, "weight"),
@@ -461,7 +461,7 @@ def test_the_rate_weight_acts_on_the_platform_alone():
 )
 def test_senseless_settings_are_refused_by_name(settings, named):
     with pytest.raises(ValueError, match=f"trajectory.*{named}"):
-        fit_paper(load("rrt_c1"), make_spacecraft(), TrajectorySettings(**settings))
+        fit_paper(load("rrt_c1"), make_spacecraft(), TrajectorySettings(**{"method": "paper"} | settings))
 
 
 @pytest.mark.parametrize(
