@@ -1,0 +1,245 @@
+"""Parts of the method "global": each against scipy, quadrature, finite differences or brute force."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from node_paths import load, turning, wandering
+from scenes import make_spacecraft
+from scipy.interpolate import BSpline
+from scipy.optimize import lsq_linear
+from scipy.spatial.transform import Rotation
+
+from jaxplan.trajectory.bound import duration_bound, shortest_time
+from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
+from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
+from jaxplan.trajectory.global_spline.chart import farthest, fitting
+from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
+from jaxplan.trajectory.global_spline.motion import Problem, evaluate, margin_slopes
+from jaxplan.trajectory.global_spline.timing import Pace
+from jaxplan.zones import KeepIn, KeepOut, tabulate
+
+RNG = np.random.default_rng(3)
+UNEVEN = np.concatenate([[0.0], np.sort(RNG.uniform(0.02, 0.98, 9)), [1.0]])
+BREAKS = pytest.mark.parametrize("breaks", [np.linspace(0, 1, 2), np.linspace(0, 1, 33), UNEVEN])
+DENSE = np.linspace(0, 1, 2001)
+FULL = np.array([[2.0, 0.2, -0.1], [0.2, 3.0, 0.3], [-0.1, 0.3, 4.0]])
+
+
+def scipy_curve(basis, coefficients, derivative=0):
+    knots = np.concatenate([np.zeros(DEGREE), basis.breaks, np.ones(DEGREE)])
+    spline = BSpline(knots, coefficients, DEGREE)
+    return spline.derivative(derivative) if derivative else spline
+
+
+@BREAKS
+def test_splines_and_derivatives_are_those_of_scipy(breaks):
+    basis = Basis.on(breaks)
+    coefficients = np.random.default_rng(0).normal(size=(basis.size, 2))
+    for d, rows in enumerate(basis.rows(DENSE)):
+        expected = scipy_curve(basis, coefficients, d)(DENSE)
+        np.testing.assert_allclose(rows @ coefficients, expected, atol=1e-10 * np.abs(expected).max())
+
+
+@BREAKS
+def test_each_derivative_is_the_slope_of_the_one_before(breaks):
+    basis, step = Basis.on(breaks), 1e-6
+    inner = np.random.default_rng(1).uniform(0.01, 0.99, 200)
+    inner = inner[np.abs(inner[:, None] - breaks).min(axis=1) > 2 * step]
+    ahead, behind, rows = basis.rows(inner + step), basis.rows(inner - step), basis.rows(inner)
+    for d in (1, 2, 3):
+        slope = (ahead[d - 1] - behind[d - 1]) / (2 * step)
+        np.testing.assert_allclose(slope, rows[d], atol=1e-6 * np.abs(rows[d]).max())
+
+
+@BREAKS
+def test_energies_are_integrals(breaks):
+    basis = Basis.on(breaks)
+    coefficients = np.random.default_rng(2).normal(size=basis.size)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    half = np.diff(breaks)[:, None] / 2
+    places = (breaks[:-1, None] + half * (nodes + 1)).ravel()
+    for d, form in enumerate(basis.energies()):
+        squares = scipy_curve(basis, coefficients, d)(places) ** 2
+        assert coefficients @ form @ coefficients == pytest.approx(
+            np.sum((half * weights).ravel() * squares), rel=1e-11
+        )
+
+
+@BREAKS
+def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
+    basis = Basis.on(breaks)
+    coefficients = np.random.default_rng(4).normal(size=(basis.size, 3))
+    pieces = basis.pieces(coefficients)
+    for k, (low, high) in enumerate(zip(breaks[:-1], breaks[1:], strict=True)):
+        x = np.linspace(-1, 1, 50)
+        here = np.polynomial.legendre.legval(x, pieces[k]).T
+        there = scipy_curve(basis, coefficients)(low + (high - low) * (x + 1) / 2)
+        np.testing.assert_allclose(here, there, atol=1e-12)
+    for d in range(4):
+        hull = basis.differences[d] @ coefficients
+        values = scipy_curve(basis, coefficients, d)(DENSE)
+        room = 1e-10 * np.abs(hull).max()
+        assert np.all(values <= hull.max(axis=0) + room)
+        assert np.all(values >= hull.min(axis=0) - room)
+
+
+@pytest.mark.parametrize("rest", [True, False])
+def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
+    rng = np.random.default_rng(5)
+    basis, duration = Basis.on(UNEVEN), 17.0
+    values, rates = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
+    places, nodes = np.array([0.11, 0.42, 0.5, 0.93]), rng.normal(size=(4, 4))
+    space = CurveSpace.of(basis, Ends(values=values, rates=rates, rest=rest))
+    for one in (space, space.through(places, nodes)):
+        coefficients = one.fixed + duration * one.by_time + one.free @ rng.normal(size=(one.free.shape[1], 4))
+        at_ends = basis.rows(np.array([0.0, 1.0])) @ coefficients
+        np.testing.assert_allclose(at_ends[0], values, atol=1e-12)
+        np.testing.assert_allclose(at_ends[1], duration * rates, atol=1e-10)
+        if rest:
+            np.testing.assert_allclose(at_ends[2], 0, atol=1e-9)
+    np.testing.assert_allclose(basis.rows(places, 1)[0] @ coefficients, nodes, atol=1e-12)
+    assert one.free.shape[1] == space.free.shape[1] - len(places)
+
+
+TURNS = [[0, 20], [0, 180], [0, 90, 180], [0, 60, 120, 180, 240, 300], [0, 100, 190], [0, 170, 10], [0, 0, 5]]
+TURNS += [list(range(0, 331, 30)), [0, 100, 200, 100, 0]]
+
+
+@pytest.mark.parametrize("path", [turning(t, (1, 2, -1)) for t in TURNS] + [load("astar_c3"), load("rrt_c2")])
+def test_coordinates_in_the_chart_give_the_attitudes_back(path):
+    places = np.linspace(0, 1, path.edges + 1)
+    chart, b = fitting(path.attitudes, places)
+    half = Rotation.from_rotvec(places[:, None] * chart.turn / 2)
+    eta = Rotation.from_rotvec(b - places[:, None] * chart.turn)
+    again = (Rotation.from_matrix(chart.attitude) * half * eta * half).as_matrix()
+    np.testing.assert_allclose(again, path.attitudes, atol=1e-12)
+    assert farthest(chart, b, places) < 2 * np.pi
+    np.testing.assert_allclose(b[[0, -1]], [np.zeros(3), chart.turn], atol=1e-12)
+    # No node is a turn off: along the path b goes on from where it is.
+    assert np.linalg.norm(np.diff(b, axis=0), axis=1).max(initial=0) < 3.2
+
+
+ZONES = [
+    KeepOut(name="sun", direction=np.array([0.6, 0.0, 0.8]), half_angle=0.4),
+    KeepOut(name="moon", direction=np.array([0.0, -1.0, 0.0]), half_angle=0.3, devices=("camera-1",)),
+    KeepIn(name="earth", direction=np.array([0.0, 0.8, -0.6]), half_angle=0.7, devices=("terminal-2",)),
+]
+
+
+@pytest.mark.parametrize(("dynamic", "jerky"), [(False, False), (True, True)])
+def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
+    rng = np.random.default_rng(6)
+    craft = make_spacecraft(3, 1)
+    if dynamic:
+        craft = replace(craft, inertia=FULL, torque_limit=0.1, wheel_momentum_limit=np.array([1.0, 2.0, 3.0]))
+    if jerky:
+        craft = replace(craft, jerk_limit=0.1)
+    path = wandering(5, 3, seed=1, step=0.4)
+    chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
+    zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
+    problem = Problem.of(chart, craft, zones)
+    places, curves = np.linspace(0.1, 0.9, 4), rng.normal(size=(4, 4, 9))
+    motion, step = evaluate(problem, places, curves), 1e-5
+    assert len(problem.names) == motion.loads.shape[1] == 2 + 2 * dynamic + jerky
+    index = np.nonzero(np.isfinite(motion.margins))
+    slopes = margin_slopes(problem, motion, *index)
+    for axis in range(9):
+        for d in range(4):
+            change = np.zeros_like(curves)
+            change[d, :, axis] = step
+            ahead, behind = (evaluate(problem, places, curves + sign * change) for sign in (1, -1))
+            if axis < 3:
+                found = (ahead.loads - behind.loads) / (2 * step)
+                np.testing.assert_allclose(motion.load_slopes[..., d, axis], found, atol=1e-6, rtol=1e-6)
+            if d == 0:
+                found = (ahead.margins[index] - behind.margins[index]) / (2 * step)
+                np.testing.assert_allclose(slopes[:, axis], found, atol=1e-7)
+
+
+def random_program(rng, rows, rank, loose):
+    """Least squares |L y - b|^2 / 2 with 0 <= y <= top."""
+    factor = rng.normal(size=(rank, rows)) * 10.0 ** rng.uniform(-2, 2, rows)
+    target = rng.normal(size=rank)
+    return factor, target, np.full(rows, 1e3) if loose else 10.0 ** rng.uniform(-3, 0, rows)
+
+
+@pytest.mark.parametrize("loose", [True, False], ids=["loose", "at the penalty"])
+@pytest.mark.parametrize("rank", [4, 30, 60], ids=["dependent", "square", "regular"])
+def test_box_programs_are_solved_as_by_active_sets(rank, loose):
+    rng, rows = np.random.default_rng(rank), 30
+    programs = [random_program(rng, rows, rank, loose) for _ in range(20)]
+    batch = [np.stack(part) for part in zip(*((L.T @ L, L.T @ b, top) for L, b, top in programs), strict=True)]
+    answers = jax.jit(jax.vmap(solve_box_qp))(*batch)
+    single = jax.jit(solve_box_qp)
+    for k, (factor, target, top) in enumerate(programs):
+        y = np.asarray(answers.multipliers[k])
+        assert np.all((y >= 0) & (y <= top))
+        best = lsq_linear(factor, target, (0, top), method="bvls", tol=1e-15)
+        cost = np.sum((factor @ y - target) ** 2) / 2
+        assert cost <= best.cost + 1e-6 * (1 + best.cost)
+        scale = np.linalg.norm(factor, axis=0)
+        gradient = factor.T @ (factor @ y - target) / scale
+        np.testing.assert_allclose(y - np.clip(y - gradient / scale, 0, top), 0, atol=1e-4 / scale.min())
+        alone = single(*(part[k] for part in batch))
+        np.testing.assert_allclose(alone.multipliers * scale, y * scale, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_a_nan_gives_nan_and_never_an_answer(part):
+    rng = np.random.default_rng(0)
+    factor, target, top = random_program(rng, 40, 40, loose=False)
+    program = [factor.T @ factor, factor.T @ target, top]
+    program[part] = program[part].copy()
+    program[part].flat[-1] = np.nan
+    answer = jax.jit(solve_box_qp)(*program)
+    assert np.any(np.isnan(answer.multipliers))
+    assert not answer.residual <= 1e-6
+
+
+def brute_force(distance, first, last, rate, acceleration):
+    """The least time on a fine grid in which the distance lies between the least and the largest possible."""
+    times = np.linspace(0, 12, 2401)[:, None]
+    t = times * np.linspace(0, 1, 401)
+
+    def farthest_way(v, w):
+        speed = np.minimum(np.minimum(v + acceleration * t, w + acceleration * (times - t)), rate)
+        return np.trapezoid(speed, t, axis=1)
+
+    possible = (np.abs(first - last) <= acceleration * times[:, 0] + 1e-9)
+    possible &= (farthest_way(first, last) >= distance - 1e-3) & (-farthest_way(-first, -last) <= distance + 1e-3)
+    return times[np.argmax(possible), 0]
+
+
+def test_the_shortest_time_is_that_of_brute_force():
+    rng = np.random.default_rng(8)
+    cases = rng.uniform([-3, -1, -1, 1, 0.5], [3, 1, 1, 2, 2], size=(25, 5))
+    cases[:5, 1:3] = 0
+    cases[5:8, 0] = 0
+    cases[8:10, 2] = -cases[8:10, 1]
+    for case in cases:
+        assert shortest_time(*case) == pytest.approx(brute_force(*case), abs=0.03), case
+    assert shortest_time(*np.array([0.0, 0, 0, 1, 1])) == 0
+    assert shortest_time(*np.array([0.0, 0.5, 0.5, 1, 1])) == 0  # it is there already, at the right rate
+
+
+def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
+    craft, still = make_spacecraft(1), np.zeros((2, 3))
+    attitudes, joints = np.repeat(np.eye(3)[None], 2, axis=0), np.zeros((2, 2))
+    assert duration_bound(craft, attitudes, joints, still, joints) == 0
+    moved = np.array([[0, 0], [1.0, 0.1]])
+    rate, acceleration = craft.joint_rate_limits[0], craft.joint_acceleration_limits[0]
+    assert duration_bound(craft, attitudes, moved, still, joints) == pytest.approx(1 / rate + rate / acceleration)
+
+
+@pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])
+def test_a_pace_is_gone_and_inverted(length, rise):
+    for pace in (Pace.quickest(length, rise), Pace.within(80.0, length)):
+        gone = pace.gone(DENSE)
+        assert np.all(np.diff(gone) >= 0)
+        np.testing.assert_allclose(gone[[0, -1]], [0, 1], atol=1e-12)
+        np.testing.assert_allclose(pace.places(gone), DENSE, atol=1e-7)
+        breaks = pace.breaks(32)
+        assert breaks.shape == (33,)
+        assert np.all(np.diff(breaks) > 0)
