@@ -5,14 +5,15 @@ The chart moves with a constant rotation ``r`` from the first attitude to the la
 
     R(s) = R_a U exp(eta^) U,   U = exp(s r^ / 2),   eta(s) = b(s) - s r.
 
-``eta`` is what a motion departs from the steady one. Its logarithm is taken on the branch that continues the
-node before, so nodes may lie more than half a turn off; ``D(eta)`` is regular up to a whole turn.
+``eta`` is what a motion departs from the steady one. Its logarithm is taken on the branch to which the edge
+from the node before leads, so nodes may lie more than half a turn off; ``D(eta)`` is regular up to a whole turn.
 """
 
 from dataclasses import dataclass
 from itertools import pairwise
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -57,12 +58,14 @@ class Chart:
         extra = size - len(places)
         padded = np.concatenate([attitudes, np.repeat(attitudes[-1:], extra, axis=0)])
         with jax.enable_x64(True):
-            eta = np.array(_departures(self.attitude, self.turn, padded, np.pad(places, (0, extra))))
-        eta = eta[: len(places)]
-        for before, own in pairwise(eta):  # views: each is taken on the branch of the one before
+            packed = _departures(self.attitude, self.turn, padded, np.pad(places, (0, extra)))
+        eta, steps = (np.array(part)[: len(places)] for part in packed)
+        # Views: each is taken on the branch that the edge from the one before leads to.
+        for (before, own), step in zip(pairwise(eta), steps, strict=False):
             angle = np.sqrt(own @ own)
             if angle > 0:
-                own *= 1 + 2 * np.pi / angle * np.round((before @ own / angle - angle) / (2 * np.pi))
+                ahead = (before + step) @ own / angle
+                own *= 1 + 2 * np.pi / angle * np.round((ahead - angle) / (2 * np.pi))
         return eta + places[:, None] * self.turn
 
 
@@ -110,6 +113,10 @@ def _turn(first: Array, last: Array) -> Array:
 
 
 @jax.jit
-def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -> Array:
+def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -> tuple[Array, Array]:
+    """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
     back = so3.exp(-places[:, None] * turn / 2)  # U^T
-    return so3.log(back @ (attitude.T @ attitudes) @ back)
+    eta = so3.log(back @ (attitude.T @ attitudes) @ back)
+    edges = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
+    turned = jnp.einsum("mji,mj->mi", back[:-1], edges)
+    return eta, turned - jnp.diff(places)[:, None] * turn
