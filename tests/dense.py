@@ -64,7 +64,9 @@ def node_errors(trajectory, path):
     """(m + 1, 1 + 2n) rad: rotation between curve and nodes, and difference of each joint."""
     t = trajectory.node_times
     own, nodes = Rotation.from_matrix(attitudes_at(trajectory, t)), Rotation.from_matrix(path.attitudes)
-    return np.column_stack([(nodes.inv() * own).magnitude(), np.abs(joints_of(trajectory, t)[0] - path.joints)])
+    return np.column_stack(
+        [(nodes.inv() * own).magnitude(), np.abs(joints_of(trajectory, t)[0] - path.joints)]
+    )
 
 
 def jumps(trajectory, derivatives):
@@ -79,7 +81,9 @@ def jumps(trajectory, derivatives):
     coefficients = np.concatenate([trajectory.coefficients, trajectory.joint_coefficients], axis=2)
     for d in range(derivatives):
         own = legendre.legder(coefficients, d, axis=1) if d else coefficients
-        left, right = (np.einsum("kjc,j->kc", own, legendre.legvander([x], own.shape[1] - 1)[0]) for x in (-1, 1))
+        left, right = (
+            np.einsum("kjc,j->kc", own, legendre.legvander([x], own.shape[1] - 1)[0]) for x in (-1, 1)
+        )
         left, right = left / half**d, right / half**d
         found.append(np.abs(right[:-1] - left[1:]).max() / np.abs(right).max())
     return np.array(found)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from dense import assert_kept, attitudes_at, end_states, jumps, node_errors, shares
+from dense import assert_kept, end_states, jumps, node_errors, shares
 from manoeuvres import judge
 from node_paths import NAMES, load, wandering
 from relays import avoids, look, make_relay, sees
@@ -132,7 +132,9 @@ def certified(path, trajectory, craft, keep_out=()):
 def end_rates(trajectory):
     ends = trajectory.sample(trajectory.duration * np.array([0.0, 1.0]))
     fields = ("attitude", "joints", "angular_velocity", "joint_rates")
-    return {name: EndState(**{f: getattr(ends, f)[i] for f in fields}) for i, name in enumerate(("start", "goal"))}
+    return {
+        name: EndState(**{f: getattr(ends, f)[i] for f in fields}) for i, name in enumerate(("start", "goal"))
+    }
 
 
 @pytest.mark.parametrize("duration", [60.0, "minimum", "stretched"])

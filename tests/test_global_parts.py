@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from itertools import pairwise
+
 import jax
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
 from jaxplan.trajectory.global_spline.chart import farthest, fitting
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
-from jaxplan.trajectory.global_spline.motion import Problem, evaluate, margin_slopes
+from jaxplan.trajectory.global_spline.motion import Problem, evaluate
 from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -60,7 +62,7 @@ def test_energies_are_integrals(breaks):
     nodes, weights = np.polynomial.legendre.leggauss(12)
     half = np.diff(breaks)[:, None] / 2
     places = (breaks[:-1, None] + half * (nodes + 1)).ravel()
-    for d, form in enumerate(basis.energies()):
+    for d, form in enumerate(basis.energies):
         squares = scipy_curve(basis, coefficients, d)(places) ** 2
         assert coefficients @ form @ coefficients == pytest.approx(
             np.sum((half * weights).ravel() * squares), rel=1e-11
@@ -72,7 +74,7 @@ def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
     basis = Basis.on(breaks)
     coefficients = np.random.default_rng(4).normal(size=(basis.size, 3))
     pieces = basis.pieces(coefficients)
-    for k, (low, high) in enumerate(zip(breaks[:-1], breaks[1:], strict=True)):
+    for k, (low, high) in enumerate(pairwise(breaks)):
         x = np.linspace(-1, 1, 50)
         here = np.polynomial.legendre.legval(x, pieces[k]).T
         there = scipy_curve(basis, coefficients)(low + (high - low) * (x + 1) / 2)
@@ -144,7 +146,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     motion, step = evaluate(problem, places, curves), 1e-5
     assert len(problem.names) == motion.loads.shape[1] == 2 + 2 * dynamic + jerky
     index = np.nonzero(np.isfinite(motion.margins))
-    slopes = margin_slopes(problem, motion, *index)
+    slopes = motion.margin_slopes(*index)
     for axis in range(9):
         for d in range(4):
             change = np.zeros_like(curves)
@@ -170,7 +172,9 @@ def random_program(rng, rows, rank, loose):
 def test_box_programs_are_solved_as_by_active_sets(rank, loose):
     rng, rows = np.random.default_rng(rank), 30
     programs = [random_program(rng, rows, rank, loose) for _ in range(20)]
-    batch = [np.stack(part) for part in zip(*((L.T @ L, L.T @ b, top) for L, b, top in programs), strict=True)]
+    batch = [
+        np.stack(part) for part in zip(*((L.T @ L, L.T @ b, top) for L, b, top in programs), strict=True)
+    ]
     answers = jax.jit(jax.vmap(solve_box_qp))(*batch)
     single = jax.jit(solve_box_qp)
     for k, (factor, target, top) in enumerate(programs):
@@ -207,8 +211,10 @@ def brute_force(distance, first, last, rate, acceleration):
         speed = np.minimum(np.minimum(v + acceleration * t, w + acceleration * (times - t)), rate)
         return np.trapezoid(speed, t, axis=1)
 
-    possible = (np.abs(first - last) <= acceleration * times[:, 0] + 1e-9)
-    possible &= (farthest_way(first, last) >= distance - 1e-3) & (-farthest_way(-first, -last) <= distance + 1e-3)
+    possible = np.abs(first - last) <= acceleration * times[:, 0] + 1e-9
+    possible &= (farthest_way(first, last) >= distance - 1e-3) & (
+        -farthest_way(-first, -last) <= distance + 1e-3
+    )
     return times[np.argmax(possible), 0]
 
 
@@ -230,7 +236,9 @@ def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
     assert duration_bound(craft, attitudes, joints, still, joints) == 0
     moved = np.array([[0, 0], [1.0, 0.1]])
     rate, acceleration = craft.joint_rate_limits[0], craft.joint_acceleration_limits[0]
-    assert duration_bound(craft, attitudes, moved, still, joints) == pytest.approx(1 / rate + rate / acceleration)
+    assert duration_bound(craft, attitudes, moved, still, joints) == pytest.approx(
+        1 / rate + rate / acceleration
+    )
 
 
 @pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])

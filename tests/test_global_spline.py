@@ -161,7 +161,9 @@ def test_any_number_of_terminals_is_fitted(terminals, duration):
     assert_kept(fit.trajectory, craft)
 
 
-@pytest.mark.parametrize("angles", [[0, 180], [0, 90, 180], list(range(0, 301, 30)), [0, 40, 40, 80], [0, 60, 0]])
+@pytest.mark.parametrize(
+    "angles", [[0, 180], [0, 90, 180], list(range(0, 301, 30)), [0, 40, 40, 80], [0, 60, 0]]
+)
 def test_half_turns_and_more_and_rests_are_fitted(angles):
     path, craft = turning(angles, (1, 2, -1)), make_spacecraft(0, 1)
     for tube in (0.0, 1.0):
@@ -220,6 +222,8 @@ def test_a_fit_is_the_same_when_made_again_and_the_second_of_its_sizes_compiles_
     compilations.clear()
     for name in NAMES:
         path = load(name)
-        shifted = Path(attitudes=path.attitudes[:-2], joints=path.joints[:-2], edge_costs=path.edge_costs[:-2])
+        shifted = Path(
+            attitudes=path.attitudes[:-2], joints=path.joints[:-2], edge_costs=path.edge_costs[:-2]
+        )
         fit_global(shifted, CRAFT, settings, cones=zones_of(name)[1])
     assert not compilations

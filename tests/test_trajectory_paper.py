@@ -452,7 +452,10 @@ def test_the_rate_weight_acts_on_the_platform_alone():
     [
         ({"duration": 0.0}, "duration_s"),
         ({"duration": np.nan}, "duration_s"),
-        ({"duration": "minimum", "method": "paper"}, 'duration_s = "minimum": must be a number or "stretched"$'),
+        (
+            {"duration": "minimum", "method": "paper"},
+            'duration_s = "minimum": must be a number or "stretched"$',
+        ),
         ({"order": 4}, "order"),
         ({"segments": 0}, "segments"),
         ({"rate_weight": 0.0, "acceleration_weight": 0.0}, "weight"),

@@ -77,16 +77,15 @@ class Basis:
         )
 
     def within(self, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Evenly spaced places, so many on each interval, and the end.
+        """Evenly spaced places, so many on each interval; the end is left out.
 
         Returns:
-            The places (K * points + 1,) and the rows there.
+            The places (K * points,) and the rows there.
         """
         if points in self._found:
             return self._found[points]
         steps = np.arange(points) / points
-        inner = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps
-        places = np.append(inner.ravel(), self.breaks[-1])
+        places = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps).ravel()
         self._found[points] = places, self.rows(places)
         return self._found[points]
 

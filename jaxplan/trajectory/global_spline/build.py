@@ -90,9 +90,11 @@ def build(
     places, rows = basis.within(request.points)
     inner = slice(1, -1)
     tube = None
-    if request.radius == 0:
+    if len(nodes) == 2:
+        pass  # the ends are all there is
+    elif request.radius == 0:
         space = space.through(request.places[inner], nodes[inner])
-    elif np.isfinite(request.radius) and len(nodes) > 2:
+    elif np.isfinite(request.radius):
         # Of the platform's axes a cube within the ball: what b is off bounds what the attitude is.
         radius = np.full(nodes.shape[1], request.radius)
         radius[:3] /= np.sqrt(3.0)

@@ -6,7 +6,8 @@ The chart moves with a constant rotation ``r`` from the first attitude to the la
     R(s) = R_a U exp(eta^) U,   U = exp(s r^ / 2),   eta(s) = b(s) - s r.
 
 ``eta`` is what a motion departs from the steady one. Its logarithm is taken on the branch to which the edge
-from the node before leads, so nodes may lie more than half a turn off; ``D(eta)`` is regular up to a whole turn.
+from the node before leads, so nodes may lie more than half a turn off; ``D(eta)`` is regular up to a whole
+turn.
 """
 
 from dataclasses import dataclass

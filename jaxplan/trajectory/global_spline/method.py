@@ -40,6 +40,7 @@ _TUBE_BROKEN = 1e-6  # rad
 _KEPT = 0.3  # of the wanted margins, which a sound curve has
 _LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
 _LOOKS = 8
+_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
 _WIDER = 3.0  # tube, before there is none
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
 
@@ -434,10 +435,10 @@ def _success(job: _Job, attempt: _Attempt, radius: float, *, stretch: bool = Fal
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)
     nearest = attempt.peaks.names[attempt.peaks.binding]
-    above = 100 * (curve.duration / job.bound - 1)
-    message = (
-        f"{curve.duration:.2f} s, {above:.1f} % above the strict bound; {nearest} is nearest to its limit"
-    )
+    above = ""
+    if job.bound > _TELLING * curve.duration:
+        above = f", {100 * (curve.duration / job.bound - 1):.1f} % above the strict bound"
+    message = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit"
     if attempt.radius > radius:
         wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
         message += f"; within trajectory.node_tube_deg nothing was found, nodes are passed within {wide}"

@@ -3,6 +3,7 @@
 Rates are those in ``s``, the place in [0, 1]; in time they are divided by powers of the duration.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -18,6 +19,7 @@ from jaxplan.trajectory.global_spline.chart import Chart
 from jaxplan.trajectory.pieces import chart_motion
 from jaxplan.zones import Cones
 
+_CHUNK = 256  # places that a kernel looks at in one call
 _NEAR_AXIS = 1e-6  # least sine of an angle to a zone's axis, where the margin has no slope
 
 
@@ -110,8 +112,14 @@ class Motion:
     @cached_property
     def load_slopes(self) -> np.ndarray:
         """(S, Q, 3, 4, 3) derivatives of the loads in ``b`` and its derivatives (last axes)."""
-        with jax.enable_x64(True):
-            return np.asarray(_load_slopes(*_arguments(self), **_choices(self.problem)))
+        problem = self.problem
+        return _by_chunks(
+            lambda places, curves: (
+                _load_slopes(problem.chart.turn, places, curves, problem.inertia, **_choices(problem)),
+            ),
+            self.places,
+            self.curves,
+        )[0]
 
     def is_finite(self) -> bool:
         """Whether all numbers are."""
@@ -151,16 +159,14 @@ def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion
         places: (S,) in [0, 1].
         curves: (4, S, 3 + 2n) values and derivatives.
     """
-    with jax.enable_x64(True):
-        found = _values(
-            problem.chart.attitude,
-            problem.chart.turn,
-            places,
-            curves[:, :, :3],
-            problem.inertia,
-            **_choices(problem),
-        )
-        attitude, tangent, loads = (np.asarray(array) for array in found)
+    chart = problem.chart
+    attitude, tangent, loads = _by_chunks(
+        lambda part, own: _values(
+            chart.attitude, chart.turn, part, own, problem.inertia, **_choices(problem)
+        ),
+        places,
+        curves,
+    )
     body, body_slopes = _body(problem.spacecraft, curves[0, :, 3:])
     own_cosines = _cosines(problem, attitude, body)
     return Motion(
@@ -211,9 +217,16 @@ def _body(craft: Spacecraft, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return np.concatenate([moving, still], axis=1), np.stack([by_yaw, by_pitch])
 
 
-def _arguments(motion: Motion) -> tuple[np.ndarray, ...]:
-    chart = motion.problem.chart
-    return chart.turn, motion.places, motion.curves[:, :, :3], motion.problem.inertia
+def _by_chunks(
+    kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], places: np.ndarray, curves: np.ndarray
+) -> list[np.ndarray]:
+    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled once for every S."""
+    extra = -len(places) % _CHUNK
+    parts = np.pad(places, (0, extra)).reshape(-1, _CHUNK)
+    own = np.pad(curves[:, :, :3], ((0, 0), (0, extra), (0, 0))).reshape(4, -1, _CHUNK, 3)
+    with jax.enable_x64(True):
+        found = [[np.asarray(array) for array in kernel(part, own[:, k])] for k, part in enumerate(parts)]
+    return [np.concatenate(arrays)[: len(places)] for arrays in zip(*found, strict=True)]
 
 
 def _choices(problem: Problem) -> dict[str, bool]:
