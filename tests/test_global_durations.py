@@ -53,12 +53,12 @@ def test_the_shortest_plans_of_the_paper_are_near_the_strict_bound(number, ends,
     bound = bound_of(trajectory, craft)
     assert bound <= trajectory.duration <= (1 + above) * bound
     states = end_states(trajectory)
-    assert np.all(np.abs(states[:, 0]) <= 1e-9)
+    assert np.all(np.abs(states[0]) <= 1e-9)
     assert np.all(jumps(trajectory, 3) <= 1e-9)
     if ends == "zero":
-        assert np.all(np.abs(states[:, 1]) <= 1e-8)
+        assert np.all(np.abs(states[1]) <= 1e-8)
     else:
-        assert np.any(np.abs(states[:, 1]) > 1e-3)
+        assert np.any(np.abs(states[1]) > 1e-3)
 
 
 @names
@@ -158,8 +158,8 @@ def test_rates_at_the_ends_are_met_among_zones(seed, duration):
         end_joint_rates=rates[1, 3:],
     )
     assert fit.status is Status.OK, fit.message
-    np.testing.assert_allclose(end_states(fit.trajectory)[:, 0], rates, atol=1e-9)
-    assert np.all(np.abs(end_states(fit.trajectory)[:, 1]) <= 1e-8)
+    np.testing.assert_allclose(end_states(fit.trajectory)[0], rates, atol=1e-9)
+    assert np.all(np.abs(end_states(fit.trajectory)[1]) <= 1e-8)
     ends = fit.trajectory.sample(fit.trajectory.duration * np.array([0.0, 1.0]))
     np.testing.assert_allclose(ends.angular_velocity, rates[:, :3], atol=1e-9)
     np.testing.assert_allclose(ends.joint_rates, rates[:, 3:], atol=1e-9)
