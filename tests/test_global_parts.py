@@ -1,7 +1,6 @@
 """Parts of the method "global": each against scipy, quadrature, finite differences or brute force."""
 
 from dataclasses import replace
-
 from itertools import pairwise
 
 import jax
@@ -243,7 +242,7 @@ def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
 
 @pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])
 def test_a_pace_is_gone_and_inverted(length, rise):
-    for pace in (Pace.quickest(length, rise), Pace.within(80.0, length)):
+    for pace in (Pace.quickest(length, rise), Pace.within(80.0, length, rise)):
         gone = pace.gone(DENSE)
         assert np.all(np.diff(gone) >= 0)
         np.testing.assert_allclose(gone[[0, -1]], [0, 1], atol=1e-12)

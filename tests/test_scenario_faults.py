@@ -354,14 +354,19 @@ def test_an_inertia_must_be_that_of_a_body(inertia, complaint):
     assert sc.scenario_from_dict(changed({"spacecraft.inertia_kg_m2": flat_plate}))
 
 
-def test_stretching_the_time_needs_rest_at_both_ends():
+def test_the_papers_method_stretches_the_time_from_rest_to_rest_alone():
     line = (
         'trajectory.duration_s = "stretched": must be a number of seconds, since stretching the time would '
         "change start.angular_velocity_rad_s, start.joint_rates_rad_s, goal.angular_velocity_rad_s"
     )
-    at_goal = {"goal.joint_rates_rad_s": [0, 0, 0, 0]}
+    at_goal = {"goal.joint_rates_rad_s": [0, 0, 0, 0], "trajectory.method": "paper"}
     assert faults_of(changed({"trajectory.duration_s": "stretched", **at_goal})) == (line,)
-    assert faults_of(changed({"trajectory": {}, **at_goal})) == (line,)  # it is the default
+    of_paper = {"trajectory": {"method": "paper"}, "goal.joint_rates_rad_s": [0, 0, 0, 0]}
+    assert faults_of(changed(of_paper)) == (line,)  # it is the default
+    assert sc.scenario_from_dict(changed({"trajectory": {}}))  # the other method does
+    assert faults_of(changed({"trajectory": {"method": "paper", "duration_s": "minimum"}})) == (
+        'trajectory.duration_s = "minimum": only trajectory.method = "global" has it',
+    )
     rest = {
         f"{table}.{key}": ABSENT
         for table in ("start", "goal")

@@ -14,7 +14,7 @@ from jaxplan.scenario import toml
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
 from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.model import STRETCHED, Scenario
+from jaxplan.scenario.model import MINIMUM, STRETCHED, Scenario
 
 MOST_ZONES = 1000
 
@@ -80,7 +80,7 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
         _check_names(tables, root)
         _check_inertia(tables, root)
         _check_goal_limits(read, root)
-        _check_stretching(tables, read, root)
+        _check_duration(tables, read, root)
     if root.faults:
         raise ScenarioError(root.faults)
     scenario: Scenario = SCENARIO.build(read)
@@ -151,10 +151,14 @@ def _check_goal_limits(read: Mapping[str, Any], root: Place) -> None:
                 break
 
 
-def _check_stretching(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
-    """Scaling the time scales the rates at both ends too, so they must be zero."""
+def _check_duration(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
+    """The paper's method knows no shortest motion, and scales the time, with it the rates at both ends."""
     settings = tables.get("trajectory", {})
-    duration = settings.get("duration_s", STRETCHED) if isinstance(settings, dict) else None
+    if not isinstance(settings, dict) or settings.get("method") != "paper":
+        return
+    duration, place = settings.get("duration_s", STRETCHED), root.key("trajectory").key("duration_s")
+    if duration == MINIMUM:
+        place.fault('only trajectory.method = "global" has it', duration)
     if duration != STRETCHED:
         return
     moving = [
@@ -165,4 +169,4 @@ def _check_stretching(tables: Mapping[str, Any], read: Mapping[str, Any], root: 
     ]
     if moving:
         complaint = f"must be a number of seconds, since stretching the time would change {', '.join(moving)}"
-        root.key("trajectory").key("duration_s").fault(complaint, duration)
+        place.fault(complaint, duration)

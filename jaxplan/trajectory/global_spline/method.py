@@ -95,6 +95,9 @@ def fit_global(
             np.concatenate([boundary(end_angular_velocity, 3)[0], boundary(end_joint_rates, joints)[0]]),
         ]
     )
+    if not (np.all(np.isfinite(path.attitudes)) and np.all(np.isfinite(path.joints))):
+        message = "a node of the path is not made of finite numbers"
+        return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
     distinct = schedule.distinct_nodes(path)
     if np.sum(distinct) == 1 and not np.any(rates):
         still = replace(at_rest(path, DEGREE, "global"), smoothness=SMOOTHNESS)
@@ -165,11 +168,15 @@ class _Job:
         moves = np.column_stack([schedule.edge_turns(self.attitudes), np.diff(self.joints, axis=0)])
         return full_speed_times(moves, _limits(self.spacecraft)[0])
 
+    @property
+    def rise(self) -> float:
+        """In which every axis reaches its full rate, s."""
+        rate, acceleration = _limits(self.spacecraft)
+        return float(np.max(rate / acceleration))
+
     def quickest(self) -> Pace:
         """The pace at full speed along the path."""
-        rate, acceleration = _limits(self.spacecraft)
-        rise = float(np.max(rate / acceleration))
-        return Pace.quickest(max(float(np.sum(self.times)), self.bound / 100, 1e-6 * rise), rise)
+        return Pace.quickest(max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise)
 
     def request(self, pace: Pace, radius: float, finer: int, *, graded: bool) -> Request:
         """What to fit at a pace.
@@ -347,7 +354,7 @@ def _hurried(job: _Job, attempt: _Attempt, duration: float) -> _Attempt:
 def _best_at(job: _Job, duration: float) -> _Attempt | None:
     """The first sound attempt within all limits, or the one nearest to it; None beyond every chart."""
     quickest, radius = job.quickest(), job.radius(free_time=False)
-    pace = Pace.within(duration, quickest.length)
+    pace = Pace.within(duration, quickest.length, job.rise)
     in_time = job.at_speed or duration >= _HURRY * quickest.duration
     best = None
     for finer, wide in _ladder(radius, in_time=in_time):

@@ -107,12 +107,13 @@ def _answer(
 ) -> tuple[Step, list[np.ndarray]]:
     """The best step under some rows of each family, and the rows' multipliers."""
     counts = [len(index[0]) for index in indices]
-    time = np.repeat([family.time for family in families], counts)
-    limit = np.repeat([penalty[family.kind] for family in families], counts)
-    every = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
-    room = [family.room[index] for family, index in zip(families, indices, strict=True)]
+    time = np.repeat(np.array([family.time for family in families]), counts)
+    limit = np.repeat(np.array([penalty[family.kind] for family in families]), counts)
+    every, room = [np.zeros((0, *quadratic.gradient.shape[::-1]))], [np.zeros(0)]  # there may be no family
+    every += [family.slopes(index) for family, index in zip(families, indices, strict=True)]
+    room += [family.room[index] for family, index in zip(families, indices, strict=True)]
     step, multipliers = _dual(quadratic, inverse, np.concatenate(every), time, np.concatenate(room), limit)
-    return step, np.split(multipliers, np.cumsum(counts)[:-1])
+    return step, np.split(multipliers, np.cumsum(counts))[:-1]
 
 
 def _dual(

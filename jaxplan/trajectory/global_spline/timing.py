@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _CALM_FLANK = 1 / 3  # of the duration, where there is time enough; near the least acceleration energy
+_STEEP_FLANK, _STEEP_RISES = 0.1, 2.0  # of the duration and of the quickest rise, where there is not
 _FLANK_BREAKS = 9  # intervals that cover a flank and a little more
 _FLANK_STEP = 0.25  # of the flank, one interval
 _SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
@@ -38,12 +39,13 @@ class Pace:
         return cls(length=length, duration=duration, flank=duration / 2)
 
     @classmethod
-    def within(cls, duration: float, length: float) -> "Pace":
-        """In a given duration: calm where there is time, else at full speed between steeper flanks."""
-        flank = _CALM_FLANK * duration
-        if duration - length > 0:
+    def within(cls, duration: float, length: float, rise: float) -> "Pace":
+        """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
+        steepest = max(_STEEP_RISES * rise, _STEEP_FLANK * duration)
+        flank = np.clip(duration - 2 * length, min(steepest, _CALM_FLANK * duration), _CALM_FLANK * duration)
+        if duration > length + rise:
             flank = min(flank, duration - length)
-        return cls(length=length, duration=duration, flank=max(flank, 0.01 * duration))
+        return cls(length=length, duration=duration, flank=float(flank))
 
     def gone(self, places: np.ndarray) -> np.ndarray:
         """Share of the path gone at places (S,) in [0, 1] of the duration."""
