@@ -3,15 +3,18 @@
     >>> jp.plot.sphere(plan)
     >>> jp.plot.margins(plan, ax=axes).figure.savefig("margins.png")
 
-Every figure takes a plan, `table4` the rows of a comparison, and all take, with ``ax``, where to draw: axes
-(several for a figure of several panels), a figure to put them in, or None for a new one. They return the
-axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one colour and line
-style in all figures of plans, a planner one colour in all comparisons. Axes are in degrees and seconds.
+Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
+`table4` the rows of a comparison. All take, with ``ax``, where to draw: axes (several for a figure of several
+panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's global
+settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of plans,
+a planner one colour in all comparisons. Axes are in degrees and seconds, torques in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure, table4
+from jaxplan.plotting.duration_panel import durations
 from jaxplan.plotting.margin_panel import margins
-from jaxplan.plotting.motion_panels import accelerations, angles, rates
+from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
+from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sphere_map import sphere
 from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
@@ -19,11 +22,15 @@ __all__ = [
     "FIGURE_NAMES",
     "accelerations",
     "angles",
+    "compare",
     "comparison_figure",
+    "durations",
     "figures",
     "margins",
     "overview",
     "rates",
+    "segments",
     "sphere",
     "table4",
+    "torque",
 ]

@@ -1,11 +1,17 @@
-"""Angles, rates and accelerations over time with their limits (the paper's Figures 8 to 10 and 13 to 15)."""
+"""Angles, rates and accelerations over time with their limits (the paper's Figures 8 to 10 and 13 to 15).
 
+Beside them are the loads that a spacecraft may limit in addition, by body axis: with the inertia ``J``, the
+torque ``J omega' + omega x J omega`` and the angular momentum ``J omega``, and the platform's jerk.
+"""
+
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
 
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.samples import Motion, motion
@@ -117,21 +123,107 @@ def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> li
         values, limits = moves.values.joint_accelerations, craft.joint_acceleration_limits
         _joint_pair(axes, moves, craft, values, limits, "acceleration\n(deg/s²)", legend)
     values = moves.values.angular_acceleration
-    entries = _platform(axes[-1], moves, values, craft.acceleration_limit, "acceleration (deg/s²)")
+    entries = _platform(
+        axes[-1], moves, values, craft.acceleration_limit, "platform angular\nacceleration (deg/s²)"
+    )
     if legend:
         legend_beside(axes[-1], entries)
     time_axis(axes, moves)
     return axes
 
 
+def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Torque, angular momentum and jerk of the platform over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, from top to bottom; a
+            figure to put them in; None for a new one. If it limits none, torque and momentum are shown.
+        legend: whether to name curves beside the upper panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
+            or another number of axes is given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    loads = _loads(moves, craft)
+    if not loads:
+        raise ValueError(
+            f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
+            "so there is no torque to draw"
+        )
+    shown = [load for load in loads if load.limit is not None] or loads
+    axes = panels(ax, len(shown), size(len(shown)))
+    every = [
+        _platform(axes[row], moves, load.values, load.limit, load.label, degrees=load.degrees)
+        for row, load in enumerate(shown)
+    ]
+    if legend:
+        legend_beside(axes[0], every[0])
+    time_axis(axes, moves)
+    return axes
+
+
+def load_limits(craft: "Spacecraft") -> int:
+    """How many of torque, momentum and jerk a spacecraft limits: the panels of its `torque`."""
+    limits = (craft.torque_limit, craft.wheel_momentum_limit, craft.jerk_limit)
+    return sum(limit is not None for limit in limits)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Load:
+    """What a panel of `torque` shows: values (k, 3), their limit, and what they are called."""
+
+    values: np.ndarray
+    limit: ArrayLike | None
+    label: str
+    degrees: bool
+
+
+def _loads(moves: Motion, craft: "Spacecraft") -> list[_Load]:
+    """The loads that can be computed; the jerk only where it is limited."""
+    loads = []
+    if craft.inertia is not None:
+        rate, acceleration = moves.values.angular_velocity, moves.values.angular_acceleration
+        inertia = np.asarray(craft.inertia)
+        momentum = rate @ inertia.T
+        moment = acceleration @ inertia.T + np.cross(rate, momentum)
+        loads = [
+            _Load(values=moment, limit=craft.torque_limit, label="torque (N m)", degrees=False),
+            _Load(
+                values=momentum,
+                limit=craft.wheel_momentum_limit,
+                label="angular\nmomentum (N m s)",
+                degrees=False,
+            ),
+        ]
+    if craft.jerk_limit is not None:
+        jerk, label = moves.values.angular_jerk, "platform angular\njerk (deg/s³)"
+        loads.append(_Load(values=jerk, limit=craft.jerk_limit, label=label, degrees=True))
+    return loads
+
+
 def platform_rate(axes: Axes, moves: Motion, craft: "Spacecraft") -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
-    return _platform(axes, moves, moves.values.angular_velocity, craft.rate_limit, "velocity (deg/s)")
+    label = "platform angular\nvelocity (deg/s)"
+    return _platform(axes, moves, moves.values.angular_velocity, craft.rate_limit, label)
 
 
-def _platform(axes: Axes, moves: Motion, values: np.ndarray, limit: float, quantity: str) -> Entries:
-    limits, label = np.full(3, limit), f"platform angular\n{quantity}"
-    entries = panel(axes, moves, values, limits, AXIS_STYLES, label)
+def _platform(
+    axes: Axes,
+    moves: Motion,
+    values: np.ndarray,
+    limit: ArrayLike | None,
+    label: str,
+    *,
+    degrees: bool = True,
+) -> Entries:
+    """Values (k, 3) by body axis, with one limit for all or one each."""
+    limits = np.broadcast_to(np.inf if limit is None else np.asarray(limit, dtype=float), 3)
+    entries = panel(axes, moves, values, limits, AXIS_STYLES, label, degrees=degrees)
     lines = [Line2D([], [], linewidth=1.6, **look) for look in AXIS_STYLES]
     return [*zip(lines, ("body x", "body y", "body z"), strict=True), *entries]
 

@@ -63,14 +63,14 @@ def limit_lines(axes: Axes, limits: np.ndarray, styles: Sequence[Look]) -> Entri
 
     Args:
         axes: where to.
-        limits: one for each curve of the panel, in its unit.
+        limits: one for each curve of the panel, in its unit; an infinite one is none.
         styles: of the curves. A limit of one curve among several has its colour, one of more curves is grey.
 
     Returns:
         Entry for a legend; none without limits.
     """
     look: Look = {"linewidth": 1, "linestyle": (0, (9, 4))}
-    values = np.unique(np.round(limits, 9))
+    values = np.unique(np.round(limits[np.isfinite(limits)], 9))
     for value in values:
         owners = np.flatnonzero(np.isclose(limits, value, rtol=0, atol=1e-8))
         colour = styles[owners[0]]["color"] if len(owners) == 1 and len(values) > 1 else GREY

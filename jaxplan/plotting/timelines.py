@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import ArrayLike
 
 from jaxplan.plotting.samples import Motion
 from jaxplan.plotting.style import TEXT, Entries, Look, limit_lines, tidy
@@ -20,6 +21,8 @@ def panel(
     limits: np.ndarray,
     styles: Sequence[Look],
     label: str,
+    *,
+    degrees: bool = True,
 ) -> Entries:
     """Draw curves over time with dashed limits.
 
@@ -27,16 +30,18 @@ def panel(
         axes: where to.
         motion: whose times are meant.
         values: (k, c) a column for each curve, in radians and seconds; drawn in degrees.
-        limits: (c,) likewise.
+        limits: (c,) likewise; an infinite one is not drawn.
         styles: of the curves.
         label: of the vertical axis, with the unit.
+        degrees: False if the values are drawn as they are.
 
     Returns:
         Legend entries for the limits, if there are any.
     """
-    for column, style in zip(np.rad2deg(values).T, styles, strict=True):
+    shown = np.rad2deg if degrees else np.asarray
+    for column, style in zip(shown(values).T, styles, strict=True):
         curve(axes, motion.times, column, **style)
-    entries = limit_lines(axes, np.rad2deg(limits), styles)
+    entries = limit_lines(axes, shown(limits), styles)
     axes.set_ylabel(label, fontsize=TEXT)
     return entries
 
@@ -49,13 +54,17 @@ def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> No
 
 def time_axis(panels: Sequence[Axes], motion: Motion) -> None:
     """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
+    time_span(panels, float(motion.times[-1]), motion.node_times)
+
+
+def time_span(panels: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
+    """The same from zero to an end, s, with ticks for nodes."""
     lowest = panels[-1]
     for axes in panels:
         tidy(axes)
-        axes.set_xticks(motion.node_times, minor=True)
+        axes.set_xticks(np.asarray(node_times), minor=True)
         axes.tick_params(axis="x", which="minor", length=3, color="0.35")
-        if len(motion.times) > 1:
-            end = float(motion.times[-1])
+        if end > 0:
             axes.set_xlim(0, end)
             axes.xaxis.set_major_locator(_EndLocator(end))
             axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))

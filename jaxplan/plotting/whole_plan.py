@@ -9,7 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 from jaxplan.plotting import margin_panel, motion_panels, samples, sphere_map
 from jaxplan.plotting.canvas import new_figure
 from jaxplan.plotting.margin_panel import margins
-from jaxplan.plotting.motion_panels import accelerations, angles, platform_rate, rates
+from jaxplan.plotting.motion_panels import accelerations, angles, platform_rate, rates, torque
 from jaxplan.plotting.sphere_map import sphere
 from jaxplan.plotting.style import legend_beside
 from jaxplan.plotting.timelines import time_axis
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
-FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "margins")
+FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "torque", "margins")
 """Of all the figures that a plan may have."""
 
 
@@ -56,8 +56,8 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
     """Every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
-        plan: of any status. Without a trajectory only the sphere is drawn, without terminals no angles, and
-            without zones no margins.
+        plan: of any status. Without a trajectory only the sphere is drawn, without terminals no angles,
+            without zones no margins, and torque only where it, the momentum or the jerk has a limit.
 
     Yields:
         The figure's name, fit for a file, and the figure.
@@ -65,6 +65,7 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
     terminals = bool(plan.scenario.spacecraft.terminals)
     zones = bool(plan.scenario.keep_out or plan.scenario.keep_in)
     dynamic = motion_panels.size(3 if terminals else 1)
+    loads = motion_panels.load_limits(plan.scenario.spacecraft)
     moves = plan.trajectory is not None
     drawings: list[tuple[Callable[..., Any], tuple[float, float], bool]] = [
         (overview, OVERVIEW_SIZE, moves),
@@ -72,6 +73,7 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
         (angles, motion_panels.size(2), moves and terminals),
         (rates, dynamic, moves),
         (accelerations, dynamic, moves),
+        (torque, motion_panels.size(max(loads, 1)), moves and loads > 0),
         (margins, margin_panel.SIZE, moves and zones),
     ]
     for name, (draw, size, there) in zip(FIGURE_NAMES, drawings, strict=True):

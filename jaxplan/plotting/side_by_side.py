@@ -1,0 +1,243 @@
+"""Trajectories of one path side by side: their rates, accelerations and jerks.
+
+Each has a name, by which figures call it; in `compare` its colour and line style are those of its place among
+the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke. A limit far
+from all curves of a row is told in a corner instead of drawn, since the curves would shrink to a line.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.style import (
+    AXIS_STYLES,
+    GREY,
+    SMALL,
+    TEXT,
+    Entries,
+    Look,
+    device_style,
+    legend_beside,
+    limit_lines,
+    plain,
+)
+from jaxplan.plotting.timelines import curve, time_span
+
+if TYPE_CHECKING:
+    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.trajectory.curve import Trajectory
+
+_BODY = ("body x", "body y", "body z")
+_LABELS = ("rate (deg/s)", "acceleration\n(deg/s²)", "jerk (deg/s³)")
+_FAR = 1.5  # times the largest value, beyond which a limit is told and not drawn
+_INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
+_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
+
+
+def compare(
+    trajectories: Mapping[str, "Trajectory"],
+    spacecraft: "Spacecraft",
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Rates, accelerations and jerks of several trajectories, with limits.
+
+    There is a column for each body axis of the platform, and one for the joint that comes nearest to a limit
+    of its rate or acceleration in any of the trajectories.
+
+    Args:
+        trajectories: by what they are called.
+        spacecraft: whose limits are meant.
+        ax: twelve axes in three rows of four, without terminals nine in rows of three; a figure to put them
+            in, or None for a new one.
+        legend: whether to name the trajectories beside the panels.
+
+    Returns:
+        The axes, row by row: rates, accelerations and jerks.
+
+    Raises:
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
+    """
+    sampled = _sampled(trajectories)
+    titles = [*_BODY]
+    columns = [[found.platform[:, :, axis] for found in sampled.values()] for axis in range(3)]
+    limits = np.repeat(_platform_limits(spacecraft)[:, None], 3, axis=1)
+    if spacecraft.terminals:
+        joint = _busiest(list(sampled.values()), spacecraft)
+        titles.append(spacecraft.joint_names[joint])
+        columns.append([found.joints[:, :, joint] for found in sampled.values()])
+        limits = np.column_stack([limits, [*_joint_limits(spacecraft)[:, joint], np.inf]])
+    across = len(columns)
+    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across)
+    styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
+    entries: Entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
+    for row in range(3):
+        line = every[row * across : (row + 1) * across]
+        for axes, curves in zip(line, columns, strict=True):
+            for found, values, look in zip(sampled.values(), curves, styles, strict=True):
+                curve(axes, found.times, np.rad2deg(values[row]), **look)
+        highest = max(float(np.max(np.abs(values[row]))) for curves in columns for values in curves)
+        shown = [_limit(axes, limit, highest) for axes, limit in zip(line, limits[row], strict=True)]
+        entries += next((drawn for drawn in shown if drawn and len(entries) == len(sampled)), [])
+        line[0].set_ylabel(_LABELS[row], fontsize=TEXT)
+    _finish(every, titles, max(float(found.times[-1]) for found in sampled.values()))
+    if legend:
+        legend_beside(every[across - 1], entries)
+    return every
+
+
+def segments(
+    trajectories: Mapping[str, "Trajectory"],
+    spacecraft: "Spacecraft",
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Angular acceleration and jerk of the platform, a trajectory a column, with their joins (Figure 11).
+
+    Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
+
+    Args:
+        trajectories: by what they are called, such as the number of their segments.
+        spacecraft: whose limits are meant.
+        ax: two rows of as many axes as trajectories, a figure to put them in, or None for a new one.
+        legend: whether to name the curves beside the panels.
+
+    Returns:
+        The axes, those of the accelerations first.
+
+    Raises:
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> fits = {f"{n} segments": fit_paper(path, craft, replace(settings, segments=n)) for n in (4, 5, 6)}
+        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits.items()}, craft)
+    """
+    sampled = _sampled(trajectories)
+    across = len(sampled)
+    every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
+    limits = _platform_limits(spacecraft)
+    entries: Entries = [
+        (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
+    ]
+    drawn: Entries = []
+    for row in (1, 2):
+        line = every[(row - 1) * across : row * across]
+        highest = max(float(np.max(np.abs(found.platform[row]))) for found in sampled.values())
+        for axes, found in zip(line, sampled.values(), strict=True):
+            for time in found.joins:
+                axes.axvline(time, zorder=1.4, **_JOIN)
+            for values, look in zip(found.platform[row].T, AXIS_STYLES, strict=True):
+                curve(axes, found.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
+            drawn = _limit(axes, limits[row], highest) or drawn
+        line[0].set_ylabel(f"platform angular\n{_LABELS[row]}", fontsize=TEXT)
+    _finish(every, list(sampled), max(float(found.times[-1]) for found in sampled.values()))
+    for axes, found in zip(every[across:], sampled.values(), strict=True):
+        jump = f"largest jump {np.rad2deg(found.jump):.2g} deg/s³" if len(found.joins) else "no jumps"
+        axes.set_title(jump, fontsize=SMALL, color=GREY)
+    if legend:
+        joins: Entries = (
+            [(Line2D([], [], **_JOIN), "join")] if any(len(s.joins) for s in sampled.values()) else []
+        )
+        legend_beside(every[across - 1], [*entries, *joins, *drawn])
+    return every
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sampled:
+    """A trajectory on a grid with both sides of every break.
+
+    Attributes:
+        times: (k,) s, a single one if it takes no time.
+        platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
+        joints: (3, k, 2n) likewise.
+        joins: (j,) s, where the platform's jerk may jump.
+        jump: rad/s^3, the largest one there; 0 without joins.
+    """
+
+    times: np.ndarray
+    platform: np.ndarray
+    joints: np.ndarray
+    joins: np.ndarray
+    jump: float
+
+    @classmethod
+    def of(cls, trajectory: "Trajectory") -> Self:
+        end = trajectory.duration
+        grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
+        after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
+        after = after[(after > 0) & (after < end)]
+        times = np.unique(np.concatenate([grid, after, np.nextafter(after, 0.0)]))
+        values = trajectory.sample(times)
+        names = ("rates", "accelerations", "jerks")
+        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH else np.zeros(0)
+        jerk = values.angular_jerk
+        ends = np.searchsorted(times, joins)
+        return cls(
+            times=times,
+            platform=np.stack([values.angular_velocity, values.angular_acceleration, jerk]),
+            joints=np.stack([getattr(values, f"joint_{name}") for name in names]),
+            joins=joins,
+            jump=float(np.max(np.abs(jerk[ends] - jerk[ends - 1]), initial=0.0)),
+        )
+
+
+def _sampled(trajectories: Mapping[str, "Trajectory"]) -> dict[str, _Sampled]:
+    if not trajectories:
+        raise ValueError("there are no trajectories to draw")
+    return {name: _Sampled.of(trajectory) for name, trajectory in trajectories.items()}
+
+
+def _platform_limits(spacecraft: "Spacecraft") -> np.ndarray:
+    """Of rate, acceleration and jerk, (3,); infinite where there is none."""
+    jerk = np.inf if spacecraft.jerk_limit is None else spacecraft.jerk_limit
+    return np.array([spacecraft.rate_limit, spacecraft.acceleration_limit, jerk], dtype=float)
+
+
+def _joint_limits(spacecraft: "Spacecraft") -> np.ndarray:
+    """Of rates and accelerations, (2, 2n)."""
+    return np.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
+
+
+def _busiest(sampled: list[_Sampled], spacecraft: "Spacecraft") -> int:
+    """The joint that takes the largest share of a limit."""
+    peaks = np.max([np.max(np.abs(found.joints[:2]), axis=1) for found in sampled], axis=0)
+    return int(np.argmax(np.max(peaks / _joint_limits(spacecraft), axis=0)))
+
+
+def _limit(axes: Axes, limit: float, highest: float) -> Entries:
+    """Draw a limit, or tell it where it is far from the highest value, both in radians; its legend entry."""
+    if not np.isfinite(limit):
+        return []
+    degrees = np.rad2deg(limit)
+    if limit <= _FAR * highest:
+        return limit_lines(axes, np.array([degrees]), [{"color": GREY}])
+    axes.text(
+        0.98,
+        0.97,
+        f"limit ±{degrees:.3g}",
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        color=GREY,
+        fontsize=SMALL,
+    )
+    return []
+
+
+def _finish(every: list[Axes], titles: list[str], end: float) -> None:
+    """Titles above the columns and time below them."""
+    across = len(titles)
+    for column, title in enumerate(titles):
+        plain(every[column].set_title(title, fontsize=TEXT))
+        time_span(every[column::across], end)
