@@ -36,7 +36,7 @@ units: $(READY) ## tests and notebooks; one file stays on one worker, which comp
 	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --durations 10
 
 bench: $(READY) ## measure speed, one script after the other; leave the machine alone meanwhile
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench,openscvx]'
 	@set -e; for script in bench/[a-z]*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
 
 clean: ## remove all that was made, .venv too

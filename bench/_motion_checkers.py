@@ -18,7 +18,7 @@ from jaxplan.search import Scene
 try:
     import numba
 except ModuleNotFoundError as missing:
-    raise SystemExit(MISSING.format(missing.name)) from None
+    raise SystemExit(MISSING.format(missing.name, "bench")) from None
 
 Checker = Callable[[np.ndarray, np.ndarray, np.ndarray, float], bool]
 _STRIDE = 8  # samples are taken far apart first, so that a motion that is not clear is soon found out

@@ -23,7 +23,7 @@ from jaxplan.search.corners import subdivide
 try:
     from ompl import base, geometric, util
 except ModuleNotFoundError as missing:
-    raise SystemExit(MISSING.format(missing.name)) from None
+    raise SystemExit(MISSING.format(missing.name, "bench")) from None
 
 TIME_LIMIT = 5.0  # s, of one search
 util.setLogLevel(util.LogLevel.LOG_NONE)

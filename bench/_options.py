@@ -3,8 +3,8 @@
 import argparse
 import math
 
-# with the name of the package
-MISSING = "{} is missing: install the extra that brings it with pip install -e '.[bench]'"
+# with the names of the package and of the extra
+MISSING = "{} is missing: install the extra that brings it with pip install -e '.[{}]'"
 
 
 def positive(text: str) -> int:
