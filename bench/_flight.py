@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from jaxplan.path import Goal
 from jaxplan.scenario import Scenario
 from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory import Trajectory
 
 STEPS = 20_000
 # What is forgiven: degrees into a zone, share of a limit, degrees from the goal, degrees a second there.
@@ -101,6 +102,21 @@ def inspect(scenario: Scenario, goal: Goal, flight: Flight) -> Verdict:
         miss=float(np.rad2deg(np.max([turned, *np.abs(joints[-1] - goal.joints)]))),
         rest=float(np.rad2deg(np.max(np.abs(last - asked)))),
     )
+
+
+def flight_of(trajectory: Trajectory) -> Flight:
+    """A trajectory of jaxplan's, by its samples."""
+    breaks = np.union1d(trajectory.breaks, trajectory.joint_breaks)
+
+    def rates(t: np.ndarray, _: int) -> np.ndarray:
+        state = trajectory.sample(np.clip(t, 0, trajectory.duration))
+        return np.concatenate([state.angular_velocity, state.joint_rates], axis=-1)
+
+    def accelerations(t: np.ndarray, _: int) -> np.ndarray:
+        state = trajectory.sample(np.clip(t, 0, trajectory.duration))
+        return np.concatenate([state.angular_acceleration, state.joint_accelerations], axis=-1)
+
+    return Flight(breaks=breaks, rates=rates, accelerations=accelerations)
 
 
 def joint_bound(scenario: Scenario, goal: Goal) -> float:

@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from _flight import Flight, inspect, joint_bound
+from _flight import flight_of, inspect, joint_bound
 from _machine import print_machine
 from _openscvx import Rival, Way
 from _openscvx_data import zones_by_terminal
@@ -35,7 +35,6 @@ import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.path import Goal, Path
 from jaxplan.scenario import Scenario
-from jaxplan.trajectory import Trajectory
 
 CASES, WAYS = "cases", ("bang-bang", "smooth")
 
@@ -74,7 +73,7 @@ def compare(scenario: Scenario, rivals: Rivals, repeats: int) -> Case | None:
             run.go(scenario, goal, path)
     bound = joint_bound(scenario, goal)
     ours = float(np.median([plan.timings.get("trajectory", np.nan) for plan in plans]))
-    flown = None if first.trajectory is None else _flight(first.trajectory)
+    flown = None if first.trajectory is None else flight_of(first.trajectory)
     mine = Trial(
         ok=first.ok,
         verdict=None if flown is None else inspect(scenario, goal, flown),
@@ -129,20 +128,6 @@ class _Runs:
             )
             for name, answer in self.answers.items()
         }
-
-
-def _flight(trajectory: Trajectory) -> Flight:
-    breaks = np.union1d(trajectory.breaks, trajectory.joint_breaks)
-
-    def rates(t: np.ndarray, _: int) -> np.ndarray:
-        state = trajectory.sample(np.clip(t, 0, trajectory.duration))
-        return np.concatenate([state.angular_velocity, state.joint_rates], axis=-1)
-
-    def accelerations(t: np.ndarray, _: int) -> np.ndarray:
-        state = trajectory.sample(np.clip(t, 0, trajectory.duration))
-        return np.concatenate([state.angular_acceleration, state.joint_accelerations], axis=-1)
-
-    return Flight(breaks=breaks, rates=rates, accelerations=accelerations)
 
 
 def run_kind(kind: str, scenarios: Iterable[Scenario], rivals: Rivals, options: argparse.Namespace) -> None:

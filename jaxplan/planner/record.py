@@ -13,7 +13,10 @@ from jaxplan.path import Goal, Path
 from jaxplan.scenario import Scenario
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
-from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory import Trajectory, duration_bound
+
+# Of the duration: a lower bound, as of a plan that ends where it starts, tells nothing.
+_TELLING = 0.01
 
 
 def report_summary(report: Report | None) -> dict[str, Any]:
@@ -64,6 +67,20 @@ class Plan:
         """Whether this is a certified plan."""
         return self.status is Status.OK
 
+    @property
+    def duration_bound(self) -> float | None:
+        """No motion to the goal that keeps rates and accelerations is quicker, s; None without a path."""
+        if self.path is None:
+            return None
+        start, goal, ends = self.scenario.start, self.scenario.goal, [0, -1]
+        return duration_bound(
+            self.scenario.spacecraft,
+            self.path.attitudes[ends],
+            self.path.joints[ends],
+            np.stack([start.angular_velocity, goal.angular_velocity]),
+            np.stack([start.joint_rates, goal.joint_rates]),
+        )
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan to a JSON file, see `jaxplan.planner.storage.save_plan`."""
         from jaxplan.planner.storage import save_plan  # which knows of plans, so not at the top
@@ -84,9 +101,10 @@ class Plan:
             interior = max(edges - 1, 0)
             rows.append(("path", f"{self.path.length:.2f} steps, {edges} edges, {interior} interior nodes"))
         if self.trajectory is not None:
-            text = (
-                f"{self.trajectory.method}, {self.trajectory.duration:.2f} s, C{self.trajectory.smoothness}"
-            )
+            duration, bound = self.trajectory.duration, self.duration_bound
+            text = f"{self.trajectory.method}, {duration:.2f} s, C{self.trajectory.smoothness}"
+            if bound is not None and bound > _TELLING * duration:
+                text += f"; {100 * (duration / bound - 1):.1f} % above the strict bound of {bound:.2f} s"
             rows.append(("trajectory", text))
         if self.report is not None:
             rows += self.report.rows()
@@ -104,6 +122,7 @@ class Plan:
             "length_steps": None if self.path is None else self.path.length,
             "edges": None if self.path is None else self.path.edges,
             "duration_s": None if trajectory is None else trajectory.duration,
+            "duration_bound_s": self.duration_bound,
             **report_summary(self.report),
             "timings_s": dict(self.timings),
         }

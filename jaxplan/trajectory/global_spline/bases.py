@@ -112,27 +112,6 @@ class Basis:
         return to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
 
 
-def refined(breaks: np.ndarray, intervals: int) -> np.ndarray:
-    """Breaks with the longest intervals cut evenly, until there are as many as wanted.
-
-    Args:
-        breaks: (K + 1,) rising.
-        intervals: at least K.
-
-    Returns:
-        (intervals + 1,).
-    """
-    lengths = np.diff(breaks)
-    parts = np.ones(len(lengths), dtype=int)
-    for _ in range(intervals - len(lengths)):
-        parts[np.argmax(lengths / parts)] += 1
-    inner = [
-        low + length * np.arange(count) / count
-        for low, length, count in zip(breaks[:-1], lengths, parts, strict=True)
-    ]
-    return np.append(np.concatenate(inner), breaks[-1])
-
-
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
     return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
 
