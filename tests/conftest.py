@@ -1,10 +1,20 @@
-"""What holds for all tests: float64, the processor, and no window for figures."""
+"""What holds for all tests: float64, the processor, no window for figures, and each kernel compiled once.
+
+What one worker or notebook has compiled the others read from a folder that lasts as long as the run.
+"""
 
 import os
+import shutil
+import tempfile
 
 # Before jax and matplotlib are imported; a test run on another device names it in JAX_PLATFORMS.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+if "PYTEST_XDIST_WORKER" not in os.environ:  # the first of all processes; the others inherit it
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxplan-tests-")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
 import pytest
@@ -23,3 +33,9 @@ def compilations():
     # One listener for all tests: JAX's older versions only take all of them away, the library's own too.
     _compilations.clear()
     return _compilations
+
+
+def pytest_sessionfinish() -> None:
+    """Remove the folder of what was compiled."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        shutil.rmtree(os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)

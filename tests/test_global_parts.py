@@ -17,7 +17,8 @@ from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
 from jaxplan.trajectory.global_spline.chart import farthest, fitting
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
-from jaxplan.trajectory.global_spline.motion import Problem, evaluate
+from jaxplan.trajectory.global_spline.motion import evaluate
+from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 

@@ -9,8 +9,9 @@ from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline import chart as charts
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
-from jaxplan.trajectory.global_spline.families import Tube
-from jaxplan.trajectory.global_spline.motion import Problem, cosines, margins
+from jaxplan.trajectory.global_spline.linear_rows import Tube
+from jaxplan.trajectory.global_spline.motion import cosines, margins
+from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.sqp import Point, Task
 from jaxplan.trajectory.global_spline.timing import along
 from jaxplan.zones import Cones

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
-from jaxplan.trajectory.global_spline.families import Family, Index, Step
+from jaxplan.trajectory.global_spline.rows import Family, Index, Step
 
 _SIZES = (64, 128, 256, 512, 1024)  # a dual is padded to, so that few are compiled
 _ROUNDS = 6

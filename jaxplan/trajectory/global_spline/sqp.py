@@ -11,9 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace
-from jaxplan.trajectory.global_spline.families import LIMIT, TUBE, ZONE, Family, Tube, families
-from jaxplan.trajectory.global_spline.motion import Motion, Problem, evaluate
+from jaxplan.trajectory.global_spline.families import families
+from jaxplan.trajectory.global_spline.linear_rows import Tube
+from jaxplan.trajectory.global_spline.motion import Motion, evaluate
+from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.program import Quadratic, propose
+from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE, Family
 
 _MOST_STEPS = 16
 _DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what

@@ -1,0 +1,216 @@
+"""What is fitted: the nodes with all that is asked of the curve, and one attempt at it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory import schedule
+from jaxplan.trajectory.bound import duration_bound
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.global_spline import sqp
+from jaxplan.trajectory.global_spline.bases import Basis
+from jaxplan.trajectory.global_spline.build import Request, build, trajectory
+from jaxplan.trajectory.global_spline.chart import REACH
+from jaxplan.trajectory.global_spline.rows import TUBE
+from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
+from jaxplan.trajectory.scaling import Peaks, peaks
+from jaxplan.zones import Cones
+
+# About the nodes, unless the settings have one; a shortest motion has none.
+TUBE_RADIUS = float(np.deg2rad(1.0))
+
+_INTERVALS = 32  # of a spline, or a multiple of it
+_NODES_EACH = 1.5  # intervals for a node that is passed exactly
+_NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
+_POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
+_TUBE_BROKEN = 1e-6  # rad
+_KEPT = 0.3  # of the wanted margins, which a sound curve has
+_WIDER = 3.0  # tube, before there is none
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """What all attempts share."""
+
+    attitudes: np.ndarray
+    joints: np.ndarray
+    fractions: np.ndarray | None
+    rates: np.ndarray
+    spacecraft: Spacecraft
+    cones: Cones
+    settings: TrajectorySettings
+
+    @property
+    def at_speed(self) -> bool:
+        """Whether the motion starts or ends with a rate."""
+        return bool(np.any(self.rates))
+
+    @property
+    def weights(self) -> tuple[float, float, float]:
+        """Of rate, acceleration and jerk."""
+        settings = self.settings
+        return settings.rate_weight, settings.acceleration_weight, settings.jerk_weight
+
+    def radius(self, free_time: bool) -> float:
+        """Of the tube, rad."""
+        if self.settings.node_tube is not None:
+            return float(self.settings.node_tube)
+        return np.inf if free_time else TUBE_RADIUS
+
+    @cached_property
+    def bound(self) -> float:
+        """No motion between the two ends is quicker, s."""
+        ends = [0, -1]
+        return duration_bound(
+            self.spacecraft, self.attitudes[ends], self.joints[ends], self.rates[:, :3], self.rates[:, 3:]
+        )
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """(m,) s of each edge at full speed."""
+        moves = np.column_stack([schedule.edge_turns(self.attitudes), np.diff(self.joints, axis=0)])
+        return full_speed_times(moves, _limits(self.spacecraft)[0])
+
+    @property
+    def rise(self) -> float:
+        """In which every axis reaches its full rate, s."""
+        rate, acceleration = _limits(self.spacecraft)
+        return float(np.max(rate / acceleration))
+
+    def quickest(self) -> Pace:
+        """The pace at full speed along the path."""
+        return Pace.quickest(max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise)
+
+    def request(self, pace: Pace, radius: float, finer: int, *, graded: bool) -> Request:
+        """What to fit at a pace.
+
+        Args:
+            pace: along the path.
+            radius: rad, of the tube.
+            finer: factor on the number of intervals.
+            graded: whether breaks lie close about the flanks, not as the nodes do.
+        """
+        count = len(self.attitudes) - 1
+        shares = schedule.node_fractions(self.times)
+        if self.fractions is not None:
+            places = self.fractions
+        else:
+            places = shares if self.at_speed else pace.places(shares)
+        each = _NODES_EACH if radius == 0 else _NODES_IN_TUBE if np.isfinite(radius) else 0.0
+        intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
+        if radius == 0:  # as many breaks between nodes as there are elsewhere
+            basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
+        elif graded and not self.at_speed:
+            basis = Basis.on(pace.breaks(intervals))
+        else:
+            basis = Basis.even(intervals)
+        return Request(
+            attitudes=self.attitudes,
+            joints=self.joints,
+            places=places,
+            rates=self.rates,
+            basis=basis,
+            points=_POINTS if intervals < _MANY else _FEW_POINTS,
+            radius=radius,
+            rest=self.settings.end_acceleration == "zero",
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempt:
+    """A curve, and what it breaks.
+
+    Attributes:
+        trajectory: of the curve.
+        peaks: over all time.
+        clear: whether zones are kept at the places.
+        radius: rad, of the tube that was tried.
+        tube: rad, how far nodes are beyond the tube that was asked for; zero or less for none.
+    """
+
+    trajectory: Trajectory
+    peaks: Peaks
+    clear: bool
+    radius: float
+    tube: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is broken but perhaps limits of rates and loads."""
+        return self.clear and self.peaks.in_range and self.tube <= _TUBE_BROKEN
+
+    @property
+    def kept(self) -> bool:
+        """Whether all limits are kept."""
+        return self.peaks.stretch <= 1 and self.peaks.in_range
+
+    @property
+    def merit(self) -> tuple[bool, bool, bool, float]:
+        """The larger the better."""
+        inside = self.clear and self.peaks.in_range
+        return inside, self.kept, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
+
+
+def _limits(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Rates and accelerations of platform and joints (3 + 2n,)."""
+    return (
+        np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits]),
+        np.concatenate([np.full(3, spacecraft.acceleration_limit), spacecraft.joint_acceleration_limits]),
+    )
+
+
+def _tightened(spacecraft: Spacecraft, share: float) -> Spacecraft:
+    """The spacecraft with the platform's limits a little lower; joints are held at every instant anyway."""
+    names = ("rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit")
+    limits = {name: getattr(spacecraft, name) for name in names}
+    return replace(
+        spacecraft, **{name: limit * (1 - share) for name, limit in limits.items() if limit is not None}
+    )
+
+
+def ladder(radius: float, *, in_time: bool = True) -> Iterator[tuple[int, float]]:
+    """Factors on the number of intervals and radii of the tube, one attempt after the other.
+
+    Args:
+        radius: rad, asked for.
+        in_time: whether there is time enough to go along the nodes.
+    """
+    if radius == 0 or (in_time and radius < np.inf):
+        yield 1, radius
+        yield 2, radius
+    if 0 < radius < np.inf and in_time:
+        yield 1, _WIDER * radius
+    if radius > 0:
+        yield 1, np.inf
+        yield 2, np.inf
+
+
+def attempt_at(
+    job: Job, request: Request, duration: float, *, limited: bool, free_time: bool, tighter: float = 0.0
+) -> Attempt | None:
+    """Fit a request; None if its nodes leave the chart or numbers overflow."""
+    craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
+    built = build(
+        request, craft, job.cones, duration, weights=job.weights, limited=limited, free_time=free_time
+    )
+    if not built.reach <= REACH:
+        return None
+    task = built.task
+    point = sqp.improve(task, task.point(built.coefficients, duration))
+    if not (np.all(np.isfinite(point.coefficients)) and point.motion.is_finite()):
+        return None
+    curve = trajectory(task, point, point.duration * request.places)
+    found = peaks(curve, job.spacecraft)
+    if not np.isfinite(found.stretch):
+        return None
+    return Attempt(
+        trajectory=curve,
+        peaks=found,
+        clear=bool(np.all(point.motion.margins >= _KEPT * task.wanted)),
+        radius=request.radius,
+        tube=point.violations[TUBE],
+    )
