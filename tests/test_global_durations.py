@@ -6,15 +6,20 @@ from functools import cache
 
 import numpy as np
 import pytest
-from dense import assert_kept, end_states, jumps, shares
-from node_paths import NAMES, load
+from dense import assert_kept, end_states, jumps, node_errors, shares
+from manoeuvres import judge
+from node_paths import NAMES, load, wandering
+from relays import avoids, look, make_relay, sees
 from scenes import make_spacecraft
 
 import jaxplan as jp
-from jaxplan.cases import paper_case
+from jaxplan.cases import RANDOM_KINDS, paper_case
+from jaxplan.certificate import EndState
+from jaxplan.planner.check import prove
 from jaxplan.scenario import TrajectorySettings
 from jaxplan.status import Status
 from jaxplan.trajectory import duration_bound, fit_global, fit_paper
+from jaxplan.zones import KeepOut, tabulate
 
 CRAFT = make_spacecraft()
 numbers = pytest.mark.parametrize("number", [1, 2, 3, 4])
@@ -84,3 +89,114 @@ def test_a_duration_too_short_says_which_would_do(name):
     assert_kept(longer.trajectory, CRAFT)
     shortest = fit_global(path, CRAFT, replace(settings, duration="minimum", node_tube=np.deg2rad(1.0)))
     assert fit.needed_duration <= 1.1 * shortest.trajectory.duration
+
+
+FULL = np.array([[12.0, 1.2, -0.6], [1.2, 18.0, 1.8], [-0.6, 1.8, 24.0]])
+SLEW = wandering(6, 1, seed=4, step=0.25)
+LOADED = [
+    ("torque", {"torque_limit": 0.1}),
+    ("torque", {"torque_limit": np.array([0.1, 0.15, 0.2])}),
+    ("momentum", {"wheel_momentum_limit": 0.5}),
+    ("momentum", {"wheel_momentum_limit": np.array([0.3, 0.4, 0.5]), "torque_limit": 1.0}),
+    ("jerk", {"jerk_limit": np.deg2rad(0.5)}),
+]
+
+
+@pytest.mark.parametrize(("binding", "limits"), LOADED)
+def test_torque_momentum_and_jerk_are_kept_and_bind(binding, limits):
+    free = make_spacecraft(1)
+    craft = replace(free, inertia=FULL, **limits)
+    durations = []
+    for settings in (TrajectorySettings(duration="minimum"), TrajectorySettings(duration=90.0)):
+        fit = fit_global(SLEW, craft, settings)
+        assert fit.status is Status.OK, fit.message
+        assert_kept(fit.trajectory, craft)
+        assert certified(SLEW, fit.trajectory, craft)
+        durations.append(fit.trajectory.duration)
+    assert durations[1] == 90
+    quick = fit_global(SLEW, free, TrajectorySettings(duration="minimum")).trajectory
+    assert 1.05 * quick.duration < durations[0] < 90
+    found = shares(fit_global(SLEW, craft, TrajectorySettings(duration="minimum")).trajectory, craft)
+    assert np.abs(found[binding]).max() == pytest.approx(1, abs=0.01)
+    tighter = {name: 0.7 * limit for name, limit in limits.items()}
+    slower = fit_global(SLEW, replace(craft, **tighter), TrajectorySettings(duration="minimum")).trajectory
+    assert slower.duration > 1.02 * durations[0]
+
+
+def certified(path, trajectory, craft, keep_out=()):
+    ends = trajectory.sample(trajectory.duration * np.array([0.0, 1.0]))
+    np.testing.assert_allclose(ends.attitude, path.attitudes[[0, -1]], atol=1e-9)
+    return judge(trajectory, craft, keep_out, **end_rates(trajectory)).certified
+
+
+def end_rates(trajectory):
+    ends = trajectory.sample(trajectory.duration * np.array([0.0, 1.0]))
+    fields = ("attitude", "joints", "angular_velocity", "joint_rates")
+    return {
+        name: EndState(**{f: getattr(ends, f)[i] for f in fields}) for i, name in enumerate(("start", "goal"))
+    }
+
+
+@pytest.mark.parametrize("duration", [60.0, "minimum", "stretched"])
+@pytest.mark.parametrize("seed", range(3))
+def test_rates_at_the_ends_are_met_among_zones(seed, duration):
+    rng = np.random.default_rng(seed)
+    craft, path = make_spacecraft(2, 1), wandering(6, 2, seed=seed, step=0.2)
+    rates = np.deg2rad(rng.uniform(-0.8, 0.8, (2, 7)))
+    # The middle node is inside; the ends are not.
+    looks = path.attitudes @ craft.instruments[0].boresight
+    across = np.cross(looks[0], looks[-1])
+    axis = np.cos(0.1) * looks[3] + np.sin(0.1) * across / np.linalg.norm(across)
+    zone = KeepOut(name="sun", direction=axis / np.linalg.norm(axis), half_angle=0.13, devices=("camera-1",))
+    fit = fit_global(
+        path,
+        craft,
+        TrajectorySettings(duration=duration),
+        cones=tabulate((zone,), (), craft.device_names),
+        start_angular_velocity=rates[0, :3],
+        start_joint_rates=rates[0, 3:],
+        end_angular_velocity=rates[1, :3],
+        end_joint_rates=rates[1, 3:],
+    )
+    assert fit.status is Status.OK, fit.message
+    np.testing.assert_allclose(end_states(fit.trajectory)[0], rates, atol=1e-9)
+    assert np.all(np.abs(end_states(fit.trajectory)[1]) <= 1e-8)
+    ends = fit.trajectory.sample(fit.trajectory.duration * np.array([0.0, 1.0]))
+    np.testing.assert_allclose(ends.angular_velocity, rates[:, :3], atol=1e-9)
+    np.testing.assert_allclose(ends.joint_rates, rates[:, 3:], atol=1e-9)
+    assert np.all(node_errors(fit.trajectory, path)[[0, -1]] <= 1e-9)
+    assert_kept(fit.trajectory, craft, (zone,))
+    assert certified(path, fit.trajectory, craft, (zone,))
+    assert fit.trajectory.duration >= bound_of(fit.trajectory, craft, rates)
+
+
+@pytest.mark.parametrize("duration", [120.0, "stretched", "minimum"])
+def test_of_a_group_of_keep_in_zones_one_holds_at_every_time(duration):
+    # Each camera holds for a part of the straight motion, which leads camera-1 through the Sun.
+    cameras = {"camera-1": look(0), "camera-2": look(-120), "camera-3": look(0, 90)}
+    zones = sees("camera-1", 30, 0, 60), sees("camera-2", 10, 0, 60), avoids("Sun", 60, 5, 20)
+    scenario = make_relay(160, cameras, *zones)
+    plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration=duration)))
+    assert plan.status is Status.OK, plan.message
+    assert plan.report.certified
+    assert_kept(plan.trajectory, scenario.spacecraft, zones_of(scenario))
+
+
+@pytest.mark.parametrize("kind", RANDOM_KINDS)
+def test_random_scenes_are_certified_at_any_duration(kind):
+    above = []
+    for seed in range(10):
+        scenario = jp.random_scenario(seed, kind)
+        craft, zones = scenario.spacecraft, zones_of(scenario)
+        plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration="minimum")))
+        assert plan.status is Status.OK, (seed, plan.message)
+        assert plan.report.certified
+        assert_kept(plan.trajectory, craft, zones, count=501)
+        above.append(plan.trajectory.duration / bound_of(plan.trajectory, craft) - 1)
+        cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+        slow = fit_global(plan.path, craft, TrajectorySettings(duration=80.0), cones=cones)
+        assert slow.status is Status.OK, (seed, slow.message)
+        assert prove(scenario, plan.goal, slow.trajectory).certified, seed
+        assert_kept(slow.trajectory, craft, zones, count=501)
+    assert min(above) >= 0
+    assert np.median(above) <= (0.05 if kind in ("keep_out", "keep_in") else 0.1)  # the rest are detours

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import jax
 import numpy as np
 import pytest
 from node_paths import load, turning, wandering
@@ -172,13 +171,8 @@ def random_program(rng, rows, rank, loose):
 def test_box_programs_are_solved_as_by_active_sets(rank, loose):
     rng, rows = np.random.default_rng(rank), 30
     programs = [random_program(rng, rows, rank, loose) for _ in range(20)]
-    batch = [
-        np.stack(part) for part in zip(*((L.T @ L, L.T @ b, top) for L, b, top in programs), strict=True)
-    ]
-    answers = jax.jit(jax.vmap(solve_box_qp))(*batch)
-    single = jax.jit(solve_box_qp)
-    for k, (factor, target, top) in enumerate(programs):
-        y = np.asarray(answers.multipliers[k])
+    for factor, target, top in programs:
+        y = solve_box_qp(factor.T @ factor, factor.T @ target, top).multipliers
         assert np.all((y >= 0) & (y <= top))
         best = lsq_linear(factor, target, (0, top), method="bvls", tol=1e-15)
         cost = np.sum((factor @ y - target) ** 2) / 2
@@ -186,8 +180,10 @@ def test_box_programs_are_solved_as_by_active_sets(rank, loose):
         scale = np.linalg.norm(factor, axis=0)
         gradient = factor.T @ (factor @ y - target) / scale
         np.testing.assert_allclose(y - np.clip(y - gradient / scale, 0, top), 0, atol=1e-4 / scale.min())
-        alone = single(*(part[k] for part in batch))
-        np.testing.assert_allclose(alone.multipliers * scale, y * scale, rtol=1e-5, atol=1e-6)
+
+
+def test_a_program_without_rows_has_no_multipliers():
+    assert solve_box_qp(np.zeros((0, 0)), np.zeros(0), np.zeros(0)).multipliers.shape == (0,)
 
 
 @pytest.mark.parametrize("part", range(3))
@@ -197,7 +193,7 @@ def test_a_nan_gives_nan_and_never_an_answer(part):
     program = [factor.T @ factor, factor.T @ target, top]
     program[part] = program[part].copy()
     program[part].flat[-1] = np.nan
-    answer = jax.jit(solve_box_qp)(*program)
+    answer = solve_box_qp(*program)
     assert np.any(np.isnan(answer.multipliers))
     assert not answer.residual <= 1e-6
 

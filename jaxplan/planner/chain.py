@@ -161,6 +161,6 @@ def _finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
     with clock.step("certificate"):
         report = prove(scenario, goal, fitted.trajectory)
     so_far = replace(so_far, report=report)
-    if fitted.status is Status.OK and not report.certified:
+    if fitted.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
         return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(report))
     return so_far

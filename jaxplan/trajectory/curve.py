@@ -23,7 +23,7 @@ from jaxplan.trajectory import pieces
 
 # Times and pieces are padded to a few sizes, so that one compiled kernel serves many trajectories.
 _CHUNKS = (8, 128, 1024, 16384)
-_FEWEST_PIECES = 4
+_FEWEST_PIECES = 8
 
 
 @jax.tree_util.register_dataclass
@@ -156,7 +156,7 @@ class Trajectory:
         )
 
     def padded(self) -> Self:
-        """The same trajectory with its number of pieces brought to a power of four.
+        """The same trajectory with its number of pieces brought to a power of two.
 
         The pieces added stand in front, have no length and rest, so no time falls on them. What only names
         the trajectory is dropped, so that kernels are not compiled anew for it.
@@ -165,7 +165,7 @@ class Trajectory:
         def extra(count: int) -> int:
             size = _FEWEST_PIECES
             while size < count:
-                size *= 4
+                size *= 2
             return size - count
 
         def front(array: np.ndarray, count: int, value: ArrayLike) -> np.ndarray:

@@ -20,8 +20,8 @@ class Fit:
 
     Attributes:
         trajectory: None if no quadratic program had a solution; beside LIMITS_TOO_TIGHT, the one that
-            breaks limits.
-        status: OK, LIMITS_TOO_TIGHT or INFEASIBLE.
+            breaks limits, and beside UNCERTIFIED, the one that breaks a zone.
+        status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.
         message: what binds, and of a failure what to change, by the settings' names in a file.
         needed_duration: s, at which the same settings keep all limits; None if none was needed or found.
     """
@@ -89,13 +89,14 @@ def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None
         raise ValueError("node_fractions must rise strictly from 0 to 1, one a node")
 
 
-def at_rest(path: Path, order: int, method: str) -> Trajectory:
+def at_rest(path: Path, order: int, method: str, count: int) -> Trajectory:
     """The trajectory of a path without motion: of duration 0, it samples at t = 0.
 
     Args:
-        path: its nodes are all the same.
+        path: of one node.
         order: of the Legendre basis.
         method: that was asked for.
+        count: of nodes that were given.
     """
     joint_coefficients = np.zeros((1, order + 1, path.joints.shape[1]))
     joint_coefficients[0, 0] = path.joints[0]
@@ -107,7 +108,7 @@ def at_rest(path: Path, order: int, method: str) -> Trajectory:
         coefficients=np.zeros((1, order + 1, 3)),
         joint_breaks=np.zeros(2),
         joint_coefficients=joint_coefficients,
-        node_times=np.zeros(len(path.attitudes)),
+        node_times=np.zeros(count),
         smoothness=2,
         method=method,
     )

@@ -28,6 +28,7 @@ SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independ
 _FINE = 4  # grid intervals in theta for each point; then a grid maximum is within 8 % of the true one
 _NEAR = 0.9  # grid maxima above this share of the highest are followed
 _NEWTON_STEPS = 12
+_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
 
@@ -146,7 +147,9 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
         lower, upper = np.where(slope > 0, theta, lower), np.where(slope > 0, upper, theta)
         ahead = theta - slope / np.where(curvature < 0, curvature, -1)
         sound = (curvature < 0) & (lower <= ahead) & (ahead <= upper)
-        theta = np.where(sound, ahead, (lower + upper) / 2)
+        before, theta = theta, np.where(sound, ahead, (lower + upper) / 2)
+        if np.all(np.abs(theta - before) <= _STILL):
+            break
     return np.abs(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))
 
 

@@ -19,7 +19,7 @@ _LEAST_SHARE = 0.1  # of the mean edge's time
 _SAME_NODE = 1e-10  # rad, or matrix element
 
 
-def distinct_nodes(path: Path) -> np.ndarray:
+def _distinct_nodes(path: Path) -> np.ndarray:
     """Which nodes differ from the one before; the first one does.
 
     Args:
@@ -32,6 +32,36 @@ def distinct_nodes(path: Path) -> np.ndarray:
     moved = np.abs(np.diff(path.joints, axis=0)).max(axis=1, initial=0.0)
     same = (turned <= _SAME_NODE) & (moved <= _SAME_NODE)  # a NaN is not the same
     return np.concatenate([[True], ~same])
+
+
+def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.ndarray]:
+    """The path that a motion passes, whose nodes are not repeated, unless that is all there is to it.
+
+    Args:
+        path: with m + 1 nodes.
+        at_speed: whether the motion starts or ends with a rate: then it leaves even a single node, and comes
+            back to it.
+        every: whether repeated nodes are kept, unless nothing moves.
+
+    Returns:
+        The path, of one node if nothing moves, and for each given node its own number there.
+    """
+    kept = _distinct_nodes(path)
+    if not at_speed and np.sum(kept) == 1:
+        every = False
+    elif len(kept) == 1:
+        twice = np.zeros(2, dtype=int)
+        path = Path(attitudes=path.attitudes[twice], joints=path.joints[twice], edge_costs=np.ones(1))
+        kept = np.ones(2, dtype=bool)
+    else:
+        kept[-1] |= np.sum(kept) == 1
+    kept |= every
+    passed = Path(
+        attitudes=np.asarray(path.attitudes, float)[kept],
+        joints=np.asarray(path.joints, float)[kept],
+        edge_costs=np.asarray(path.edge_costs, float)[kept[1:]],
+    )
+    return passed, np.cumsum(kept) - 1
 
 
 def node_fractions(edge_costs: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from jaxplan.trajectory.global_spline import sqp
 from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.build import Request, build, trajectory
 from jaxplan.trajectory.global_spline.chart import REACH
-from jaxplan.trajectory.global_spline.rows import TUBE
+from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE
 from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
 from jaxplan.trajectory.scaling import Peaks, peaks
 from jaxplan.zones import Cones
@@ -28,7 +28,10 @@ _NODES_EACH = 1.5  # intervals for a node that is passed exactly
 _NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
 _POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
 _TUBE_BROKEN = 1e-6  # rad
+_ROUNDING = 1e-9  # rad
 _KEPT = 0.3  # of the wanted margins, which a sound curve has
+_MENDED = 1e-3  # of a limit, beyond which a curve is not what a given duration needs
+_NEARLY = 1.01  # of the duration keeps all limits: what happens between the places is still to be mended
 _WIDER = 3.0  # tube, before there is none
 
 
@@ -72,14 +75,21 @@ class Job:
     @cached_property
     def times(self) -> np.ndarray:
         """(m,) s of each edge at full speed."""
-        moves = np.column_stack([schedule.edge_turns(self.attitudes), np.diff(self.joints, axis=0)])
-        return full_speed_times(moves, _limits(self.spacecraft)[0])
+        turns, craft = schedule.edge_turns(self.attitudes), self.spacecraft
+        times = full_speed_times(np.column_stack([turns, np.diff(self.joints, axis=0)]), _limits(craft)[0])
+        if craft.inertia is not None and craft.wheel_momentum_limit is not None:
+            wheels = np.broadcast_to(craft.wheel_momentum_limit, 3)
+            times = np.maximum(times, full_speed_times(turns @ np.asarray(craft.inertia).T, wheels))
+        return times
 
     @property
     def rise(self) -> float:
         """In which every axis reaches its full rate, s."""
         rate, acceleration = _limits(self.spacecraft)
-        return float(np.max(rate / acceleration))
+        needed = rate / acceleration
+        if self.spacecraft.jerk_limit is not None:
+            needed[:3] += acceleration[:3] / np.min(self.spacecraft.jerk_limit)
+        return float(np.max(needed))
 
     def quickest(self) -> Pace:
         """The pace at full speed along the path."""
@@ -127,14 +137,16 @@ class Attempt:
     Attributes:
         trajectory: of the curve.
         peaks: over all time.
-        clear: whether zones are kept at the places.
+        clear: whether zones are kept at the places, with some of the clearance.
+        breach: device that breaks a zone, and by how much (rad); None where none does.
         radius: rad, of the tube that was tried.
-        tube: rad, how far nodes are beyond the tube that was asked for; zero or less for none.
+        tube: rad, how far nodes are beyond it; zero or less where they are within.
     """
 
     trajectory: Trajectory
     peaks: Peaks
     clear: bool
+    breach: tuple[str, float] | None
     radius: float
     tube: float
 
@@ -151,15 +163,19 @@ class Attempt:
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
         """The larger the better."""
-        inside = self.clear and self.peaks.in_range
-        return inside, self.kept, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
+        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= _NEARLY
+        return inside, nearly, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
 
 
 def _limits(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Rates and accelerations of platform and joints (3 + 2n,)."""
+    """Rates and accelerations (3 + 2n,) of platform and joints, about any axis."""
+    acceleration = spacecraft.acceleration_limit
+    if spacecraft.inertia is not None and spacecraft.torque_limit is not None:
+        heaviest = float(np.linalg.norm(spacecraft.inertia, 2))
+        acceleration = min(acceleration, float(np.min(spacecraft.torque_limit)) / heaviest)
     return (
         np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits]),
-        np.concatenate([np.full(3, spacecraft.acceleration_limit), spacecraft.joint_acceleration_limits]),
+        np.concatenate([np.full(3, acceleration), spacecraft.joint_acceleration_limits]),
     )
 
 
@@ -200,7 +216,14 @@ def attempt_at(
     if not built.reach <= REACH:
         return None
     task = built.task
-    point = sqp.improve(task, task.point(built.coefficients, duration))
+    point = task.point(built.coefficients, duration)
+    if limited and not free_time and not job.at_speed and point.violations[LIMIT] > 0:
+        # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
+        free = replace(task, free_time=True)
+        point = sqp.improve(free, free.point(built.coefficients, duration), until=duration)
+        point = task.point(point.coefficients, duration)
+    if free_time or job.at_speed or point.violations[LIMIT] <= _MENDED:
+        point = sqp.improve(task, point)
     if not (np.all(np.isfinite(point.coefficients)) and point.motion.is_finite()):
         return None
     curve = trajectory(task, point, point.duration * request.places)
@@ -211,6 +234,15 @@ def attempt_at(
         trajectory=curve,
         peaks=found,
         clear=bool(np.all(point.motion.margins >= _KEPT * task.wanted)),
+        breach=_breach(point.motion.margins, job.spacecraft),
         radius=request.radius,
         tube=point.violations[TUBE],
     )
+
+
+def _breach(margins: np.ndarray, craft: Spacecraft) -> tuple[str, float] | None:
+    """Of margins (S, D, Z)."""
+    if np.all(margins >= -_ROUNDING):
+        return None
+    _, device, _ = np.unravel_index(np.argmin(margins), margins.shape)
+    return craft.device_names[device], -float(np.min(margins))

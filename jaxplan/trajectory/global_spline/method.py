@@ -18,14 +18,13 @@ from jaxplan.trajectory.scaling import SAFETY, peaks
 from jaxplan.zones import Cones, tabulate
 
 _BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
-_TIGHTER = (
-    1e-3,
-    1e-2,
-)  # shares of the limits left to what is between the places, in one attempt and the next
+_TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
 _LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
 _LOOKS = 8
 _TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
+_LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
+_HOPELESS = 1.05  # of the duration is missing: not for want of intervals
 
 
 def fit_global(
@@ -65,7 +64,7 @@ def fit_global(
 
     Returns:
         The fit; of one that is OK, zones are kept at the places that were looked at, and the certificate has
-        the last word on them.
+        the last word on them. UNCERTIFIED where one is broken there.
 
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
@@ -81,20 +80,14 @@ def fit_global(
     if not (np.all(np.isfinite(path.attitudes)) and np.all(np.isfinite(path.joints))):
         message = "a node of the path is not made of finite numbers"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
-    distinct = schedule.distinct_nodes(path)
-    if np.sum(distinct) == 1 and not np.any(rates):
-        still = replace(at_rest(path, DEGREE, "global"), smoothness=SMOOTHNESS)
+    path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
+    if len(path.attitudes) == 1:
+        still = replace(at_rest(path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
         return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
-    if len(distinct) == 1:  # it leaves its node and comes back to it
-        attitudes, angles = np.repeat(path.attitudes, 2, axis=0), np.repeat(path.joints, 2, axis=0)
-        path, distinct = Path(attitudes=attitudes, joints=angles, edge_costs=np.ones(1)), np.ones(2, bool)
-    distinct[-1] |= np.sum(distinct) == 1
-    if node_fractions is not None:
-        distinct = np.ones_like(distinct)
     none = tabulate((), (), spacecraft.device_names)
     job = Job(
-        attitudes=np.asarray(path.attitudes, float)[distinct],
-        joints=np.asarray(path.joints, float)[distinct],
+        attitudes=path.attitudes,
+        joints=path.joints,
         fractions=None if node_fractions is None else np.asarray(node_fractions, float),
         rates=rates,
         spacecraft=spacecraft,
@@ -104,8 +97,7 @@ def fit_global(
     fit = _fit(job)
     if fit.trajectory is None:
         return fit
-    times = fit.trajectory.node_times[np.cumsum(distinct) - 1]
-    return replace(fit, trajectory=replace(fit.trajectory, node_times=times))
+    return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
 
 
 def _fit(job: Job) -> Fit:
@@ -120,16 +112,16 @@ def _fit(job: Job) -> Fit:
 
 def _timed(job: Job, duration: float) -> Fit:
     """The fit in a given duration."""
-    attempt = None if duration < job.bound else _best_at(job, duration)
+    attempt = None if duration < job.bound else _best_at(job, duration, job.radius(free_time=False))
     if attempt is not None and attempt.kept:
         return _success(job, attempt, job.radius(free_time=False))
     # The shortest motion says whether there is one at all, and what to ask for.
-    shortest = _shortest(job, np.inf)
+    shortest = _along(job, np.inf, shortest=True)
     if shortest is None:
         return _beyond(job)
     needed = max(_BEGIN * shortest.trajectory.duration, _LONGER * duration)
     for look in range(_LOOKS):
-        enough = _best_at(job, needed)
+        enough = _best_at(job, needed, np.inf)
         if enough is not None and enough.kept:
             break
         needed *= _LONGER ** (2**look)
@@ -150,50 +142,43 @@ def _hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
     return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
 
 
-def _best_at(job: Job, duration: float) -> Attempt | None:
+def _best_at(job: Job, duration: float, radius: float) -> Attempt | None:
     """The first sound attempt within all limits, or the one nearest to it; None beyond every chart."""
-    quickest, radius = job.quickest(), job.radius(free_time=False)
+    quickest = job.quickest()
     pace = Pace.within(duration, quickest.length, job.rise)
-    in_time = job.at_speed or duration >= _HURRY * quickest.duration
-    best = None
-    for finer, wide in ladder(radius, in_time=in_time):
+    hurry = duration / quickest.duration
+    best, last = None, None
+    for finer, wide in ladder(radius, in_time=job.at_speed or hurry >= _HURRY):
+        if last is not None and finer > 1 and last.peaks.stretch > _HOPELESS:
+            continue
         for tighter in _TIGHTER:
-            request = job.request(pace, wide, finer, graded=False)
-            attempt = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
-            if attempt is None:
+            request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
+            last = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
+            if last is None:
                 return best
-            if best is None or attempt.merit > best.merit:
-                best = attempt
-            if not 1 < attempt.peaks.stretch <= 1 + tighter:  # more than what happens between the places
+            if best is None or last.merit > best.merit:
+                best = last
+            if not 1 < last.peaks.stretch <= 1 + tighter:  # else it is what happens between the places
                 break
         if best is not None and best.kept and best.sound:
             break
     return best
 
 
-def _stretched(job: Job) -> Fit:
-    """The fit at the quickest pace without limits, scaled in time to the limits."""
-    pace, asked = job.quickest(), job.radius(free_time=False)
-    best = None
-    for finer, radius in ladder(asked):
-        request = job.request(pace, radius, finer, graded=True)
-        attempt = attempt_at(job, request, _BEGIN * pace.duration, limited=False, free_time=False)
-        if attempt is None:
-            break
-        if best is None or attempt.merit > best.merit:
-            best = attempt
-        if attempt.sound:
-            break
-    return _beyond(job) if best is None else _success(job, best, asked, stretch=True)
+def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
+    """The first sound attempt at the quickest pace, or the one nearest to it; None beyond every chart.
 
-
-def _shortest(job: Job, radius: float) -> Attempt | None:
-    """The shortest motion, before its time is stretched to what lies between the places."""
+    Args:
+        job: what is fitted.
+        radius: rad, of the tube.
+        shortest: whether the shortest motion within all limits is looked for; else one without limits, to be
+            stretched to them.
+    """
     pace = job.quickest()
     best = None
     for finer, wide in ladder(radius):
         request = job.request(pace, wide, finer, graded=True)
-        attempt = attempt_at(job, request, _BEGIN * pace.duration, limited=True, free_time=True)
+        attempt = attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
         if attempt is None:
             break
         if best is None or attempt.merit > best.merit:
@@ -203,9 +188,16 @@ def _shortest(job: Job, radius: float) -> Attempt | None:
     return best
 
 
+def _stretched(job: Job) -> Fit:
+    """The fit at the quickest pace without limits, scaled in time to the limits."""
+    radius = job.radius(free_time=False)
+    best = _along(job, radius, shortest=False)
+    return _beyond(job) if best is None else _success(job, best, radius, stretch=True)
+
+
 def _free(job: Job, radius: float) -> Fit:
     """The shortest motion."""
-    best = _shortest(job, radius)
+    best = _along(job, radius, shortest=True)
     if best is None:
         return _beyond(job)
     if not job.at_speed:
@@ -215,31 +207,36 @@ def _free(job: Job, radius: float) -> Fit:
     for look in range(_LOOKS):
         if best.kept:
             return _success(job, best, radius)
+        tighter = _TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1)
         duration *= max(best.peaks.stretch, 1 + _TIGHTER[0]) ** (2**look)
-        curve = best.trajectory
         again = attempt_at(
             job,
-            job.request(job.quickest(), radius, 1, graded=True),
+            job.request(job.quickest(), best.radius, 1, graded=True),
             duration,
             limited=True,
             free_time=False,
-            tighter=_TIGHTER[0],
+            tighter=min(tighter, _TIGHTER[1]),
         )
         if again is None:
             break
         best = again
-    return Fit(
-        trajectory=curve,
-        status=Status.LIMITS_TOO_TIGHT,
-        message=too_tight(curve.duration, best.peaks, None),
-    )
+    curve = best.trajectory
+    message = too_tight(curve.duration, best.peaks, None)
+    return Fit(trajectory=curve, status=Status.LIMITS_TOO_TIGHT, message=message)
 
 
 def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
-    """A fit that is OK, perhaps after its time is stretched to the limits; the tube asked for is named."""
+    """A fit within all limits, perhaps after its time is stretched to them; names a tube wider than asked."""
     curve = attempt.trajectory
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)
+    if attempt.breach is not None:
+        device, depth = attempt.breach
+        message = (
+            f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg, and no curve near the path was found "
+            "that keeps it: look for a path with a larger search.clearance_deg, or give more time"
+        )
+        return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
     nearest = attempt.peaks.names[attempt.peaks.binding]
     above = ""
     if job.bound > _TELLING * curve.duration:

@@ -9,19 +9,16 @@ a program begins with those, and is solved again with the rows added that its an
 
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
 from jaxplan.trajectory.global_spline.rows import Family, Index, Step
 
-_SIZES = (64, 128, 256, 512, 1024)  # a dual is padded to, so that few are compiled
+_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
 _ROUNDS = 6
 _BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
 _NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
 _BINDING = 1e-6  # of the largest multiplier
-
-_solve = jax.jit(solve_box_qp)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,8 +71,8 @@ def propose(
     inverse = np.linalg.inv(quadratic.free.T @ quadratic.hessian @ quadratic.free)
     chosen = [family.chosen(family.room < family.near, family.room) for family in families]
     for family, mask in zip(families, chosen, strict=True):
-        if family.name in held:
-            mask |= held[family.name]
+        if family.name in held:  # in a group another entry may hold now
+            mask |= held[family.name] & np.isfinite(family.room)
     for _ in range(_ROUNDS):
         indices = [np.nonzero(mask) for mask in chosen]
         step, multipliers = _answer(quadratic, inverse, families, indices, penalty)
@@ -129,25 +126,21 @@ def _dual(
     if np.any(quadratic.by_time):
         time = time + np.einsum("ran,na->r", every, quadratic.by_time)
     kept = np.flatnonzero(np.max(np.abs(slopes), axis=(1, 2), initial=0) > _NO_SLOPE)
-    if len(kept) > _SIZES[-1]:  # those with the least room
-        kept = np.sort(kept[np.argsort(room[kept])[: _SIZES[-1]]])
-    slopes, own_time, count = slopes[kept], time[kept], len(kept)
+    if len(kept) > _MOST_ROWS:  # those with the least room
+        kept = np.sort(kept[np.argsort(room[kept])[:_MOST_ROWS]])
+    slopes, time = slopes[kept], time[kept]
     bent = slopes @ inverse
     alone = -inverse @ (quadratic.free.T @ quadratic.gradient)  # (k, A), the step without rows
-    size = next(size for size in _SIZES if size >= count)
-    matrix, linear = np.eye(size), np.full(size, -1.0)  # a row that fills the size never binds
-    matrix[:count, :count] = np.tensordot(bent, slopes, axes=((1, 2), (1, 2)))
-    linear[:count] = np.tensordot(slopes, alone.T, axes=((1, 2), (0, 1))) - room[kept]
+    matrix = np.tensordot(bent, slopes, axes=((1, 2), (1, 2)))
+    linear = np.tensordot(slopes, alone.T, axes=((1, 2), (0, 1))) - room[kept]
     if quadratic.haste is not None:
-        matrix[:count, :count] += np.outer(own_time, own_time) / quadratic.haste
-        linear[:count] -= own_time / quadratic.haste
-    with jax.enable_x64(True):
-        answer = _solve(matrix, linear, np.append(penalty[kept], np.ones(size - count)))
-        y = np.asarray(answer.multipliers)[:count]
+        matrix += np.outer(time, time) / quadratic.haste
+        linear -= time / quadratic.haste
+    y = solve_box_qp(matrix, linear, penalty[kept]).multipliers
     change = quadratic.free @ (alone - np.tensordot(bent, y, axes=(0, 0)).T)
     stretch = 0.0
     if quadratic.haste is not None:
-        stretch = float(-(1 + own_time @ y) / quadratic.haste)
+        stretch = float(-(1 + time @ y) / quadratic.haste)
         change = change + stretch * quadratic.by_time
     multipliers = np.zeros(len(room))
     multipliers[kept] = y

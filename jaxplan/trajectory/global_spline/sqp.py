@@ -129,12 +129,13 @@ def _penalties(free_time: bool) -> np.ndarray:
     return np.array([table[kind] for kind in range(len(table))])
 
 
-def improve(task: Task, start: Point) -> Point:
+def improve(task: Task, start: Point, *, until: float = 0.0) -> Point:
     """Step from a curve to the best one near it.
 
     Args:
         task: what is looked for.
         start: where to begin.
+        until: s, a duration that is short enough.
 
     Returns:
         The point of the lowest merit; broken rows show in its violations.
@@ -157,6 +158,8 @@ def improve(task: Task, start: Point) -> Point:
                 damping = damping / _DAMPING if damping > _NO_DAMPING else 0.0
             failed = False
             close |= proposal.exact and not task.free_time and damping == 0
+            if at.duration <= until:
+                break
         else:
             damping, failed = max(_DAMPING * damping, _FIRST_DAMPING), True
         if close and (at.is_sound or dearer == _DEARER):

@@ -1,4 +1,4 @@
-"""How fast a path is gone along, where the breaks of a spline lie, and the curve to begin with.
+"""How fast a path is gone along, and where the breaks of a spline lie.
 
 A path is measured by the time that each edge takes at full speed. It is gone along with a trapezoid of the
 rate: the faster, the steeper its flanks. In a shortest motion the slowest joint does nothing else, so near
@@ -13,7 +13,6 @@ _CALM_FLANK = 1 / 3  # of the duration, where there is time enough; near the lea
 _STEEP_FLANK, _STEEP_RISES = 0.1, 2.0  # of the duration and of the quickest rise, where there is not
 _FLANK_BREAKS = 9  # intervals that cover a flank and a little more
 _FLANK_STEP = 0.25  # of the flank, one interval
-_SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -79,31 +79,23 @@ def fit_paper(
     end = boundary(end_angular_velocity, 3), boundary(end_joint_rates, path.joints.shape[1])
     at_speed = any(np.any(rate != 0) for rate in (*start, *end))
     check(path, settings, node_fractions)
-    distinct = schedule.distinct_nodes(path)
-    if np.sum(distinct) == 1 and not at_speed:
-        trajectory = at_rest(path, settings.order, "paper")
+    path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
+    if len(path.attitudes) == 1:
+        trajectory = at_rest(path, settings.order, "paper", len(own))
         return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
-    if len(distinct) == 1:  # it leaves its node and comes back to it
-        attitudes, joints = np.repeat(path.attitudes, 2, axis=0), np.repeat(path.joints, 2, axis=0)
-        path, distinct = Path(attitudes=attitudes, joints=joints, edge_costs=np.ones(1)), np.ones(2, bool)
-    distinct[-1] |= np.sum(distinct) == 1
-    if node_fractions is None:
-        fractions = schedule.node_fractions(path.edge_costs[distinct[1:]])
-    else:
-        fractions, distinct = np.asarray(node_fractions, float), np.ones_like(distinct)
+    fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
     nodes = Nodes(
-        attitudes=np.asarray(path.attitudes, float)[distinct],
-        joints=np.asarray(path.joints, float)[distinct],
-        fractions=fractions,
-        turns=schedule.edge_turns(path.attitudes[distinct]),
+        attitudes=path.attitudes,
+        joints=path.joints,
+        fractions=np.asarray(fractions, float),
+        turns=schedule.edge_turns(path.attitudes),
         start=start,
         end=end,
     )
     fit = _fit(_Task(nodes=nodes, spacecraft=spacecraft, settings=settings), at_speed)
     if fit.trajectory is None:
         return fit
-    every_node = fit.trajectory.node_times[np.cumsum(distinct) - 1]
-    return replace(fit, trajectory=replace(fit.trajectory, node_times=every_node))
+    return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
