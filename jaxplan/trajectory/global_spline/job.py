@@ -28,6 +28,7 @@ _NODES_EACH = 1.5  # intervals for a node that is passed exactly
 _NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
 _POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
 _TUBE_BROKEN = 1e-6  # rad
+_DEEP = float(np.deg2rad(0.3))
 _ROUNDING = 1e-9  # rad
 _KEPT = 0.3  # of the wanted margins, which a sound curve has
 _MENDED = 1e-3  # of a limit, beyond which a curve is not what a given duration needs
@@ -159,6 +160,12 @@ class Attempt:
     def kept(self) -> bool:
         """Whether all limits are kept."""
         return self.peaks.stretch <= 1 and self.peaks.in_range
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether so much of a zone or the tube is broken that it is not for want of intervals."""
+        deep = self.breach is not None and self.breach[1] > _DEEP
+        return deep or self.tube > _DEEP
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:

@@ -149,7 +149,7 @@ def _best_at(job: Job, duration: float, radius: float) -> Attempt | None:
     hurry = duration / quickest.duration
     best, last = None, None
     for finer, wide in ladder(radius, in_time=job.at_speed or hurry >= _HURRY):
-        if last is not None and finer > 1 and last.peaks.stretch > _HOPELESS:
+        if last is not None and finer > 1 and (last.hopeless or last.peaks.stretch > _HOPELESS):
             continue
         for tighter in _TIGHTER:
             request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
@@ -175,15 +175,17 @@ def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
             stretched to them.
     """
     pace = job.quickest()
-    best = None
+    best, last = None, None
     for finer, wide in ladder(radius):
+        if last is not None and finer > 1 and last.hopeless:
+            continue
         request = job.request(pace, wide, finer, graded=True)
-        attempt = attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
-        if attempt is None:
+        last = attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
+        if last is None:
             break
-        if best is None or attempt.merit > best.merit:
-            best = attempt
-        if attempt.sound:
+        if best is None or last.merit > best.merit:
+            best = last
+        if last.sound:
             break
     return best
 
