@@ -214,3 +214,45 @@ def test_random_scenes_are_certified_at_any_duration(kind):
         assert_kept(slow.trajectory, craft, zones, count=501)
     assert min(above) >= 0
     assert np.median(above) <= (0.05 if kind in ("keep_out", "keep_in") else 0.1)  # the rest are detours
+
+
+@pytest.mark.parametrize("jerk_limit_deg", [0.3, 0.03])
+def test_the_shortest_motion_is_never_longer_than_a_stretched_one_nor_is_a_longer_one_refused(jerk_limit_deg):
+    craft = replace(make_spacecraft(1), jerk_limit=np.deg2rad(jerk_limit_deg))
+    stretched = fit_global(SLEW, craft, TrajectorySettings()).trajectory
+    shortest = fit_global(SLEW, craft, TrajectorySettings(duration="minimum")).trajectory
+    assert shortest.duration <= stretched.duration
+    longer = fit_global(SLEW, craft, TrajectorySettings(duration=1.05 * stretched.duration))
+    assert longer.status is Status.OK, longer.message
+    assert longer.trajectory.duration == 1.05 * stretched.duration
+    assert_kept(longer.trajectory, craft)
+
+
+@pytest.mark.parametrize("duration", [80.0, "minimum", "stretched"])
+def test_a_joint_beyond_its_range_is_no_success(duration):
+    path = wandering(4, 1, seed=2)
+    joints = path.joints.copy()
+    joints[-1, 1] = 1.2 * CRAFT.terminals[0].pitch_limit
+    fit = fit_global(replace(path, joints=joints), make_spacecraft(1), TrajectorySettings(duration=duration))
+    assert fit.status is Status.UNCERTIFIED
+    assert "a joint leaves its range" in fit.message
+
+
+def test_a_motion_that_ends_where_it_starts_takes_a_positive_time_and_keeps_its_rates():
+    path, craft = wandering(1, 1, seed=0), make_spacecraft(1)
+    still = replace(path, attitudes=path.attitudes[[0, 0]], joints=path.joints[[0, 0]])
+    rate = np.deg2rad([1.0, 0, 0])
+    fit = fit_global(still, craft, TrajectorySettings(duration="minimum"), start_angular_velocity=rate)
+    assert fit.status is Status.OK
+    assert fit.trajectory.duration > 0
+    np.testing.assert_allclose(fit.trajectory.sample(np.zeros(1)).angular_velocity[0], rate, atol=1e-9)
+    assert_kept(fit.trajectory, craft)
+
+
+def test_what_makes_no_sense_is_refused_by_name():
+    path, craft = wandering(2, 1, seed=0), make_spacecraft(1)
+    with pytest.raises(ValueError, match=r"rate at the start is 1 rad/s: must be at most 0\.0523"):
+        fit_global(path, craft, TrajectorySettings(), start_angular_velocity=np.array([1.0, 0, 0]))
+    for key, value in (("end_acceleration", "no"), ("duration", True), ("duration", None)):
+        with pytest.raises(ValueError, match=f"trajectory.{key}"):
+            fit_global(path, craft, replace(TrajectorySettings(), **{key: value}))

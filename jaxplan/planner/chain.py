@@ -154,7 +154,7 @@ def _finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
             end_angular_velocity=end.angular_velocity,
             end_joint_rates=end.joint_rates,
         )
-    message = "" if fitted.status is Status.OK else fitted.message
+    message = fitted.note if fitted.status is Status.OK else fitted.message
     so_far = replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
     if fitted.trajectory is None:
         return so_far

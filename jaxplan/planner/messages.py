@@ -93,4 +93,8 @@ def uncertified(report: Report) -> str:
         advice.append('set a longer trajectory.duration_s, or "stretched"')
     if report.min_margin is not None and not report.min_margin >= -MARGIN_ALLOWANCE:
         advice.append("try a larger search.clearance_deg or smaller search steps")
-    return "; ".join(report.faults) + ": " + ("; ".join(advice) or "try another trajectory.order")
+    return (
+        "; ".join(report.faults)
+        + ": "
+        + ("; ".join(advice) or "try another search.seed or trajectory.method")
+    )

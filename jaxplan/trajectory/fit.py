@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -23,12 +24,14 @@ class Fit:
             breaks limits, and beside UNCERTIFIED, the one that breaks a zone.
         status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.
         message: what binds, and of a failure what to change, by the settings' names in a file.
+        note: what was asked for and is not given, of a fit that is OK.
         needed_duration: s, at which the same settings keep all limits; None if none was needed or found.
     """
 
     trajectory: Trajectory | None
     status: Status
     message: str
+    note: str = ""
     needed_duration: float | None = None
 
 
@@ -60,6 +63,13 @@ def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None
         fractions: (m + 1,) times of the nodes over the duration, or None.
     """
     duration = settings.duration
+    if settings.end_acceleration not in ("zero", "free"):
+        raise ValueError(
+            f'trajectory.end_acceleration = {settings.end_acceleration!r}: must be "zero" or "free"'
+        )
+    asked: object = duration  # whatever its type says
+    if isinstance(asked, bool) or not isinstance(asked, str | Real):
+        raise ValueError(f"trajectory.duration_s = {duration!r}: must be a positive number or a word")
     weights = np.array([settings.rate_weight, settings.acceleration_weight, settings.jerk_weight])
     if isinstance(duration, str):
         words = ("stretched", "minimum") if settings.method == "global" else ("stretched",)
@@ -121,21 +131,19 @@ def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
     return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
 
 
-def too_tight(duration: float, peaks: Peaks, needed: float | None) -> str:
+def too_tight(duration: float, peaks: Peaks, needed: float | None, else_try: str) -> str:
     """Message of a trajectory that breaks a limit.
 
     Args:
         duration: s, asked for.
         peaks: of the trajectory.
         needed: s, or None where no duration was found to do.
+        else_try: what to change then.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
     if needed is None:
-        return (
-            f"{excess}, and no longer trajectory.duration_s was found that keeps all limits:"
-            " raise trajectory.segments, or lower the rates at start and end"
-        )
+        return f"{excess}, and no longer trajectory.duration_s was found that keeps all limits: {else_try}"
     return f"{excess}: {remedy(needed)}"
 
 

@@ -74,23 +74,29 @@ class Job:
         )
 
     @cached_property
+    def moves(self) -> np.ndarray:
+        """(m, 3 + 2n) rad along each edge."""
+        return np.column_stack([schedule.edge_turns(self.attitudes), np.diff(self.joints, axis=0)])
+
+    @cached_property
     def times(self) -> np.ndarray:
         """(m,) s of each edge at full speed."""
-        turns, craft = schedule.edge_turns(self.attitudes), self.spacecraft
-        times = full_speed_times(np.column_stack([turns, np.diff(self.joints, axis=0)]), _limits(craft)[0])
+        craft = self.spacecraft
+        times = full_speed_times(self.moves, _limits(craft)[0])
         if craft.inertia is not None and craft.wheel_momentum_limit is not None:
             wheels = np.broadcast_to(craft.wheel_momentum_limit, 3)
-            times = np.maximum(times, full_speed_times(turns @ np.asarray(craft.inertia).T, wheels))
+            momenta = self.moves[:, :3] @ np.asarray(craft.inertia).T
+            times = np.maximum(times, full_speed_times(momenta, wheels))
         return times
 
-    @property
+    @cached_property
     def rise(self) -> float:
-        """In which every axis reaches its full rate, s."""
+        """In which the axis with the longest way reaches its full rate, s."""
         rate, acceleration = _limits(self.spacecraft)
         needed = rate / acceleration
         if self.spacecraft.jerk_limit is not None:
             needed[:3] += acceleration[:3] / np.min(self.spacecraft.jerk_limit)
-        return float(np.max(needed))
+        return float(needed[np.argmax(np.sum(np.abs(self.moves), axis=0) / rate)])
 
     def quickest(self) -> Pace:
         """The pace at full speed along the path."""
@@ -162,6 +168,11 @@ class Attempt:
         return self.peaks.stretch <= 1 and self.peaks.in_range
 
     @property
+    def needed(self) -> float:
+        """Duration to which its time is to be stretched, s."""
+        return self.trajectory.duration * self.peaks.stretch
+
+    @property
     def hopeless(self) -> bool:
         """Whether so much of a zone or the tube is broken that it is not for want of intervals."""
         deep = self.breach is not None and self.breach[1] > _DEEP
@@ -231,7 +242,7 @@ def attempt_at(
         point = task.point(point.coefficients, duration)
     if free_time or job.at_speed or point.violations[LIMIT] <= _MENDED:
         point = sqp.improve(task, point)
-    if not (np.all(np.isfinite(point.coefficients)) and point.motion.is_finite()):
+    if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.motion.is_finite()):
         return None
     curve = trajectory(task, point, point.duration * request.places)
     found = peaks(curve, job.spacecraft)

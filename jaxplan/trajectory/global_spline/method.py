@@ -20,7 +20,10 @@ from jaxplan.zones import Cones, tabulate
 _BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
 _TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
 _LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
+_MOST_LONGER = 1.1
+_ROUNDING = 1e-9  # of a rate, beyond its limit
 _LOOKS = 8
+_DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
 _TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
 _LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
@@ -77,6 +80,13 @@ def fit_global(
             np.concatenate([boundary(end_angular_velocity, 3)[0], boundary(end_joint_rates, joints)[0]]),
         ]
     )
+    limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
+    worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
+    if not np.abs(rates[worst]) <= (1 + _ROUNDING) * limits[worst[1]]:
+        raise ValueError(
+            f"a rate at the {('start', 'end')[worst[0]]} is {rates[worst]:g} rad/s: "
+            f"must be at most {limits[worst[1]]:g}"
+        )
     if not (np.all(np.isfinite(path.attitudes)) and np.all(np.isfinite(path.joints))):
         message = "a node of the path is not made of finite numbers"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
@@ -112,33 +122,45 @@ def _fit(job: Job) -> Fit:
 
 def _timed(job: Job, duration: float) -> Fit:
     """The fit in a given duration."""
-    attempt = None if duration < job.bound else _best_at(job, duration, job.radius(free_time=False))
-    if attempt is not None and attempt.kept:
-        return _success(job, attempt, job.radius(free_time=False))
+    radius = job.radius(free_time=False)
+    attempt = None if duration < job.bound else _best_at(job, duration, radius)
+    if attempt is not None and attempt.peaks.stretch <= 1:
+        return _success(job, attempt, radius)
     # The shortest motion says whether there is one at all, and what to ask for.
-    shortest = _along(job, np.inf, shortest=True)
+    shortest = _along(job, np.inf, shortest=True) if job.at_speed else _quickest(job, np.inf)
     if shortest is None:
         return _beyond(job)
-    needed = max(_BEGIN * shortest.trajectory.duration, _LONGER * duration)
-    for look in range(_LOOKS):
-        enough = _best_at(job, needed, np.inf)
-        if enough is not None and enough.kept:
-            break
-        needed *= _LONGER ** (2**look)
-    else:
-        needed = np.nan
+    if job.at_speed:
+        needed = _enough(job, max(_BEGIN * shortest.trajectory.duration, _LONGER * duration))
+    else:  # slowing it keeps all limits
+        needed = shortest.needed * SAFETY if shortest.sound else None
+        if needed is not None and needed <= duration:
+            return _success(job, _hurried(job, shortest, duration), radius)
     closest = attempt if attempt is not None else _hurried(job, shortest, duration)
+    else_try = "lower the rates at start and end" if job.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
         status=Status.LIMITS_TOO_TIGHT,
-        message=too_tight(duration, closest.peaks, needed if np.isfinite(needed) else None),
-        needed_duration=needed if np.isfinite(needed) else None,
+        message=too_tight(duration, closest.peaks, needed, else_try),
+        needed_duration=needed,
     )
+
+
+def _enough(job: Job, needed: float) -> float | None:
+    """A duration in which all limits are kept, from a first guess on; None if none is found."""
+    for look in range(_LOOKS):
+        attempt = _best_at(job, needed, np.inf)
+        if attempt is not None and attempt.kept:
+            return needed
+        needed *= _LONGER ** (2**look)
+    return None
 
 
 def _hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
     """The same motion in another duration."""
     curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
+    for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
+        breaks[-1] = duration  # to the last bit
     return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
 
 
@@ -190,6 +212,17 @@ def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
     return best
 
 
+def _quickest(job: Job, radius: float) -> Attempt | None:
+    """The shortest motion, or where that is far above the bound perhaps one without limits, stretched."""
+    best = _along(job, radius, shortest=True)
+    if best is None or (best.sound and best.needed <= _DETOUR * job.bound):
+        return best
+    other = _along(job, min(radius, job.radius(free_time=False)), shortest=False)
+    if other is None or not other.sound or (best.sound and best.needed <= other.needed):
+        return best
+    return other
+
+
 def _stretched(job: Job) -> Fit:
     """The fit at the quickest pace without limits, scaled in time to the limits."""
     radius = job.radius(free_time=False)
@@ -199,7 +232,7 @@ def _stretched(job: Job) -> Fit:
 
 def _free(job: Job, radius: float) -> Fit:
     """The shortest motion."""
-    best = _along(job, radius, shortest=True)
+    best = _along(job, radius, shortest=True) if job.at_speed else _quickest(job, radius)
     if best is None:
         return _beyond(job)
     if not job.at_speed:
@@ -207,10 +240,10 @@ def _free(job: Job, radius: float) -> Fit:
     # Scaling the time would change the rates at the ends: the curve is fitted again where it is too quick.
     duration = best.trajectory.duration
     for look in range(_LOOKS):
-        if best.kept:
+        if best.peaks.stretch <= 1:
             return _success(job, best, radius)
         tighter = _TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1)
-        duration *= max(best.peaks.stretch, 1 + _TIGHTER[0]) ** (2**look)
+        duration *= np.clip(best.peaks.stretch, 1 + _TIGHTER[0], _MOST_LONGER) ** (2**look)
         again = attempt_at(
             job,
             job.request(job.quickest(), best.radius, 1, graded=True),
@@ -223,31 +256,34 @@ def _free(job: Job, radius: float) -> Fit:
             break
         best = again
     curve = best.trajectory
-    message = too_tight(curve.duration, best.peaks, None)
+    message = too_tight(curve.duration, best.peaks, None, "lower the rates at start and end")
     return Fit(trajectory=curve, status=Status.LIMITS_TOO_TIGHT, message=message)
 
 
 def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
-    """A fit within all limits, perhaps after its time is stretched to them; names a tube wider than asked."""
+    """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
     curve = attempt.trajectory
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)
+    broken = None
     if attempt.breach is not None:
         device, depth = attempt.breach
-        message = (
-            f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg, and no curve near the path was found "
-            "that keeps it: look for a path with a larger search.clearance_deg, or give more time"
-        )
+        broken = f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg", "a larger search.clearance_deg"
+    elif not attempt.peaks.in_range:
+        broken = "a joint leaves its range", "start and goal farther inside, or lower joint rates there"
+    if broken is not None:
+        message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
         return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
     nearest = attempt.peaks.names[attempt.peaks.binding]
     above = ""
     if job.bound > _TELLING * curve.duration:
         above = f", {100 * (curve.duration / job.bound - 1):.1f} % above the strict bound"
-    message = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit"
+    message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > radius:
         wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
-        message += f"; within trajectory.node_tube_deg nothing was found, nodes are passed within {wide}"
-    return Fit(trajectory=curve, status=Status.OK, message=message)
+        note = f"within trajectory.node_tube_deg nothing was found, nodes are passed within {wide}"
+        message = f"{message}; {note}"
+    return Fit(trajectory=curve, status=Status.OK, message=message, note=note)
 
 
 def _beyond(job: Job) -> Fit:

@@ -17,6 +17,7 @@ from jaxplan.trajectory.global_spline.rows import Family, Index, Step
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
 _ROUNDS = 6
 _BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
+_SHORTEST_STEP = -0.5  # of the duration, taken off at once: it stays positive
 _NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
 _BINDING = 1e-6  # of the largest multiplier
 
@@ -140,7 +141,7 @@ def _dual(
     change = quadratic.free @ (alone - np.tensordot(bent, y, axes=(0, 0)).T)
     stretch = 0.0
     if quadratic.haste is not None:
-        stretch = float(-(1 + time @ y) / quadratic.haste)
+        stretch = max(float(-(1 + time @ y) / quadratic.haste), _SHORTEST_STEP)
         change = change + stretch * quadratic.by_time
     multipliers = np.zeros(len(room))
     multipliers[kept] = y

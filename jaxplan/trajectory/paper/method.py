@@ -179,7 +179,12 @@ def _timed(task: _Task, duration: float) -> Fit:
     if stretch <= 1:
         return Fit(trajectory=trajectory, status=Status.OK, message=within_limits(trajectory, attempt.peaks))
     needed = _needed_duration(task, _LONGER * stretch * duration)
-    message = too_tight(duration, attempt.peaks, needed)
+    message = too_tight(
+        duration,
+        attempt.peaks,
+        needed,
+        "raise trajectory.segments, or lower the rates at start and end",
+    )
     return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, needed_duration=needed)
 
 
