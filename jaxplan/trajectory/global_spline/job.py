@@ -174,9 +174,8 @@ class Attempt:
 
     @property
     def hopeless(self) -> bool:
-        """Whether so much of a zone or the tube is broken that it is not for want of intervals."""
-        deep = self.breach is not None and self.breach[1] > _DEEP
-        return deep or self.tube > _DEEP
+        """Whether a zone is broken so deep that it is not for want of intervals."""
+        return self.breach is not None and self.breach[1] > _DEEP
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
