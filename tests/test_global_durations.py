@@ -75,7 +75,7 @@ def test_stretched_lies_between_the_shortest_and_the_papers(name):
     assert durations["minimum"] < durations["stretched"] < paper.duration
 
 
-@pytest.mark.parametrize("name", ["rrt_c2"])
+@pytest.mark.parametrize("name", ["rrt_c2", "astar_c1", "astar_c3", "rrt_c4"])
 def test_a_duration_too_short_says_which_would_do(name):
     path, settings = load(name), TrajectorySettings(duration=15.0)
     fit = fit_global(path, CRAFT, settings)
@@ -256,3 +256,23 @@ def test_what_makes_no_sense_is_refused_by_name():
     for key, value in (("end_acceleration", "no"), ("duration", True), ("duration", None)):
         with pytest.raises(ValueError, match=f"trajectory.{key}"):
             fit_global(path, craft, replace(TrajectorySettings(), **{key: value}))
+
+
+@pytest.mark.parametrize("fit", [fit_global, fit_paper])
+def test_a_path_that_is_not_of_this_spacecraft_is_refused_by_name(fit):
+    path, craft = wandering(3, 1, seed=0), make_spacecraft(1)
+    settings = TrajectorySettings(method="paper" if fit is fit_paper else "global", duration=60.0)
+    for wrong, said in (
+        ({"joints": path.joints[:, :1]}, r"path.joints is of shape \(4, 1\): must be \(4, 2\)"),
+        ({"joints": path.joints[:3]}, r"path.joints is of shape \(3, 2\)"),
+        ({"edge_costs": path.edge_costs[:2]}, r"path.edge_costs is of shape \(2,\): must be \(3,\)"),
+        ({"attitudes": np.tile(np.eye(4), (4, 1, 1))}, r"path.attitudes is of shape \(4, 4, 4\)"),
+        ({"attitudes": -path.attitudes}, r"path.attitudes\[0\] is no rotation matrix"),
+        ({"attitudes": path.attitudes * np.array([1, 1, 1.01, 1])[:, None, None]}, r"path.attitudes\[2\]"),
+        ({"attitudes": path.attitudes[:0]}, "the path has no nodes"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            fit(replace(path, **wrong), craft, settings)
+    lists = {name: getattr(path, name).tolist() for name in ("attitudes", "joints", "edge_costs")}
+    same = [fit(one, craft, settings).trajectory.coefficients for one in (path, replace(path, **lists))]
+    np.testing.assert_array_equal(*same)

@@ -141,7 +141,7 @@ def test_nodes_are_passed_within_the_tube_and_a_wider_one_is_calmer(name, tube):
 @pytest.mark.parametrize("tube", [0.0, 1.0, np.inf])
 def test_paths_of_any_length_are_fitted(edges, tube):
     path = wandering(edges, 3, seed=edges, step=0.6 / np.sqrt(edges) if edges < 20 else 4.0 / edges)
-    for duration in (500.0, "stretched"):
+    for duration in (500.0 if tube == 0 else 300.0, "stretched"):  # 200 corners take their time
         settings = TrajectorySettings(duration=duration, node_tube=np.deg2rad(tube))
         fit = fit_global(path, CRAFT, settings)
         assert fit.status is Status.OK, fit.message

@@ -251,6 +251,16 @@ def test_what_is_no_scenario_is_told_how_to_get_one(given):
         jp.plan(given)
 
 
+@pytest.mark.parametrize("part", ["search", "trajectory"])
+def test_a_method_that_does_not_exist_is_refused_by_name(part):
+    scenario = make_scenario(1)
+    odd = replace(scenario, **{part: replace(getattr(scenario, part), method="astar")})
+    with pytest.raises(ValueError, match=rf"scenario\.{part}\.method = 'astar': must be \"\w+"):
+        jp.plan(odd)
+    with pytest.raises(ValueError, match=rf"scenarios\[1\]\.{part}\.method"):
+        jp.plan_batch([scenario, odd])
+
+
 def test_limits_at_the_ends_of_their_ranges_are_planned():
     scenario = make_scenario(1)
     craft = scenario.spacecraft

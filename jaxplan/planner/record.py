@@ -13,10 +13,7 @@ from jaxplan.path import Goal, Path
 from jaxplan.scenario import Scenario
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
-from jaxplan.trajectory import Trajectory, duration_bound
-
-# Of the duration: a lower bound, as of a plan that ends where it starts, tells nothing.
-_TELLING = 0.01
+from jaxplan.trajectory import Trajectory, duration_bound, excess
 
 
 def report_summary(report: Report | None) -> dict[str, Any]:
@@ -103,8 +100,9 @@ class Plan:
         if self.trajectory is not None:
             duration, bound = self.trajectory.duration, self.duration_bound
             text = f"{self.trajectory.method}, {duration:.2f} s, C{self.trajectory.smoothness}"
-            if bound is not None and bound > _TELLING * duration:
-                text += f"; {100 * (duration / bound - 1):.1f} % above the strict bound of {bound:.2f} s"
+            above = None if bound is None else excess(duration, bound)
+            if above is not None:
+                text += f"; {100 * above:.1f} % above the strict bound of {bound:.2f} s"
             rows.append(("trajectory", text))
         if self.report is not None:
             rows += self.report.rows()

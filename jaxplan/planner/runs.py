@@ -12,6 +12,7 @@ from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
+from jaxplan.trajectory import METHODS
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -32,6 +33,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
         TypeError: if it is no scenario.
+        ValueError: if a method that it names is not known.
 
     Example:
         >>> import jaxplan as jp
@@ -72,6 +74,7 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
 
     Raises:
         TypeError: if one of them is no scenario.
+        ValueError: if a method that one of them names is not known.
     """
     if isinstance(scenarios, Scenario):
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
@@ -133,10 +136,15 @@ def _search(asking: Sequence[_Run]) -> list[SearchResult]:
 
 
 def _expect_scenario(name: str, given: object) -> None:
-    """Raise for what is none, such as the name of a file."""
+    """Raise for what is none, such as the name of a file, and for methods that do not exist."""
     if not isinstance(given, Scenario):
         kind = type(given).__name__
         raise TypeError(f"{name} must be a Scenario, not {kind}; jp.load_scenario reads one from a file")
+    for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
+        method = getattr(given, part).method
+        if method not in methods:
+            known = " or ".join(f'"{known}"' for known in methods)
+            raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """Step 3: from a path to a trajectory that can be flown; `METHODS` by the names that settings give them."""
 
-from jaxplan.trajectory.bound import duration_bound
+from jaxplan.trajectory.bound import duration_bound, excess
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit
 from jaxplan.trajectory.global_spline import fit_global
@@ -15,6 +15,7 @@ __all__ = [
     "Trajectory",
     "duration_bound",
     "evaluate",
+    "excess",
     "fit_global",
     "fit_paper",
 ]

@@ -13,6 +13,8 @@ from jax import Array
 from jaxplan import so3
 from jaxplan.spacecraft import Spacecraft
 
+_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
+
 
 def shortest_time(
     distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
@@ -76,6 +78,11 @@ def duration_bound(
     if slew * 2 * fastest[1] < abs(first**2 - last**2):  # too short to change pace along it
         of_platform = np.abs(first - last) / fastest[1]
     return float(max(np.max(of_joints, initial=0.0), of_platform))
+
+
+def excess(duration: float, bound: float) -> float | None:
+    """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
+    return duration / bound - 1 if bound > _TELLING * duration else None
 
 
 @jax.jit

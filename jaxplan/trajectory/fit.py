@@ -8,9 +8,12 @@ import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.scaling import Peaks
+
+_ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
 MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditions at either end
 
@@ -54,14 +57,18 @@ def boundary(given: np.ndarray | None, size: int) -> np.ndarray:
     return np.stack([rate, np.zeros(size)])
 
 
-def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None) -> None:
-    """Raise ValueError, by the settings' names in a file, for what makes no sense.
+def checked(
+    path: Path, spacecraft: Spacecraft, settings: TrajectorySettings, fractions: np.ndarray | None
+) -> Path:
+    """The path in float64; raises ValueError, by the settings' names in a file, for what makes no sense.
 
     Args:
         path: m + 1 nodes.
+        spacecraft: whose joints they give.
         settings: of step 3.
         fractions: (m + 1,) times of the nodes over the duration, or None.
     """
+    path = _shaped(path, spacecraft)
     duration = settings.duration
     if settings.end_acceleration not in ("zero", "free"):
         raise ValueError(
@@ -97,6 +104,32 @@ def check(path: Path, settings: TrajectorySettings, fractions: np.ndarray | None
         and np.all(np.diff(fractions) > 0)
     ):
         raise ValueError("node_fractions must rise strictly from 0 to 1, one a node")
+    return path
+
+
+def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
+    """The path in float64; raises ValueError for nodes that are not this spacecraft's, or no rotations.
+
+    A number that is not finite is left to the fit.
+    """
+    count = len(path.attitudes)
+    shapes = {
+        "attitudes": (count, 3, 3),
+        "joints": (count, *spacecraft.joint_limits.shape),
+        "edge_costs": (count - 1,),
+    }
+    arrays = {name: np.asarray(getattr(path, name), float) for name in shapes}
+    if not count:
+        raise ValueError("the path has no nodes")
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"path.{name} is of shape {arrays[name].shape}: must be {shape}")
+    attitudes = arrays["attitudes"]
+    off = np.abs(attitudes @ np.swapaxes(attitudes, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((off > _ORTHONORMAL) | (np.linalg.det(attitudes) < 0))
+    if len(wrong):
+        raise ValueError(f"path.attitudes[{wrong[0]}] is no rotation matrix")
+    return Path(**arrays)
 
 
 def at_rest(path: Path, order: int, method: str, count: int) -> Trajectory:

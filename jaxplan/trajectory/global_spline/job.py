@@ -173,7 +173,7 @@ class Attempt:
         return self.trajectory.duration * self.peaks.stretch
 
     @property
-    def hopeless(self) -> bool:
+    def too_deep(self) -> bool:
         """Whether a zone is broken so deep that it is not for want of intervals."""
         return self.breach is not None and self.breach[1] > _DEEP
 

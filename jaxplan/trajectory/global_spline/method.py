@@ -1,5 +1,6 @@
 """Step 3 by one spline: how long, in how many intervals, and what to do where a limit or a zone is broken."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,8 @@ from jaxplan.scenario.model import MINIMUM, STRETCHED, TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.fit import Fit, at_rest, boundary, check, too_tight
+from jaxplan.trajectory.bound import excess
+from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.global_spline.bases import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.global_spline.chart import REACH
 from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at, ladder
@@ -24,7 +26,6 @@ _MOST_LONGER = 1.1
 _ROUNDING = 1e-9  # of a rate, beyond its limit
 _LOOKS = 8
 _DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
-_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
 _LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
 _HOPELESS = 1.05  # of the duration is missing: not for want of intervals
@@ -72,7 +73,7 @@ def fit_global(
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    check(path, settings, node_fractions)
+    path = checked(path, spacecraft, settings, node_fractions)
     joints = path.joints.shape[1]
     rates = np.stack(
         [
@@ -129,7 +130,7 @@ def _timed(job: Job, duration: float) -> Fit:
     # The shortest motion says whether there is one at all, and what to ask for.
     shortest = _along(job, np.inf, shortest=True) if job.at_speed else _quickest(job, np.inf)
     if shortest is None:
-        return _beyond(job)
+        return _beyond()
     if job.at_speed:
         needed = _enough(job, max(_BEGIN * shortest.trajectory.duration, _LONGER * duration))
     else:  # slowing it keeps all limits
@@ -169,22 +170,27 @@ def _best_at(job: Job, duration: float, radius: float) -> Attempt | None:
     quickest = job.quickest()
     pace = Pace.within(duration, quickest.length, job.rise)
     hurry = duration / quickest.duration
-    best, last = None, None
-    for finer, wide in ladder(radius, in_time=job.at_speed or hurry >= _HURRY):
-        if last is not None and finer > 1 and (last.hopeless or last.peaks.stretch > _HOPELESS):
-            continue
+
+    def attempt(finer: int, wide: float) -> Attempt | None:
+        request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
+        made = None
         for tighter in _TIGHTER:
-            request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
-            last = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
-            if last is None:
-                return best
-            if best is None or last.merit > best.merit:
-                best = last
-            if not 1 < last.peaks.stretch <= 1 + tighter:  # else it is what happens between the places
+            again = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
+            if again is None:
                 break
-        if best is not None and best.kept and best.sound:
-            break
-    return best
+            if made is None or again.merit > made.merit:
+                made = again
+            if not 1 < again.peaks.stretch <= 1 + tighter:  # else it is what happens between the places
+                break
+        return made
+
+    in_time = job.at_speed or hurry >= _HURRY
+    return _climb(
+        ladder(radius, in_time=in_time),
+        attempt,
+        enough=lambda made: made.sound and made.kept,
+        hopeless=lambda made: made.too_deep or made.peaks.stretch > _HOPELESS,
+    )
 
 
 def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
@@ -197,17 +203,36 @@ def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
             stretched to them.
     """
     pace = job.quickest()
-    best, last = None, None
-    for finer, wide in ladder(radius):
-        if last is not None and finer > 1 and last.hopeless:
-            continue
+
+    def attempt(finer: int, wide: float) -> Attempt | None:
         request = job.request(pace, wide, finer, graded=True)
-        last = attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
+        return attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
+
+    return _climb(
+        ladder(radius), attempt, enough=lambda made: made.sound, hopeless=lambda made: made.too_deep
+    )
+
+
+def _climb(
+    rungs: Iterable[tuple[int, float]],
+    attempt: Callable[[int, float], Attempt | None],
+    enough: Callable[[Attempt], bool],
+    hopeless: Callable[[Attempt], bool],
+) -> Attempt | None:
+    """The best attempt on the rungs of a ladder, up to the first that is enough or beyond the chart.
+
+    After a hopeless one more intervals are not tried.
+    """
+    best, last = None, None
+    for finer, wide in rungs:
+        if last is not None and finer > 1 and hopeless(last):
+            continue
+        last = attempt(finer, wide)
         if last is None:
             break
         if best is None or last.merit > best.merit:
             best = last
-        if last.sound:
+        if enough(last):
             break
     return best
 
@@ -227,14 +252,14 @@ def _stretched(job: Job) -> Fit:
     """The fit at the quickest pace without limits, scaled in time to the limits."""
     radius = job.radius(free_time=False)
     best = _along(job, radius, shortest=False)
-    return _beyond(job) if best is None else _success(job, best, radius, stretch=True)
+    return _beyond() if best is None else _success(job, best, radius, stretch=True)
 
 
 def _free(job: Job, radius: float) -> Fit:
     """The shortest motion."""
     best = _along(job, radius, shortest=True) if job.at_speed else _quickest(job, radius)
     if best is None:
-        return _beyond(job)
+        return _beyond()
     if not job.at_speed:
         return _success(job, best, radius, stretch=True)
     # Scaling the time would change the rates at the ends: the curve is fitted again where it is too quick.
@@ -275,9 +300,8 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
         message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
         return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
     nearest = attempt.peaks.names[attempt.peaks.binding]
-    above = ""
-    if job.bound > _TELLING * curve.duration:
-        above = f", {100 * (curve.duration / job.bound - 1):.1f} % above the strict bound"
+    share = excess(curve.duration, job.bound)
+    above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
     message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > radius:
         wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
@@ -286,7 +310,7 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note)
 
 
-def _beyond(job: Job) -> Fit:
+def _beyond() -> Fit:
     """No chart holds the path."""
     message = (
         f"the nodes lie more than {np.rad2deg(REACH):.0f} deg off the steady rotation from start to goal: "

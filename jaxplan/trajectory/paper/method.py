@@ -15,7 +15,7 @@ from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.fit import Fit, at_rest, boundary, check, remedy, too_tight, within_limits
+from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, remedy, too_tight, within_limits
 from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
 from jaxplan.trajectory.scaling import SAFETY, Peaks, peaks
@@ -75,10 +75,10 @@ def fit_paper(
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
+    path = checked(path, spacecraft, settings, node_fractions)
     start = boundary(start_angular_velocity, 3), boundary(start_joint_rates, path.joints.shape[1])
     end = boundary(end_angular_velocity, 3), boundary(end_joint_rates, path.joints.shape[1])
     at_speed = any(np.any(rate != 0) for rate in (*start, *end))
-    check(path, settings, node_fractions)
     path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
     if len(path.attitudes) == 1:
         trajectory = at_rest(path, settings.order, "paper", len(own))
