@@ -21,7 +21,7 @@ import numpy as np
 from jaxplan.exporting.devices import instrument_frames, labels, terminal_motion
 from jaxplan.exporting.epochs import ephemeris_time
 from jaxplan.exporting.sampled import Sampled, continuous_quaternions
-from jaxplan.exporting.text import plain
+from jaxplan.exporting.text import plain, progress
 
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
@@ -166,14 +166,20 @@ def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -
     ticks = np.array([spice.sce2c(_CRAFT, moment) for moment in ephemeris])
     handle = spice.ckopn(str(path), "jaxplan", 0)
     try:
-        spin = sampled.inertial(sampled.values.angular_velocity)
-        _write_segment(handle, ticks, _BUS, "J2000", sampled.quaternions, spin)
-        for number, frame in enumerate(terminals):
-            matrices, rates = terminal_motion(sampled, number)
-            quaternions = continuous_quaternions(matrices)
-            _write_segment(handle, ticks, frame.number, _BUS_NAME, quaternions, rates)
+        for number, base, quaternions, rates in progress(_motions(sampled, terminals), 1 + len(terminals)):
+            _write_segment(handle, ticks, number, base, quaternions, rates)
     finally:
         spice.ckcls(handle)
+
+
+def _motions(
+    sampled: Sampled, terminals: Sequence[_Frame]
+) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
+    """Of each moving frame: number, base, (k, 4) quaternions to the base, (k, 3) rates in the base."""
+    yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
+    for number, frame in enumerate(terminals):
+        matrices, rates = terminal_motion(sampled, number)
+        yield frame.number, _BUS_NAME, continuous_quaternions(matrices), rates
 
 
 def _write_segment(
