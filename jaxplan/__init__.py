@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan.cases import paper_case, random_scenario
+    from jaxplan.exporting import export
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
     from jaxplan.status import Status
@@ -30,6 +31,7 @@ _HOMES = {
     "ScenarioError": "jaxplan.scenario",
     "Status": "jaxplan.status",
     "Trajectory": "jaxplan.trajectory",
+    "export": "jaxplan.exporting",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.scenario",
     "paper_case": "jaxplan.cases",
@@ -47,6 +49,7 @@ __all__ = [
     "ScenarioError",
     "Status",
     "Trajectory",
+    "export",
     "load_plan",
     "load_scenario",
     "paper_case",

@@ -1,4 +1,4 @@
-"""The command line: ``jaxplan plan``, ``check``, ``plot`` and ``table4``.
+"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``export`` and ``table4``.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
 certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
@@ -74,9 +74,27 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("plan", metavar="PLAN", help="a plan.json")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
+    _export_parser(commands)
     _table4_parser(commands)
     parser.set_defaults(run=lambda options: _no_command(parser, options))
     return parser
+
+
+def _export_parser(commands: Any) -> None:
+    export = commands.add_parser(
+        "export",
+        help="write a plan for other tools",
+        description="Certify a plan file anew and write its motion as another tool reads it.",
+    )
+    export.add_argument("plan", metavar="PLAN", help="a plan.json")
+    export.add_argument(
+        "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
+    )
+    export.add_argument("--epoch", metavar="UTC", help="of the start, such as 2026-01-01T00:00:00")
+    export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
+    export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+    export.set_defaults(run=_export)
 
 
 def _table4_parser(commands: Any) -> None:
@@ -157,6 +175,19 @@ def _plot(options: argparse.Namespace) -> int:
     _keep_compiled_code()
     _draw(plan, folder)
     return DONE if plan.ok else NO_PLAN
+
+
+def _export(options: argparse.Namespace) -> int:
+    from jaxplan.exporting import default_path, export
+
+    plan = _load(options.plan)
+    path = default_path(options.plan, options.format) if options.out is None else options.out
+    _keep_compiled_code()
+    written = export(
+        plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
+    )
+    _say(f"wrote {written}")
+    return DONE
 
 
 def _table4(options: argparse.Namespace) -> int:

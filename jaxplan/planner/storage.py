@@ -8,7 +8,6 @@ else through those of `layout`, and NaN and infinity are refused. The stored cer
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path as FilePath
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.files import replacing_file
 from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
@@ -119,22 +119,8 @@ def _plain(record: Any) -> Any:
 
 def _write(path: FilePath, content: Mapping[str, Any]) -> None:
     text = json.dumps(content, indent=1, allow_nan=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    with replacing_file(path) as file:
+        file.write_text(text + "\n", encoding="utf-8")
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:

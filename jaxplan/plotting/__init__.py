@@ -7,11 +7,14 @@ Every figure takes a plan, but `compare` and `segments` several trajectories, `d
 `table4` the rows of a comparison. All take, with ``ax``, where to draw: axes (several for a figure of several
 panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's global
 settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of plans,
-a planner one colour in all comparisons. Axes are in degrees and seconds, torques in N m.
+a planner one colour in all comparisons. `animate` returns a film. Axes are in degrees and seconds, torques
+in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure, table4
 from jaxplan.plotting.duration_panel import durations
+from jaxplan.plotting.film import animate
+from jaxplan.plotting.globe_map import globe
 from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.side_by_side import compare, segments
@@ -22,10 +25,12 @@ __all__ = [
     "FIGURE_NAMES",
     "accelerations",
     "angles",
+    "animate",
     "compare",
     "comparison_figure",
     "durations",
     "figures",
+    "globe",
     "margins",
     "overview",
     "rates",

@@ -4,20 +4,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch, Rectangle
+from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Shape
 
 from jaxplan.plotting import samples, unfolded
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.marks import (
+    NODE,
+    boresight_ways,
+    end_marks,
+    end_style,
+    zone_entries,
+    zone_fill,
+    zone_outline,
+)
 from jaxplan.plotting.style import (
     GREY,
-    KEEP_IN,
-    KEEP_OUT,
     TEXT,
     Entries,
-    Look,
     device_entries,
     device_style,
     legend_beside,
@@ -26,26 +31,12 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.plotting.zone_names import name_zones
-from jaxplan.scenario import GivenState
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
 
 SIZE = (11.0, 4.9)  # inches
-
-# The square is open, and the star fits into it, so that both show where a device does not move.
-_START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
-_END: Look = {
-    "marker": "s",
-    "markersize": 12,
-    "linestyle": "none",
-    "fillstyle": "none",
-    "markeredgewidth": 1.8,
-}
-_TARGET: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
-_NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 
 
 def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
@@ -69,7 +60,8 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """
     (axes,) = panels(ax, 1, SIZE)
     scenario = plan.scenario
-    for zone in _zones(scenario):
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    for zone in zones:
         _draw_zone(axes, zone)
     outlines = len(axes.lines)
     marks = [*_draw_ways(axes, plan), *_draw_ends(axes, plan)]
@@ -79,13 +71,9 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     if not scenario.spacecraft.device_names:
         note(axes, "no devices")
     if legend:
-        entries = [*device_entries(scenario.spacecraft.device_names), *marks, *_zone_entries(scenario)]
+        entries = [*device_entries(scenario.spacecraft.device_names), *marks, *zone_entries(scenario)]
         legend_beside(axes, entries)
     return axes
-
-
-def _zones(scenario: "Scenario") -> list[KeepOut | KeepIn]:
-    return [*scenario.keep_out, *scenario.keep_in]
 
 
 def _draw_zone(axes: Axes, zone: KeepOut | KeepIn) -> None:
@@ -93,30 +81,15 @@ def _draw_zone(axes: Axes, zone: KeepOut | KeepIn) -> None:
     shape = Shape.make_compound_path(
         *(Shape(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings)
     )
-    axes.add_artist(PathPatch(shape, **_fill(zone), zorder=1, linewidth=0))  # add_patch would be slow
+    axes.add_artist(PathPatch(shape, **zone_fill(zone), zorder=1, linewidth=0))  # add_patch would be slow
     line = unfolded.outline(zone.direction, zone.half_angle)
-    axes.plot(*line.T, **_outline(zone), linewidth=1.1, zorder=1.6)
-
-
-def _outline(zone: KeepOut | KeepIn) -> Look:
-    if isinstance(zone, KeepIn):
-        return {"color": KEEP_IN, "linestyle": (0, (5, 2.5)) if zone.any_of is None else (0, (1, 1.5))}
-    return {"color": KEEP_OUT, "linestyle": "-"}
-
-
-def _fill(zone: KeepOut | KeepIn) -> Look:
-    if isinstance(zone, KeepIn):
-        return {"facecolor": to_rgba(KEEP_IN, 0.10), "edgecolor": "none"}
-    return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
+    axes.plot(*line.T, **zone_outline(zone), linewidth=1.1, zorder=1.6)
 
 
 def _draw_ways(axes: Axes, plan: "Plan") -> Entries:
     """The trajectory, or the path if there is none, and the path's nodes."""
-    if plan.trajectory is not None:
-        ways = samples.motion(plan).boresights
-    elif plan.path is not None:
-        ways = samples.path_boresights(plan)
-    else:
+    ways = boresight_ways(plan)
+    if ways is None:
         return []
     for device, way in enumerate(np.moveaxis(ways, 1, 0)):
         axes.plot(*unfolded.cut(unfolded.unfold(way)).T, linewidth=1.8, zorder=3, **device_style(device))
@@ -124,35 +97,17 @@ def _draw_ways(axes: Axes, plan: "Plan") -> Entries:
         return []
     nodes = samples.boresights(plan.scenario.spacecraft, plan.path.attitudes, plan.path.joints)
     for device, points in enumerate(np.moveaxis(unfolded.unfold(nodes), 1, 0)):
-        axes.plot(*points.T, color=device_style(device)["color"], zorder=3.2, **_NODE)
-    return [(Line2D([], [], color=GREY, **_NODE), "node of the path")]
+        axes.plot(*points.T, color=device_style(device)["color"], zorder=3.2, **NODE)
+    return [(Line2D([], [], color=GREY, **NODE), "node of the path")]
 
 
 def _draw_ends(axes: Axes, plan: "Plan") -> Entries:
     """A star at the start and a square at the goal of every device; a cross at its target without a goal."""
-    goal = plan.scenario.goal
-    ends = [(_START, "start", _given(plan.scenario, plan.scenario.start))]
-    if plan.goal is not None:
-        points = samples.boresights(plan.scenario.spacecraft, plan.goal.attitude, plan.goal.joints)
-        ends.append((_END, "goal", points))
-    elif isinstance(goal, GivenState):
-        ends.append((_END, "goal", _given(plan.scenario, goal)))
-    else:
-        ends.append((_TARGET, "target", goal.directions))
-    ends = [end for end in ends if len(end[2])]
+    ends = end_marks(plan)
     for look, _, directions in ends:
         for device, point in enumerate(unfolded.unfold(directions)):
-            colour = device_style(device)["color"]
-            edge = "white" if look is _START else colour
-            axes.plot(*point, color=colour, markeredgecolor=edge, zorder=4.2 if look is _START else 4, **look)
+            axes.plot(*point, **end_style(look, device))
     return [(Line2D([], [], color=GREY, **look), name) for look, name, _ in ends]
-
-
-def _given(scenario: "Scenario", state: GivenState) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    attitude = Rotation.from_rotvec(state.rotation_vector).as_matrix()
-    return samples.boresights(scenario.spacecraft, attitude, np.asarray(state.joints))
 
 
 def _frame(axes: Axes, plan: "Plan") -> None:
@@ -168,18 +123,3 @@ def _frame(axes: Axes, plan: "Plan") -> None:
     axes.set_ylabel("inertial elevation (deg)", fontsize=TEXT)
     outcome = "" if plan.ok else f": {plan.status.name}"
     plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
-
-
-def _zone_entries(scenario: "Scenario") -> Entries:
-    """One of each kind of zones that the scenario has."""
-    alone = [zone for zone in scenario.keep_in if zone.any_of is None]
-    grouped = [zone for zone in scenario.keep_in if zone.any_of is not None]
-    entries: Entries = []
-    if scenario.keep_out:
-        patch = Patch(**{**_fill(scenario.keep_out[0]), "edgecolor": to_rgba(KEEP_OUT, 0.6)}, linewidth=1)
-        entries.append((patch, "keep-out zone"))
-    for zones, text in ((alone, "keep-in zone"), (grouped, "keep-in zone,\nany of its group")):
-        if zones:
-            look = {**_fill(zones[0]), "edgecolor": KEEP_IN, "linestyle": _outline(zones[0])["linestyle"]}
-            entries.append((Patch(**look, linewidth=1), text))
-    return entries

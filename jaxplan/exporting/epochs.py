@@ -1,0 +1,88 @@
+"""Times: UTC at the edge, seconds from the start inside, and what each kind of file counts in.
+
+A start is a ``datetime64[ns]`` in UTC, from 1972 on, when UTC got its leap seconds. Elapsed seconds are SI
+seconds, so a leap second within a manoeuvre is counted, and written as second 60. Which leap seconds there
+are is asked of pyerfa, and only where it matters: none has ever come but at the end of June or December.
+"""
+
+import warnings
+from datetime import UTC, datetime
+
+import numpy as np
+
+_FIRST, _LAST = 1972, 2099  # years
+_SECOND = np.timedelta64(1, "s")
+_J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
+_TT_MINUS_TAI = 32.184  # s
+
+
+def parse_epoch(text: object) -> np.datetime64:
+    """A time in UTC from its ISO 8601 text.
+
+    Args:
+        text: such as ``2026-01-01T00:00:00``, with fractions down to 1e-6 s; UTC unless it names its offset.
+
+    Raises:
+        ValueError: if it is no such time, or lies outside 1972 to 2099.
+    """
+    try:
+        moment = datetime.fromisoformat(str(text).strip())
+    except ValueError as error:
+        raise ValueError(
+            f"epoch = {text!r}: must be a time in UTC such as 2026-01-01T00:00:00 ({error})"
+        ) from error
+    if moment.tzinfo is not None:
+        moment = moment.astimezone(UTC).replace(tzinfo=None)
+    if not _FIRST <= moment.year <= _LAST:
+        raise ValueError(f"epoch = {text!r}: must lie in the years {_FIRST} to {_LAST}")
+    return np.datetime64(moment, "ns")
+
+
+def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
+    """Calendar times, to the nanosecond and without a zone, as in ``2026-01-01T00:00:00.100000000``.
+
+    Args:
+        start: of the manoeuvre.
+        times: (k,) s after it, in order.
+
+    Returns:
+        k texts; second 60 is a leap second.
+    """
+    stamps = start + np.round(times * 1e9).astype("timedelta64[ns]")
+    half_year = stamps[-1].astype("datetime64[6M]")
+    leap = np.zeros(len(stamps), bool)
+    if stamps[0].astype("datetime64[6M]") != half_year and leaps(stamps[-1]) > leaps(stamps[0]):
+        midnight = half_year.astype("datetime64[ns]")
+        late = stamps >= midnight
+        leap = late & (stamps < midnight + _SECOND)
+        stamps = np.where(late, stamps - _SECOND, stamps)
+    texts = np.datetime_as_string(stamps, unit="ns").tolist()
+    return [f"{text[:17]}60{text[19:]}" if odd else text for text, odd in zip(texts, leap, strict=True)]
+
+
+def ephemeris_time(start: np.datetime64) -> float:
+    """SPICE's ephemeris time, seconds of TDB from J2000 on, as its own ``str2et`` finds it.
+
+    TDB - TT is the one-term formula of SPICE's leap second kernels (constants K, EB, M), since whoever reads
+    a C-kernel asks at times that come from it; it is right to 3e-5 s.
+    """
+    utc = float((start - _J2000) / np.timedelta64(1, "ns")) * 1e-9
+    dynamical = utc + leaps(start) + _TT_MINUS_TAI
+    mean = 6.239996 + 1.99096871e-7 * dynamical
+    return dynamical + 1.657e-3 * float(np.sin(mean + 1.671e-2 * np.sin(mean)))
+
+
+def leaps(stamp: np.datetime64) -> float:
+    """Seconds that TAI is ahead of UTC; of times to come, as far as is known.
+
+    Raises:
+        ValueError: if pyerfa is not installed.
+    """
+    try:
+        import erfa
+    except ImportError as error:
+        raise ValueError("leap seconds are needed, and pyerfa is absent: install jaxplan[spice]") from error
+    day = stamp.astype("datetime64[D]").astype(datetime)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)  # that the year is not known yet
+        return float(erfa.dat(day.year, day.month, day.day, 0.0))

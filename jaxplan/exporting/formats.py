@@ -1,0 +1,166 @@
+"""One door to all formats: it checks what is asked, has the plan proved anew, and writes all or nothing."""
+
+import errno
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxplan.exporting.aem import write_aem
+from jaxplan.exporting.basilisk import write_basilisk
+from jaxplan.exporting.epochs import parse_epoch
+from jaxplan.exporting.sampled import Sampled, instants, sample
+from jaxplan.exporting.spice import write_spice
+from jaxplan.exporting.stk import write_stk
+from jaxplan.exporting.tables import write_csv, write_npz
+from jaxplan.files import replacing_file, replacing_folder
+from jaxplan.planner import check_plan
+from jaxplan.scenario.faults import nearest
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A kind of file, or of folder with several files.
+
+    Attributes:
+        write: writes to a path; for a folder, an empty one.
+        suffix: of a name where the user gives none.
+        parts: suffixes of the files of a folder, empty for a single file.
+        dated: whether it cannot do without an epoch.
+        needs: modules beyond the required ones.
+    """
+
+    write: Callable[[Sampled, Path], None]
+    suffix: str
+    parts: tuple[str, ...] = ()
+    dated: bool = False
+    needs: tuple[str, ...] = ()
+
+
+FORMATS = {
+    "aem": Format(write=write_aem, suffix=".aem", dated=True),
+    "ck": Format(
+        write=write_spice,
+        suffix=".ck",
+        parts=(".bc", ".tf", ".tsc"),
+        dated=True,
+        needs=("spiceypy", "erfa"),
+    ),
+    "stk": Format(write=write_stk, suffix=".stk", parts=(".a", ".sp"), dated=True),
+    "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv"),
+    "csv": Format(write=write_csv, suffix=".csv"),
+    "npz": Format(write=write_npz, suffix=".npz"),
+}
+
+
+def export(
+    plan: "Plan",
+    path: str | os.PathLike[str],
+    *,
+    format: str,
+    epoch: str | None = None,
+    step_s: float = 0.1,
+    overwrite: bool = False,
+) -> Path:
+    """Write a plan as a file of another tool, or as a folder of them for ``"ck"`` and ``"stk"``.
+
+    The plan is certified anew first; one that does not pass is not written. Numbers of an uncertified motion
+    come from ``plan.trajectory.sample``.
+
+    Args:
+        plan: a certified one.
+        path: the file or folder. It appears whole or not at all.
+        format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``.
+        epoch: UTC of the start in ISO 8601. The first three need it, in the last two it is noted, Basilisk
+            counts from the start of its simulation.
+        step_s: between two samples, s; the end is one, too.
+        overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: if the format, epoch or step is no good, all faults at once; if the plan is not certified;
+            if an extra is missing.
+        FileExistsError: if there is something at the path.
+    """
+    faults = []
+    start, times, kind = None, np.zeros(0), FORMATS.get(format)
+    if kind is None:
+        faults.append(f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}")
+    try:
+        start = None if epoch is None else parse_epoch(epoch)
+    except ValueError as error:
+        faults.append(str(error))
+    if kind is not None and kind.dated and epoch is None:
+        faults.append(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
+    if plan.trajectory is None or not plan.ok:
+        faults.append(_refusal(plan))
+    else:
+        try:
+            times = instants(plan.trajectory.duration, step_s)
+        except ValueError as error:
+            faults.append(str(error))
+    if faults or kind is None:
+        raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
+    absent = [module for module in kind.needs if find_spec(module) is None]
+    if absent:
+        raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
+    target = _free_place(path, kind, overwrite)
+    report = check_plan(plan)
+    if not report.certified:
+        reasons = "; ".join(report.faults)
+        raise ValueError(f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}")
+    sampled = sample(plan, start, times)
+    with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
+        kind.write(sampled, fresh)
+    return target
+
+
+def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
+    """The place beside a plan file that is called after it and the format, as ``plan.aem``."""
+    kind = FORMATS.get(format)
+    return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
+
+
+def _refusal(plan: "Plan") -> str:
+    """Why a plan that is not certified is not written."""
+    lack = "has no trajectory" if plan.trajectory is None else "is not certified"
+    ending = ": ".join(filter(None, [plan.status.name, plan.message]))
+    return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
+
+
+def _free_place(path: str | os.PathLike[str], kind: Format, overwrite: bool) -> Path:
+    """The place to write to, if what is there may go.
+
+    Raises:
+        FileExistsError: if something is there and was not to be replaced.
+        ValueError: if something is there that this format would not have written.
+    """
+    if not os.fspath(path):
+        raise ValueError("path is empty, it must name a file or folder to write")
+    target = Path(path)
+    if not os.path.lexists(target):
+        return target
+    if not overwrite:
+        hint = "is there already; overwrite=True (--force) replaces it"
+        raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
+    if not kind.parts:
+        if target.is_dir():
+            raise ValueError(f"{target}: is a folder, and this format is a file")
+        return target
+    if target.is_symlink() or not target.is_dir():
+        raise ValueError(f"{target}: is a file, and this format is a folder of files")
+    foreign = sorted(p.name for p in target.iterdir() if p.suffix not in kind.parts or not p.is_file())
+    if foreign:
+        raise ValueError(
+            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(kind.parts)} may be there"
+        )
+    return target

@@ -1,0 +1,205 @@
+"""A SPICE C-kernel of type 3 with its frame and clock kernels: ``attitude.bc``, ``frames.tf``, ``clock.tsc``.
+
+The platform is the frame JAXPLAN_BUS on J2000, a terminal a frame on the bus, an instrument a fixed frame on
+it; a device's boresight is its z axis. SPICE stores the C-matrix, which maps inertial to body: the inverse of
+ours, hence the conjugate quaternion; angular velocities are those of the frame in the components of the
+frame it is based on, in rad/s. Time is ephemeris time (TDB).
+
+The spacecraft clock counts microseconds of TDB from 1950 on. It is the same in all exports, so that the
+kernels of several manoeuvres can be loaded at once.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxplan.exporting.devices import instrument_frames, labels, terminal_motion
+from jaxplan.exporting.epochs import ephemeris_time
+from jaxplan.exporting.sampled import Sampled, continuous_quaternions
+from jaxplan.exporting.text import plain, progress
+
+if TYPE_CHECKING:
+    from jaxplan.spacecraft import Spacecraft
+
+_CRAFT = -999  # of the numbers that NAIF leaves to everybody
+_BUS = -999000
+_FIRST_TERMINAL, _FIRST_INSTRUMENT = -999001, -999501
+_BUS_NAME = "JAXPLAN_BUS"
+_LONGEST_NAME = 26  # of a frame, since variables of 32 characters are called after it
+_MARGIN = 1e-6  # s, by which a kernel is valid longer, since a time near 2030 is rounded to 1e-7 s
+
+_CLOCK = f"""KPL/SCLK
+
+   Microseconds of barycentric dynamical time from 1950-01-01 12:00:00 on.
+
+\\begindata
+SCLK_KERNEL_ID             = ( @2000-01-01/12:00:00 )
+SCLK_DATA_TYPE_{-_CRAFT}         = ( 1 )
+SCLK01_TIME_SYSTEM_{-_CRAFT}     = ( 1 )
+SCLK01_N_FIELDS_{-_CRAFT}        = ( 2 )
+SCLK01_MODULI_{-_CRAFT}          = ( 4294967296 1000000 )
+SCLK01_OFFSETS_{-_CRAFT}         = ( 0 0 )
+SCLK01_OUTPUT_DELIM_{-_CRAFT}    = ( 1 )
+SCLK_PARTITION_START_{-_CRAFT}   = ( 0 )
+SCLK_PARTITION_END_{-_CRAFT}     = ( 4294967295999999 )
+SCLK01_COEFFICIENTS_{-_CRAFT}    = ( 0 -1577880000 1 )
+\\begintext
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Frame:
+    number: int
+    name: str
+    what: str  # it is the frame of
+
+
+def write_spice(sampled: Sampled, folder: Path) -> None:
+    """Write the kernels.
+
+    Args:
+        sampled: with a start.
+        folder: an empty one.
+
+    Raises:
+        ValueError: if SPICE refuses, with its words.
+    """
+    from spiceypy.utils.exceptions import SpiceyError
+
+    assert sampled.start is not None
+    craft = sampled.spacecraft
+    terminals, instruments = _device_frames(craft)
+    kernel = _frame_kernel(sampled, terminals, instruments)
+    (folder / "frames.tf").write_text(kernel, encoding="ascii")
+    (folder / "clock.tsc").write_text(_CLOCK, encoding="ascii")
+    try:
+        with _pool_holding(kernel + _CLOCK):
+            _write_c_kernel(sampled, terminals, folder / "attitude.bc")
+    except SpiceyError as error:
+        raise ValueError(f"SPICE cannot write the C-kernel: {error}") from error
+
+
+def _device_frames(craft: "Spacecraft") -> tuple[list[_Frame], list[_Frame]]:
+    """Frames of terminals and of instruments."""
+    prefix = "JAXPLAN_"
+    plain_names = (name.replace("-", "_") for name in craft.device_names)
+    names = labels(plain_names, taken=["bus"], longest=_LONGEST_NAME - len(prefix))
+    count = len(craft.terminals)
+    numbers = [_FIRST_TERMINAL - i for i in range(count)]
+    numbers += [_FIRST_INSTRUMENT - i for i in range(len(craft.instruments))]
+    frames = [
+        _Frame(number=number, name=prefix + name.upper(), what=plain(device))
+        for number, name, device in zip(numbers, names, craft.device_names, strict=True)
+    ]
+    return frames[:count], frames[count:]
+
+
+def _frame_kernel(sampled: Sampled, terminals: Sequence[_Frame], instruments: Sequence[_Frame]) -> str:
+    lines = ["KPL/FK", "", f"   Frames of the spacecraft of: {plain(sampled.name)}", ""]
+    lines += [f"   {_BUS_NAME:<26}  {_BUS}  the platform, based on J2000"]
+    lines += [f"   {f.name:<26}  {f.number}  {f.what}, turning on the bus" for f in terminals]
+    lines += [f"   {f.name:<26}  {f.number}  {f.what}, fixed to the bus" for f in instruments]
+    lines += ["", "   The boresight of a device is the z axis of its frame.", "", "\\begindata"]
+    for frame in (_Frame(number=_BUS, name=_BUS_NAME, what=""), *terminals):
+        lines += _definition(frame, kind=3)
+        lines += [f"CK_{frame.number}_SCLK = {_CRAFT}", f"CK_{frame.number}_SPK = {_CRAFT}"]
+    matrices = instrument_frames(sampled.spacecraft.fixed_boresights)
+    for frame, matrix in zip(instruments, matrices, strict=True):
+        lines += _definition(frame, kind=4)
+        lines += [
+            f"TKFRAME_{frame.number}_RELATIVE = '{_BUS_NAME}'",
+            f"TKFRAME_{frame.number}_SPEC = 'MATRIX'",
+        ]
+        columns = ["  " + " ".join(f"{value:.17g}" for value in axis) for axis in matrix.T]
+        lines += [f"TKFRAME_{frame.number}_MATRIX = (", *columns, ")"]
+    return "\n".join([*lines, "\\begintext", ""])
+
+
+def _definition(frame: _Frame, kind: int) -> list[str]:
+    variable = f"FRAME_{frame.number}"
+    return [
+        f"FRAME_{frame.name} = {frame.number}",
+        f"{variable}_NAME = '{frame.name}'",
+        f"{variable}_CLASS = {kind}",
+        f"{variable}_CLASS_ID = {frame.number}",
+        f"{variable}_CENTER = {_CRAFT}",
+    ]
+
+
+@contextmanager
+def _pool_holding(kernel: str) -> Iterator[None]:
+    """SPICE's pool of variables with those of text kernels, and as it was afterwards.
+
+    Loading and unloading a file would throw away what the user has put into the pool by hand.
+    """
+    import spiceypy as spice
+
+    lines = "".join(re.findall(r"(?<=\\begindata\n).*?(?=\\begintext)", kernel, re.DOTALL)).splitlines()
+    names = [line.split()[0] for line in lines if " = " in line]
+    before: dict[str, tuple[str, Any]] = {}
+    for name in names:
+        with spice.no_found_check():  # expool would find numbers only
+            count, kind, found = spice.dtpool(name)
+        if found:
+            before[name] = (kind, (spice.gcpool if kind == "C" else spice.gdpool)(name, 0, count))
+    try:
+        spice.lmpool(lines)
+        yield
+    finally:
+        for name in names:
+            spice.dvpool(name)
+        for name, (kind, values) in before.items():
+            (spice.pcpool if kind == "C" else spice.pdpool)(name, values)
+
+
+def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -> None:
+    import spiceypy as spice
+
+    assert sampled.start is not None
+    ephemeris = ephemeris_time(sampled.start) + sampled.times
+    ephemeris = np.concatenate([[ephemeris[0] - _MARGIN], ephemeris, [ephemeris[-1] + _MARGIN]])
+    ticks = np.array([spice.sce2c(_CRAFT, moment) for moment in ephemeris])
+    handle = spice.ckopn(str(path), "jaxplan", 0)
+    try:
+        for number, base, quaternions, rates in progress(_motions(sampled, terminals), 1 + len(terminals)):
+            _write_segment(handle, ticks, number, base, quaternions, rates)
+    finally:
+        spice.ckcls(handle)
+
+
+def _motions(
+    sampled: Sampled, terminals: Sequence[_Frame]
+) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
+    """Of each moving frame: number, base, (k, 4) quaternions to the base, (k, 3) rates in the base."""
+    yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
+    for number, frame in enumerate(terminals):
+        matrices, rates = terminal_motion(sampled, number)
+        yield frame.number, _BUS_NAME, continuous_quaternions(matrices), rates
+
+
+def _write_segment(
+    handle: int, ticks: np.ndarray, number: int, base: str, quaternions: np.ndarray, rates: np.ndarray
+) -> None:
+    """A segment of type 3, whose first and last sample stand twice.
+
+    Args:
+        handle: of the kernel.
+        ticks: (k + 2,).
+        number: of the frame.
+        base: name of the frame it is based on.
+        quaternions: (k, 4) frame to base.
+        rates: (k, 3) rad/s in the base's components.
+    """
+    import spiceypy as spice
+
+    inverse = np.pad(quaternions * [1.0, -1.0, -1.0, -1.0], ((1, 1), (0, 0)), mode="edge")
+    rates = np.pad(rates, ((1, 1), (0, 0)), mode="edge")
+    name = f"jaxplan {number} on {base}"
+    spice.ckw03(
+        handle, ticks[0], ticks[-1], number, base, True, name, len(ticks), ticks, inverse, rates, 1, ticks[:1]
+    )

@@ -1,0 +1,54 @@
+"""Files that appear whole or not at all: written beside their place under another name, then renamed."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing_file(target: Path) -> Iterator[Path]:
+    """A file to write instead of the target, whose place it takes when the block ends well.
+
+    Args:
+        target: the place; an old file there stays until the new one is whole. Its folder is made.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
+    os.close(handle)
+    try:
+        yield Path(name)
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, target)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+@contextmanager
+def replacing_folder(target: Path) -> Iterator[Path]:
+    """A folder to fill instead of the target, whose place it takes when the block ends well.
+
+    Args:
+        target: the place; an old folder there goes away with all that is in it.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=target.name, suffix=".part") as holder:
+        fresh, old = Path(holder) / "new", Path(holder) / "old"
+        fresh.mkdir()  # unlike its holder, with the rights that the user's folders have
+        yield fresh
+        if target.exists():
+            os.rename(target, old)
+        try:
+            os.rename(fresh, target)
+        except BaseException:
+            if old.exists():
+                os.rename(old, target)
+            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

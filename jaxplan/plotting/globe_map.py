@@ -1,0 +1,178 @@
+"""The sphere of directions in space, with zones and boresights on it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
+
+from jaxplan.plotting import samples
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.labels import Labels
+from jaxplan.plotting.marks import (
+    NODE,
+    boresight_ways,
+    end_marks,
+    end_style,
+    zone_entries,
+    zone_fill,
+    zone_outline,
+)
+from jaxplan.plotting.style import (
+    GREY,
+    SMALL,
+    TEXT,
+    Entries,
+    Look,
+    device_entries,
+    device_style,
+    legend_beside,
+    plain,
+)
+from jaxplan.plotting.view import PALE, View, circle, insides
+from jaxplan.zones import KeepIn, KeepOut
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+    from jaxplan.scenario import Scenario
+
+SIZE = (8.2, 6.4)  # inches
+_HALO = [withStroke(linewidth=2.5, foreground="white")]
+
+
+def globe(
+    plan: "Plan",
+    ax: Canvas = None,
+    *,
+    view: tuple[float, float] | None = None,
+    legend: bool = True,
+) -> Axes:
+    """The zones and the way of every device's boresight on the sphere of directions, seen in space.
+
+    The looks are those of the unfolded sphere; what is on the far side is pale. A plan that failed is drawn
+    as far as it came.
+
+    Args:
+        plan: of any status.
+        ax: axes, a figure to put them in, or None for a new one.
+        view: inertial azimuth and elevation of the eye, deg; None for where most of the ways are in front.
+        legend: whether to name devices and marks beside the globe.
+
+    Returns:
+        The axes: to the right and up in the picture, in radii.
+
+    Raises:
+        ValueError: if more than one axes is given.
+    """
+    (axes,) = panels(ax, 1, SIZE)
+    seen = view_of(plan, view)
+    draw_sphere(axes, plan, seen)
+    entries = [*device_entries(plan.scenario.spacecraft.device_names), *_draw_ways(axes, plan, seen)]
+    if legend:
+        legend_beside(axes, [*entries, *zone_entries(plan.scenario)])
+    return axes
+
+
+def view_of(plan: "Plan", angles: tuple[float, float] | None) -> View:
+    """The view that was asked for, deg, or the one with most of the ways in front."""
+    if angles is not None:
+        return View.from_angles(*np.deg2rad(angles))
+    ways = boresight_ways(plan)
+    ends = [directions for _, _, directions in end_marks(plan)]
+    points = ends if ways is None else [ways.reshape(-1, 3)]
+    return View.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
+
+
+def draw_sphere(axes: Axes, plan: "Plan", view: View) -> None:
+    """The empty globe with its zones, their names and the title."""
+    axes.set_aspect("equal")
+    axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
+    axes.set_axis_off()
+    axes.add_artist(Circle((0, 0), 1, facecolor="white", edgecolor="0.6", linewidth=1, zorder=0.5))
+    poles = np.array([0.0, 0.0, 1.0])
+    meridians = [
+        circle(np.array([np.cos(a), np.sin(a), 0.0]), np.pi / 2) for a in np.deg2rad(range(0, 180, 30))
+    ]
+    for line in [*meridians, *circle(poles, np.deg2rad(range(30, 180, 30)))]:
+        draw_line(axes, view, line, {"color": "0.85", "linewidth": 0.5, "zorder": 0.7})
+    zones: list[KeepOut | KeepIn] = [*plan.scenario.keep_out, *plan.scenario.keep_in]
+    for zone in zones:
+        _draw_zone(axes, view, zone)
+    _name_zones(axes, view, plan.scenario)
+    outcome = "" if plan.ok else f": {plan.status.name}"
+    plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
+    eye = np.rad2deg([np.arctan2(*view.axes[2, 1::-1]), np.arcsin(view.axes[2, 2])])
+    text = f"seen from azimuth {eye[0]:.0f}, elevation {eye[1]:.0f} deg (inertial); grid of 30 deg"
+    axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
+
+
+def draw_line(axes: Axes, view: View, line: np.ndarray, look: Look) -> list[Line2D]:
+    """A line on the sphere, pale on the far side: its front and its back."""
+    near, far = view.sides(line)
+    return [axes.plot(*near.T, **look)[0], axes.plot(*far.T, **look, alpha=PALE)[0]]
+
+
+def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> None:
+    right, up, inside = insides(view, zone.direction, zone.half_angle)
+    fill = zone_fill(zone)
+    colour, hatch = to_rgba(fill["facecolor"]), fill.get("hatch")
+    limb = Circle((0, 0), 1, transform=axes.transData)
+    for values, share in zip(inside, (1.3, PALE), strict=True):
+        look: Look = {"colors": [(*colour[:3], share * colour[3])], "hatches": [hatch if share > 1 else None]}
+        if np.any(values > 0):
+            area = axes.contourf(right, up, values, levels=[0, 3], zorder=1, **look)
+            area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
+    edge: Look = zone_outline(zone) | {"linewidth": 1.1, "zorder": 1.6}
+    draw_line(axes, view, circle(zone.direction, zone.half_angle), edge)
+
+
+def _name_zones(axes: Axes, view: View, scenario: "Scenario") -> None:
+    """Each zone's name in it, or above or below if a boresight must stay in; pale on the far side."""
+    labels = Labels(np.zeros((0, 2)))
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    for zone in sorted(zones, key=lambda zone: -float(view.depth(zone.direction))):
+        centre = view.project(zone.direction)
+        near = view.depth(zone.direction) >= 0
+        size = (0.035 * len(zone.name), 0.07)
+        away = np.sin(min(zone.half_angle, np.pi / 2)) + 0.05
+        shifts = (away, -away) if isinstance(zone, KeepIn) else (0, 0.08, -0.08, 0.16, -0.16)
+        places = [spot for spot in centre + np.array([[0, s] for s in shifts]) if np.hypot(*spot) < 1]
+        spot = labels.place([*places, centre], size, must=True)
+        assert spot is not None
+        text = axes.text(
+            float(spot[0]),
+            float(spot[1]),
+            zone.name,
+            color=zone_outline(zone)["color"],
+            alpha=1.0 if near else 0.5,
+            fontsize=SMALL,
+            ha="center",
+            va="center",
+            zorder=1.8,
+            path_effects=_HALO if near else [],
+        )
+        plain(text)
+
+
+def _draw_ways(axes: Axes, plan: "Plan", view: View) -> Entries:
+    ways, names = boresight_ways(plan), plan.scenario.spacecraft.device_names
+    entries: Entries = []
+    if ways is not None:
+        for device, way in enumerate(np.moveaxis(ways, 1, 0)):
+            draw_line(axes, view, way, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
+    if plan.path is not None and names:
+        nodes = samples.boresights(plan.scenario.spacecraft, plan.path.attitudes, plan.path.joints)
+        for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
+            near, look = view.depth(points) >= 0, {"color": device_style(device)["color"], **NODE}
+            axes.plot(*view.project(points[near]).T, zorder=3.2, **look)
+            axes.plot(*view.project(points[~near]).T, zorder=3.2, alpha=PALE, **look)
+        entries.append((Line2D([], [], color=GREY, **NODE), "node of the path"))
+    for look, name, directions in end_marks(plan):
+        for device, point in enumerate(directions):
+            alpha = 1.0 if view.depth(point) >= 0 else PALE
+            axes.plot(*view.project(point), **end_style(look, device), alpha=alpha)
+        entries.append((Line2D([], [], color=GREY, **look), name))
+    return entries

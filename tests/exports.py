@@ -1,0 +1,85 @@
+"""A certified plan for the tests of exports, with no symmetry, and its motion by scipy and by differences."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from manoeuvres import attitudes_of, boresights_of, craft, holding, joints_of, manoeuvre, spin_of
+from scipy.spatial.transform import Rotation
+
+from jaxplan.path import Goal
+from jaxplan.planner import Plan
+from jaxplan.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.status import Status
+from jaxplan.trajectory import Trajectory
+
+DURATION = 30.0
+EPOCH = "2026-03-01T06:30:15.25"
+
+
+def flown_plan(seed: int = 3, terminals: int = 2, duration: float = DURATION) -> Plan:
+    """A random manoeuvre about no axis in particular, as a plan."""
+    trajectory = manoeuvre(seed, terminals=terminals, duration=duration, step=0.9)
+    times = np.array([0.0, duration])
+    attitudes = attitudes_of(trajectory, times, holding(trajectory.breaks, times))
+    joints = joints_of(trajectory, times)[0]
+    start, goal = (
+        GivenState(
+            rotation_vector=Rotation.from_matrix(attitude).as_rotvec(),
+            joints=angles,
+            angular_velocity=np.zeros(3),
+            joint_rates=np.zeros(2 * terminals),
+        )
+        for attitude, angles in zip(attitudes, joints, strict=True)
+    )
+    scenario = Scenario(
+        name="an odd slew: 3 %, \u03c0",
+        spacecraft=craft(terminals, 1),
+        start=start,
+        goal=goal,
+        keep_out=(),
+        keep_in=(),
+        search=SearchSettings(),
+        trajectory=TrajectorySettings(),
+    )
+    turn = Rotation.from_matrix(attitudes[0].T @ attitudes[1]).magnitude()
+    found = Goal(attitude=attitudes[1], joints=joints[1], slew_angle=turn)
+    return Plan(scenario=scenario, status=Status.OK, goal=found, trajectory=trajectory)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a file must say, by other means than the package's.
+
+    Attributes:
+        attitude: (k, 3, 3) body to inertial.
+        rate: (k, 3) rad/s, body axes.
+        acceleration: (k, 3) rad/s^2, body axes.
+        joints: (3, k, 2n) angles, rates, accelerations.
+        boresights: (k, devices, 3) inertial.
+    """
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+    joints: np.ndarray
+    boresights: np.ndarray
+
+
+def truth(plan: Plan, times: np.ndarray) -> Truth:
+    """The plan's motion at times."""
+    trajectory: Trajectory = plan.trajectory
+    rate, acceleration, _ = spin_of(trajectory, times)
+    return Truth(
+        attitude=attitudes_of(trajectory, times, holding(trajectory.breaks, times)),
+        rate=rate,
+        acceleration=acceleration,
+        joints=joints_of(trajectory, times),
+        boresights=boresights_of(trajectory, plan.scenario.spacecraft, times),
+    )
+
+
+def differences(attitude: np.ndarray, step: float) -> np.ndarray:
+    """(k - 2, 3) rad/s: angular velocities in body axes by central differences of (k, 3, 3) attitudes."""
+    turned = Rotation.from_matrix(np.swapaxes(attitude[1:-1], 1, 2) @ attitude[2:]).as_rotvec()
+    behind = Rotation.from_matrix(np.swapaxes(attitude[1:-1], 1, 2) @ attitude[:-2]).as_rotvec()
+    return (turned - behind) / (2 * step)

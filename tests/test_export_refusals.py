@@ -1,0 +1,246 @@
+"""What is not exported, what is not overwritten, and what a failure leaves behind."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from exports import EPOCH, flown_plan
+from scenes import make_scenario
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.cli import main
+from jaxplan.exporting import FORMATS, formats
+from jaxplan.exporting.devices import labels
+from jaxplan.exporting.epochs import parse_epoch, utc_texts
+from jaxplan.exporting.sampled import continuous_quaternions, instants, sample
+
+STEP = 0.05
+
+
+@pytest.fixture(autouse=True)
+def _no_compile_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jaxplan.cli._keep_compiled_code", lambda: None)
+
+
+@pytest.fixture(scope="module")
+def plan() -> jp.Plan:
+    return flown_plan()
+
+
+def test_the_instants_are_multiples_of_the_step_and_the_end():
+    np.testing.assert_allclose(instants(1.0, 0.3), [0, 0.3, 0.6, 0.9, 1])
+    np.testing.assert_allclose(instants(0.9, 0.3), [0, 0.3, 0.6, 0.9])
+    np.testing.assert_allclose(instants(0.90001, 0.3), [0, 0.3, 0.6, 0.90001])
+    assert instants(1.0, 5.0).tolist() == [0, 1]
+    assert instants(0.0, 0.1).tolist() == [0]
+    for duration in np.random.default_rng(1).uniform(0.1, 100, 200):
+        times = instants(duration, 0.1)
+        assert times[-1] == duration
+        assert np.all(np.diff(times) > 9e-5)
+
+
+def test_quaternions_turn_twice_around_without_a_jump():
+    axis = np.array([0.36, -0.48, 0.8])
+    turns = Rotation.from_rotvec(np.linspace(0.1, 4 * np.pi, 300)[:, None] * axis).as_matrix()
+    quaternions = continuous_quaternions(turns)
+    assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.99)
+    assert quaternions[0, 0] > 0
+    back = Rotation.from_quat(quaternions, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(back, turns, atol=1e-14)
+
+
+def test_epochs_are_read_as_utc():
+    expected = np.datetime64("2026-01-01T10:00:00.5", "ns")
+    for text in ("2026-01-01T10:00:00.5", "2026-01-01T10:00:00.500Z", "2026-01-01T12:30:00.5+02:30"):
+        assert parse_epoch(text) == expected
+    for text in ("soon", "", "2026-02-30", "1971-12-31T23:59:59", "2100-01-01", 12, "nan"):
+        with pytest.raises(ValueError, match="epoch = "):
+            parse_epoch(text)
+
+
+def test_a_leap_second_is_second_sixty():
+    pytest.importorskip("erfa", reason="pyerfa is not installed")
+    texts = utc_texts(parse_epoch("2016-12-31T23:59:59.5"), np.array([0, 0.5, 1.25, 1.5, 61.5]))
+    assert texts == [
+        "2016-12-31T23:59:59.500000000",
+        "2016-12-31T23:59:60.000000000",
+        "2016-12-31T23:59:60.750000000",
+        "2017-01-01T00:00:00.000000000",
+        "2017-01-01T00:01:00.000000000",
+    ]
+    texts = utc_texts(parse_epoch("2025-12-31T23:59:59.5"), np.array([0, 0.5, 1.5]))
+    assert [text[11:21] for text in texts] == ["23:59:59.5", "00:00:00.0", "00:00:01.0"]
+
+
+def test_labels_of_devices_differ_and_are_plain():
+    names = ["a/b", "A_b", "", "x" * 40, "bus", "\u03b1", "device_2", "fine-1"]
+    found = labels(names, taken=["bus"], longest=12)
+    assert len({label.lower() for label in found} | {"bus"}) == len(names) + 1
+    assert (found[0], found[-1]) == ("a_b", "fine-1")
+    assert all(label.isascii() and 0 < len(label) <= 12 for label in found)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"format": "aen"}, "format = 'aen': perhaps aem is meant"),
+        ({"format": "spice"}, "the formats are aem, ck, stk, basilisk, csv, npz"),
+        ({"epoch": "tomorrow"}, "epoch = 'tomorrow': must be a time in UTC such as"),
+        ({"epoch": None}, "format aem needs the UTC of the start"),
+        ({"step_s": 0}, r"step_s = 0: must lie in \[1e-06, inf\)"),
+        ({"step_s": float("nan")}, "step_s = nan: must lie in"),
+        ({"step_s": float("inf")}, "step_s = inf: must lie in"),
+        ({"step_s": 1e-6}, "a file holds at most 10000000 samples"),
+        ({"format": "aen", "epoch": "x", "step_s": -1}, "3 faults:\n.*aen.*\n.*epoch.*\n.*step_s"),
+    ],
+)
+def test_bad_wishes_are_refused_all_at_once(plan, tmp_path, changes, words):
+    wishes = {"format": "aem", "epoch": EPOCH} | changes
+    with pytest.raises(ValueError, match=words):
+        jp.export(plan, tmp_path / "file", **wishes)
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_certified_plans_are_exported(plan, tmp_path):
+    off = plan.trajectory.joint_coefficients.copy()
+    off[0, 3] += 0.02  # so that pieces do not meet
+    broken = np.full_like(off, np.nan)
+    for refused, words in {
+        replace(
+            plan, status=jp.Status.UNCERTIFIED, message="too near"
+        ): "not certified.*UNCERTIFIED: too near",
+        replace(plan, status=jp.Status.NO_PATH, trajectory=None): "no trajectory; it ended as NO_PATH",
+        replace(plan, trajectory=replace(plan.trajectory, joint_coefficients=off)): "fails its certificate",
+        replace(
+            plan, trajectory=replace(plan.trajectory, joint_coefficients=broken)
+        ): "fails its certificate",
+    }.items():
+        with pytest.raises(ValueError, match=words):
+            jp.export(refused, tmp_path / "file", format="npz", step_s=STEP)
+    assert not list(tmp_path.iterdir())
+
+
+def test_values_that_are_no_motion_are_refused_before_any_writer(plan):
+    times = instants(30.0, STEP)
+    good = plan.trajectory.sample(times)
+
+    def spoiled(name: str, change: float) -> object:
+        """A plan whose trajectory has one wrong number, at 25 s."""
+        array = np.array(getattr(good, name))
+        array[500].flat[0] += change
+        values = replace(good, **{name: array})
+        return SimpleNamespace(scenario=plan.scenario, trajectory=SimpleNamespace(sample=lambda t: values))
+
+    assert sample(spoiled("joints", 0.0), None, times).times is times
+    for name in ("attitude", "angular_velocity", "angular_acceleration", "joints", "joint_rates"):
+        for wrong in (np.nan, np.inf):
+            with pytest.raises(ValueError, match=f"{name} is not finite at 25 s"):
+                sample(spoiled(name, wrong), None, times)
+    with pytest.raises(ValueError, match="attitude is not a rotation at 25 s"):
+        sample(spoiled("attitude", 1e-6), None, times)
+
+
+def content(folder: Path) -> dict[Path, bytes]:
+    """All that is in a folder, with the empty folders."""
+    return {file: file.read_bytes() if file.is_file() else b"" for file in folder.rglob("*")}
+
+
+@pytest.mark.parametrize("name", ["npz", "stk"])
+def test_nothing_is_overwritten_unasked(plan, tmp_path, name):
+    place = jp.export(plan, tmp_path / "slew", format=name, epoch=EPOCH, step_s=STEP)
+    before = content(tmp_path)
+    with pytest.raises(FileExistsError, match=r"overwrite=True \(--force\)"):
+        jp.export(plan, place, format=name, epoch="2030-01-01", step_s=STEP)
+    assert content(tmp_path) == before
+    jp.export(plan, place, format=name, epoch="2030-01-01", step_s=STEP, overwrite=True)
+    after = content(tmp_path)
+    assert after.keys() == before.keys()
+    assert after != before
+
+
+def test_what_another_has_made_is_never_replaced(plan, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    (tmp_path / "file").write_text("mine")
+    for name, place, words in [
+        ("stk", "mine", "holds notes.txt"),
+        ("npz", "mine", "is a folder"),
+        ("stk", "file", "is a file"),
+        ("npz", "", "path is empty"),
+    ]:
+        where = tmp_path / place if place else ""
+        with pytest.raises(ValueError, match=words):
+            jp.export(plan, where, format=name, epoch=EPOCH, step_s=STEP, overwrite=True)
+    assert (tmp_path / "mine" / "notes.txt").read_text() == (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["csv", "stk"])
+def test_a_writer_that_fails_leaves_the_old_and_nothing_else(plan, tmp_path, monkeypatch, name):
+    place = jp.export(plan, tmp_path / "slew", format=name, epoch=EPOCH, step_s=STEP)
+    before, kind = content(tmp_path), FORMATS[name]
+
+    def fail(sampled: object, path: Path) -> None:
+        kind.write(sampled, path)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(FORMATS, name, replace(kind, write=fail))
+    for target in (place, tmp_path / "new"):
+        with pytest.raises(OSError, match="No space"):
+            jp.export(plan, target, format=name, epoch="2030-01-01", step_s=STEP, overwrite=True)
+    assert content(tmp_path) == before
+
+
+def test_an_extra_that_is_missing_is_named(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(formats, "find_spec", lambda _: None)
+    with pytest.raises(ValueError, match=r"needs spiceypy and erfa: pip install 'jaxplan\[spice\]'"):
+        jp.export(plan, tmp_path / "slew", format="ck", epoch=EPOCH)
+
+
+def test_files_are_the_same_byte_for_byte(plan, tmp_path):
+    for name in ("stk", "basilisk", "csv", "npz"):
+        first, second = (
+            jp.export(plan, tmp_path / f"{name}-{k}", format=name, epoch=EPOCH, step_s=STEP) for k in (1, 2)
+        )
+        files = sorted(first.iterdir()) if first.is_dir() else [first]
+        for file in files:
+            other = second / file.name if first.is_dir() else second
+            assert file.read_bytes() == other.read_bytes()
+
+
+def test_the_command_line_exports_beside_the_plan(tmp_path, capsys):
+    scenario = make_scenario(2, 1)
+    jp.plan(replace(scenario, goal=scenario.start)).save(tmp_path / "plan.json")
+
+    def run(*words: object) -> tuple[int, str]:
+        code = main(["export", str(tmp_path / "plan.json"), *map(str, words)])
+        captured = capsys.readouterr()
+        assert not captured.out
+        return code, captured.err
+
+    for name, kind in FORMATS.items():
+        if name != "ck":  # which needs an extra
+            assert run("--format", name, "--epoch", EPOCH) == (0, f"wrote {tmp_path / 'plan'}{kind.suffix}\n")
+            assert (tmp_path / f"plan{kind.suffix}").exists()
+    assert run("--format", "csv", "--step", 2, "-o", tmp_path / "sub" / "x.csv")[0] == 0
+    assert run("--format", "csv", "--force")[0] == 0
+    for words, said in {
+        ("--format", "csv"): f"{tmp_path / 'plan.csv'}: is there already; overwrite=True (--force)",
+        ("--format", "amm", "--epoch", EPOCH): "perhaps aem is meant",
+        ("--format", "aem"): "needs the UTC of the start",
+        ("--format", "csv", "--step", "-1", "-o", "x"): "step_s = -1.0: must lie in",
+        ("--format", "csv", "-o", ""): "path is empty",
+        ("--format", "csv", "-o", "/proc/nowhere/x"): "/proc/nowhere: No such file",
+    }.items():
+        code, err = run(*words)
+        assert code == 2
+        assert said in err
+    saved = json.loads((tmp_path / "plan.json").read_text())
+    saved["trajectory"]["joint_coefficients"][0][0][0] += 0.1
+    (tmp_path / "plan.json").write_text(json.dumps(saved))
+    code, err = run("--format", "csv", "--force")
+    assert code == 2
+    assert "fails its certificate, made anew" in err

@@ -1,0 +1,147 @@
+"""The globe and the film on it: where things stand in the picture, and what is in front."""
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from exports import flown_plan, truth
+from matplotlib import pyplot
+
+import jaxplan as jp
+from jaxplan.planner import Plan
+from jaxplan.plotting.style import device_style
+from jaxplan.plotting.view import View, circle, insides
+from jaxplan.zones import KeepIn, KeepOut
+
+RNG = np.random.default_rng(11)
+DIRECTIONS = RNG.standard_normal((200, 3))
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+VIEW = (40.0, 25.0)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    flown = flown_plan()
+    zones = {
+        "keep_out": (
+            KeepOut(name="near", direction=DIRECTIONS[0], half_angle=0.4),
+            KeepOut(name="wide", direction=DIRECTIONS[1], half_angle=2.3),
+        ),
+        "keep_in": (KeepIn(name="in", direction=DIRECTIONS[2], half_angle=0.5, devices=("terminal-0",)),),
+    }
+    return replace(flown, scenario=replace(flown.scenario, **zones))
+
+
+def test_a_view_looks_from_where_it_is_said_with_north_up():
+    azimuth, elevation = np.deg2rad(VIEW)
+    view = View.from_angles(azimuth, elevation)
+    np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(view.axes), 1)
+    eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    np.testing.assert_allclose(view.axes[2], eye)
+    north = view.project(np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(north, [0, np.cos(elevation)], atol=1e-15)
+
+
+def test_a_chosen_view_has_a_bundle_of_directions_in_front():
+    for direction in DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.9]:
+        view = View.facing(circle(direction, 0.3))
+        assert np.all(view.depth(circle(direction, 0.3)) > 0)
+
+
+def test_the_two_sides_of_a_line_meet_and_are_the_whole_of_it():
+    view = View.from_angles(0.3, 0.2)
+    line = circle(DIRECTIONS[3], 1.2)
+    near, far = view.sides(line)
+    np.testing.assert_allclose(np.where(np.isnan(near), far, near), view.project(line))
+    drawn = ~np.isnan(np.stack([near, far])[:, :, 0])
+    np.testing.assert_array_equal(drawn[0], view.depth(line) >= 0)
+    meetings = np.abs(np.diff(drawn[0].astype(int))).sum()
+    assert np.sum(drawn.all(axis=0)) == meetings == 2
+
+
+@pytest.mark.parametrize("half_angle", [0.05, 0.4, np.pi / 2, 2.3, 3.1])
+def test_a_cone_is_filled_where_it_is_on_either_side(half_angle):
+    view, axis = View.from_angles(1.0, -0.4), DIRECTIONS[4]
+    np.testing.assert_allclose(circle(axis, half_angle) @ axis, np.cos(half_angle), atol=1e-14)
+    right, up, inside = insides(view, axis, half_angle)
+    column, row = RNG.integers(0, len(right), (2, 300))
+    x, y = right[column], up[row]
+    on = x**2 + y**2 < 0.98
+    depth = np.sqrt(1 - x[on] ** 2 - y[on] ** 2)
+    for side, found in zip((1, -1), inside, strict=True):
+        points = np.stack([x[on], y[on], side * depth], axis=1) @ view.axes
+        expected = np.arccos(np.clip(points @ axis, -1, 1)) < half_angle
+        np.testing.assert_array_equal(found[row[on], column[on]] > 0, expected)
+
+
+def test_every_way_on_the_globe_is_that_of_the_boresight(plan):
+    axes = jp.plot.globe(plan, view=VIEW)
+    view = View.from_angles(*np.deg2rad(VIEW))
+    times = np.linspace(0, plan.trajectory.duration, 1024)
+    expected = view.project(truth(plan, times).boresights)
+    for device in range(3):
+        own = [
+            line
+            for line in axes.lines
+            if line.get_color() == device_style(device)["color"] and len(line.get_xdata()) == 1024
+        ]
+        near, far = (np.stack(line.get_data(), axis=1).astype(float) for line in own)
+        np.testing.assert_allclose(np.where(np.isnan(near), far, near), expected[:, device], atol=1e-9)
+        assert own[0].get_alpha() is None
+        assert own[1].get_alpha() < 0.5
+    words = [text.get_text() for text in axes.texts]
+    assert {"near", "wide", "in"} <= set(words)
+    assert any("azimuth 40, elevation 25 deg" in word for word in words)
+
+
+def test_the_film_shows_the_beams_where_the_boresights_are(plan):
+    film = jp.plot.animate(plan, view=VIEW, frames=3)
+    axes = film._fig.axes[0]
+    view = View.from_angles(*np.deg2rad(VIEW))
+    times = np.linspace(0, plan.trajectory.duration, 1024)
+    html = film.to_jshtml()
+    assert html.count("data:image/png;base64") == 3
+    for number in (700, 1023):
+        film._func(number)
+        tips = view.project(truth(plan, times[number : number + 1]).boresights[0])
+        for device, tip in enumerate(tips):
+            beams = [
+                line
+                for line in axes.lines
+                if line.get_color() == device_style(device)["color"] and len(line.get_xdata()) == 2
+            ]
+            assert len(beams) == 1
+            np.testing.assert_allclose(np.stack(beams[0].get_data(), axis=1)[1], tip, atol=1e-9)
+        clock = next(text.get_text() for text in axes.texts if " of 30.0 s" in text.get_text())
+        assert clock.startswith(f"{times[number]:.1f} of 30.0 s\nsmallest margin ")
+
+
+def test_a_film_can_be_saved_and_needs_a_motion(plan, tmp_path):
+    before = dict(mpl.rcParams)
+    bare = replace(plan, scenario=replace(plan.scenario, keep_out=(), keep_in=()))
+    jp.plot.animate(bare, frames=2).save(tmp_path / "slew.gif", writer="pillow", dpi=30)
+    assert (tmp_path / "slew.gif").read_bytes().startswith(b"GIF8")
+    with pytest.raises(ValueError, match="no trajectory to draw"):
+        jp.plot.animate(replace(plan, trajectory=None))
+    assert dict(mpl.rcParams) == before
+    assert not pyplot.get_fignums()
+
+
+def test_the_globe_of_a_failed_plan_shows_what_there_is(plan):
+    failed = replace(plan, status=jp.Status.NO_PATH, trajectory=None, path=None, goal=None)
+    axes = jp.plot.globe(failed)
+    assert "NO_PATH" in axes.get_title(loc="left")
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"start", "goal", "keep-out zone"} <= set(labels)
+    assert jp.plot.globe(plan, legend=False).get_legend() is None
+
+
+def test_a_platform_without_devices_turns_too():
+    plan = flown_plan(terminals=0)
+    craft = replace(plan.scenario.spacecraft, instruments=())
+    bare = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
+    film = jp.plot.animate(bare, frames=2)
+    assert film.to_jshtml().count("data:image/png;base64") == 2
+    assert jp.plot.globe(bare).get_title(loc="left").startswith("an odd slew")
