@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
@@ -68,7 +70,7 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
     Returns:
         The plans in the same order, failed ones with their status and message: none raises. They are those of
         `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of
-        searches made together each plan is given an equal share.
+        searches made together each plan is given what its own took.
 
     Raises:
         TypeError: if one of them is no scenario.
@@ -122,13 +124,15 @@ class _Run:
 
 
 def _search(asking: Sequence[_Run]) -> list[SearchResult]:
-    """The answers to the queries, and the time they took to the clocks, in equal shares."""
+    """The answers to the queries, and the time they took to the clocks, to each its own."""
     begin, began = time.monotonic(), working_time()
     queries = [run.query for run in asking if run.query is not None]
-    found = search_batch([query.scene for query in queries], [query.settings for query in queries])
-    share, working = (time.monotonic() - begin) / len(asking), (working_time() - began) / len(asking)
-    for run in asking:
-        run.clock.add("search", share, working)
+    spent = np.zeros(len(queries))
+    found = search_batch([query.scene for query in queries], [query.settings for query in queries], spent)
+    wall, working = time.monotonic() - begin, working_time() - began
+    spent += (working - np.sum(spent)) / len(spent)  # what is nobody's own
+    for run, own in zip(asking, spent.tolist(), strict=True):
+        run.clock.add("search", own + (wall - working) / len(spent), own)
     return found
 
 
