@@ -14,6 +14,7 @@ from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
+from jaxplan.threads import one_thread
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -42,7 +43,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         (3, 3)
     """
     _expect_scenario("scenario", scenario)
-    with _bar("planning", " steps", None, progress) as bar:
+    with one_thread(), _bar("planning", " steps", None, progress) as bar:
 
         def show(name: str) -> None:
             bar.set_description(f"planning: {name}")
@@ -81,7 +82,7 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
     for number, scenario in enumerate(scenarios):
         _expect_scenario(f"scenarios[{number}]", scenario)
     plans: list[Plan] = []
-    with _bar("planning", " plans", len(scenarios), progress) as bar:
+    with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
             runs = []
             for scenario in scenarios[first : first + TOGETHER]:

@@ -1,16 +1,14 @@
 """Who does the work: an executor that somebody gives us, or processes of our own, begun anew when one dies.
 
 JAX hangs in processes that are forked after it has started, so ours are spawned, and a given pool that forks
-is refused. Each has one thread for the linear algebra, whose matrices are small, reads what is already
-compiled from the folder that this process uses, leaves Ctrl-C to this process, and ends when it does.
+is refused. Each reads what is already compiled from the folder that this process uses, leaves Ctrl-C to this
+process, and ends when it does.
 """
 
 import os
 import signal
 import threading
-from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.process import BaseProcess
 
@@ -64,8 +62,7 @@ class Crew:
         before = set(active_children())
         pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (_compiled_code(),))
         try:
-            with _one_thread():
-                pool.submit(os.getpid).result()  # all processes are spawned now, and one has come up
+            pool.submit(os.getpid).result()  # all processes are spawned now, and one has come up
         except BrokenExecutor as error:
             raise RuntimeError(
                 "worker processes die as they begin: in a script, call run_study below "
@@ -122,17 +119,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes that are spawned meanwhile have one thread for the linear algebra, unless told."""
-    name = "OPENBLAS_NUM_THREADS"
-    if name in os.environ:
-        yield
-        return
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        del os.environ[name]
