@@ -10,6 +10,7 @@ import jaxplan as jp
 from jaxplan.scenario import with_settings
 from jaxplan.study import work
 from jaxplan.study.rows import COLUMNS, TIMES
+from jaxplan.threads import _libraries
 
 SEEDS = range(5)
 
@@ -164,6 +165,16 @@ def test_a_scene_that_raises_is_a_row_and_the_others_are_planned(study, monkeypa
     others = [row for row in study.table if row["scene"] != 3]
     assert [row for row in found.table if row["scene"] != 3] == others
     assert "4 OK, 1 crashed" in str(found.summary())
+
+
+def test_the_threads_of_the_linear_algebra_do_not_change_the_table(study):
+    before = [get() for get, _ in _libraries()]
+    for _, set_number in _libraries():
+        set_number(2)
+    many = jp.run_study(SEEDS, "keep_in", progress=False)
+    for (_, set_number), number in zip(_libraries(), before, strict=True):
+        set_number(number)
+    assert text(many) == text(study)
 
 
 def test_dask_workers_give_the_same_table(study):

@@ -1,9 +1,7 @@
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
-import jaxplan as jp
 from jaxplan.threads import _libraries, one_thread
 
 
@@ -41,14 +39,3 @@ def test_the_last_of_several_to_leave_puts_the_number_back(two_threads):
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(see, range(200))) == [{1}] * 200
     assert set(numbers()) == {2}
-
-
-def test_plans_do_not_depend_on_the_number_of_threads(two_threads):
-    scenarios = [jp.random_scenario(seed, "keep_in") for seed in (0, 5)]
-    many = [jp.plan(scenario, progress=False) for scenario in scenarios] + jp.plan_batch(scenarios)
-    with one_thread():
-        one = jp.plan_batch(scenarios) * 2
-    for first, second in zip(many, one, strict=True):
-        times = np.linspace(0, first.trajectory.duration, 20)
-        assert np.array_equal(first.trajectory.sample(times).joints, second.trajectory.sample(times).joints)
-        assert first.report.min_margin == second.report.min_margin

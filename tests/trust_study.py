@@ -61,10 +61,10 @@ class Trial:
         """Compare all ways with the plain one; returns the exit code."""
         began = time.monotonic()
         self.finish(self.begin("plain", 0))
-        self.seconds = time.monotonic() - began
+        seconds = time.monotonic() - began
         expected = self.table("plain")
         fingerprint = hashlib.sha256(expected).hexdigest()[:16]
-        print(f"{self.options.scenes} scenes, {fingerprint}, {self.seconds:.0f} s", flush=True)
+        print(f"{self.options.scenes} scenes, {fingerprint}, {seconds:.0f} s", flush=True)
         ways: dict[str, Callable[[str], object]] = {
             f"{self.options.kills} kills": self.killed,
             "2 processes": lambda name: self.finish(self.begin(name, 2)),
@@ -105,24 +105,19 @@ class Trial:
         return "\n".join(map(json.dumps, study.table)).encode() if study.complete else b"incomplete"
 
     def killed(self, name: str) -> str:
-        """Kill the study at random moments, by turns with one process and with two, some while it begins."""
-        hit, lines = 0, []
+        """Kill the study at random moments all through it, by turns with one process and with two."""
+        scenes, done = self.options.scenes, []
         path = self.folder / name / "table.jsonl"
-        while hit < self.options.kills:
-            process = self.begin(name, 2 * (hit % 2))
-            # until it plans, but for some, and then for a share of what is left
-            before, patience = _size(path), self.chance.random() < 0.8
-            while patience and _size(path) <= before and process.poll() is None:
-                time.sleep(0.005)
-            share = self.seconds / (2 * self.options.kills)
-            time.sleep(self.chance.uniform(0, share))
+        for kill, aim in enumerate(sorted(self.chance.choices(range(scenes), k=self.options.kills))):
+            process = self.begin(name, 2 * (kill % 2))
+            while _lines(path) < aim and process.poll() is None:
+                time.sleep(0.01)
+            time.sleep(self.chance.uniform(0, 1))
             process.send_signal(signal.SIGKILL)
-            if process.wait() != -signal.SIGKILL:
-                break  # it was done before
-            hit += 1
-            lines.append(path.read_bytes().count(b"\n") if path.exists() else 0)
+            if process.wait() == -signal.SIGKILL:
+                done.append(_lines(path))
         self.finish(self.begin(name, 0))
-        return f"{hit} hit, after {lines} scenes"
+        return f"{len(done)} hit, after {done} scenes"
 
     def worker_killed(self, name: str) -> str:
         """Kill workers of a study, not the study."""
@@ -174,6 +169,10 @@ class Trial:
                 progress=False,
             )
         return None
+
+
+def _lines(path: Path) -> int:
+    return path.read_bytes().count(b"\n") if path.exists() else 0
 
 
 def _size(path: Path) -> int:
