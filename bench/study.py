@@ -39,9 +39,9 @@ def rate(kind: str, count: int, workers: int) -> float:
             task = Task(kind=kind, scenes=scenes, planner="mha")
             chunks = Chunks(task, range(len(scenes)), 10 if first else None)
             rows = sum(len(answer.table) for answer in by_workers(chunks, plan_chunk, crew))
+        return rows / (time.perf_counter() - began)
     finally:
-        crew.dismiss(at_once=True)
-    return rows / (time.perf_counter() - began)
+        crew.dismiss(at_once=False)
 
 
 def memory(scenes: int) -> None:

@@ -14,6 +14,7 @@ from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
 from jaxplan.study.chunks import AIM, FIRST, LARGEST, Chunks
+from jaxplan.study.crew import Crew
 from jaxplan.study.engine import by_workers
 from jaxplan.study.run import run_task
 
@@ -191,6 +192,20 @@ def test_an_interrupt_ends_our_processes_at_once(monkeypatch, tmp_path):
     monkeypatch.setattr("jaxplan.study.store.Store.add", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     study = run_task(task(200), 2, tmp_path, 1, False, plan_nothing)
     assert study.table == []
+    assert not multiprocessing.active_children()
+
+
+def test_processes_are_ended_at_once_when_they_wait_for_work(monkeypatch):
+    monkeypatch.setenv(SECONDS, "0.05")
+    crew = Crew(2)
+    rows = [
+        row
+        for answer in by_workers(Chunks(task(80), range(80), 1), plan_nothing, crew)
+        for row in answer.table
+    ]
+    assert len(rows) == 80
+    assert len(multiprocessing.active_children()) == 2
+    crew.dismiss(at_once=True)  # one of them keeps the lock of the queue
     assert not multiprocessing.active_children()
 
 

@@ -9,8 +9,7 @@ import os
 import signal
 import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.process import BaseProcess
+from multiprocessing import get_context, parent_process
 
 from jaxplan.study.task import Chunk
 from jaxplan.study.work import Answer, Work
@@ -30,7 +29,8 @@ class Crew:
     """
 
     def __init__(self, executor: Executor | int) -> None:
-        self._processes: list[BaseProcess] = []
+        self._pool: ProcessPoolExecutor | None = None  # our own
+        self._executor: Executor
         if isinstance(executor, int):
             self._hire(executor)
         else:
@@ -51,26 +51,27 @@ class Crew:
 
     def dismiss(self, *, at_once: bool) -> None:
         """End our processes, in the middle of their work or after it; somebody's executor is left alone."""
-        for process in self._processes if at_once else ():
-            process.kill()
-        if self._processes:
-            self._executor.shutdown(cancel_futures=True)
-        self._processes = []
+        if self._pool is None:
+            return
+        if at_once:
+            # All of them, since one that is killed may keep a lock that others wait for. From Python 3.14 on
+            # the pool itself has a method for this.
+            for process in list((self._pool._processes or {}).values()):
+                process.kill()
+        self._pool.shutdown(cancel_futures=True)
+        self._pool = None
 
     def _hire(self, workers: int) -> None:
         self.workers = workers
-        before = set(active_children())
         pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (_compiled_code(),))
+        self._executor = self._pool = pool
         try:
-            pool.submit(os.getpid).result()  # all processes are spawned now, and one has come up
+            pool.submit(os.getpid).result()  # one has come up; the others do when there is work for them
         except BrokenExecutor as error:
             raise RuntimeError(
                 "worker processes die as they begin: in a script, call run_study below "
                 '`if __name__ == "__main__":`, since each of them reads the script, too'
             ) from error
-        finally:
-            self._processes = [process for process in active_children() if process not in before]
-        self._executor = pool
 
 
 def check_executor(executor: object) -> None:
@@ -106,7 +107,9 @@ def _compiled_code() -> dict[str, object]:
 def _begin(compiled_code: dict[str, object]) -> None:
     """Set up a worker."""
     import jax
+    from tqdm import tqdm
 
+    tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name, value in compiled_code.items():
         jax.config.update(name, value)
