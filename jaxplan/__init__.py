@@ -12,6 +12,8 @@ the key. Names are loaded when they are first used, so that importing the packag
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from jaxplan.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan.cases import paper_case, random_scenario
@@ -19,9 +21,8 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
     from jaxplan.status import Status
+    from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "Plan": "jaxplan.planner",
@@ -30,14 +31,19 @@ _HOMES = {
     "Scenario": "jaxplan.scenario",
     "ScenarioError": "jaxplan.scenario",
     "Status": "jaxplan.status",
+    "Study": "jaxplan.study",
+    "StudyFolderError": "jaxplan.study",
     "Trajectory": "jaxplan.trajectory",
+    "compare_studies": "jaxplan.study",
     "export": "jaxplan.exporting",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.scenario",
+    "load_study": "jaxplan.study",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
     "random_scenario": "jaxplan.cases",
+    "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
 }
 
@@ -48,15 +54,20 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "Status",
+    "Study",
+    "StudyFolderError",
     "Trajectory",
+    "compare_studies",
     "export",
     "load_plan",
     "load_scenario",
+    "load_study",
     "paper_case",
     "plan",
     "plan_batch",
     "plot",
     "random_scenario",
+    "run_study",
     "save_scenario",
 ]
 

@@ -1,4 +1,4 @@
-"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``export`` and ``table4``.
+"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``export``, ``study`` and ``table4``.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
 certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
@@ -75,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
     _export_parser(commands)
+    _study_parser(commands)
     _table4_parser(commands)
     parser.set_defaults(run=lambda options: _no_command(parser, options))
     return parser
@@ -95,6 +96,34 @@ def _export_parser(commands: Any) -> None:
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
     export.set_defaults(run=_export)
+
+
+def _study_parser(commands: Any) -> None:
+    study = commands.add_parser(
+        "study",
+        help="plan many random scenes, and say how it went",
+        description="Plan many random scenes, or report on studies made before. "
+        "Where a study with --out was interrupted, the same command goes on.",
+    )
+    study.add_argument("--kind", metavar="K", help="of the random scenes (keep_out)")
+    study.add_argument("-n", type=_count, metavar="N", help="scenes (100)")
+    study.add_argument("--first-seed", type=int, metavar="SEED", help="of the first scene (0)")
+    study.add_argument("--planner", metavar="P", help="of all scenes (mha)")
+    study.add_argument("--workers", type=_count, metavar="W", help="processes (1)")
+    study.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        help="a setting, such as search.max_expansions=500; may be repeated",
+    )
+    study.add_argument(
+        "--report", nargs="+", metavar="DIR", help="plan nothing, report on the studies in these folders"
+    )
+    study.add_argument(
+        "-o", "--out", metavar="DIR", help="keep the study there; with --report, write figures there"
+    )
+    study.add_argument("--json", action="store_true", help="print the summary for machines")
+    study.set_defaults(run=_study)
 
 
 def _table4_parser(commands: Any) -> None:
@@ -122,7 +151,7 @@ def _count(text: str) -> int:
 
 def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.version:
-        from jaxplan import __version__
+        from jaxplan.version import __version__
 
         print(f"jaxplan {__version__}")
         return DONE
@@ -187,6 +216,70 @@ def _export(options: argparse.Namespace) -> int:
         plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
     )
     _say(f"wrote {written}")
+    return DONE
+
+
+def _study(options: argparse.Namespace) -> int:
+    from jaxplan.study import run_study
+
+    if options.report is not None:
+        return _report(options)
+    first, count = options.first_seed or 0, options.n or 100
+    settings = dict(map(_setting, options.set or ()))
+    _keep_compiled_code()
+    workers = None if options.workers in (None, 1) else options.workers
+    study = run_study(
+        range(first, first + count),
+        options.kind or "keep_out",
+        options.planner or "mha",
+        settings,
+        executor=workers,
+        out=options.out,
+    )
+    summary = study.summary()
+    _print(summary.record() if options.json else summary)
+    if not study.complete:
+        again = "" if options.out is None else ": the same command goes on"
+        return _complain(f"interrupted after {summary.done} of {summary.scenes} scenes{again}", 130)
+    return DONE
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Name and value of a setting; a value that is no TOML is a text without its quotes."""
+    import tomllib
+
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"--set {text}: must be NAME=VALUE, such as search.max_expansions=500")
+    try:
+        return name.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name.strip(), value.strip()
+
+
+def _report(options: argparse.Namespace) -> int:
+    """Say what studies in folders found, and how they compare where there are two or more."""
+    from jaxplan.study import compare_studies, load_study
+
+    for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
+        if getattr(options, name) is not None:
+            raise ValueError(
+                f"{'-n' if name == 'n' else '--' + name.replace('_', '-')} says what to plan, "
+                "but --report plans nothing"
+            )
+    studies = [load_study(folder) for folder in options.report]
+    summaries = [study.summary() for study in studies]
+    folder = None if options.out is None else _folder(options.out)
+    compared = [compare_studies(studies[0], other) for other in studies[1:]]
+    if options.json:
+        records = [summary.record() for summary in summaries]
+        _print({"studies": records, "comparisons": [one.record() for one in compared]})
+    else:
+        print(*summaries, *compared, sep="\n\n")
+    if folder is not None:
+        from jaxplan.plotting import study_figure
+
+        _save(study_figure(studies), folder / "study.png")
     return DONE
 
 

@@ -11,25 +11,29 @@ class Clock:
     """Seconds by step, and what is left of a time limit.
 
     Attributes:
-        seconds: by the name of a step. Only what was spent on the plan counts, not what other plans took
-            that are made at the same time.
+        seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
+            not what other plans took that are made at the same time.
+        compiling: seconds spent on that by all steps.
     """
 
     def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
         self.seconds: dict[str, float] = {}
+        self.compiling = 0.0
         self._left, self._show = time_limit, show
 
     def spent(self) -> float:
         """Seconds spent on all steps."""
-        return sum(self.seconds.values())
+        return sum(self.seconds.values()) + self.compiling
 
     def left(self) -> float:
         """Seconds that are left of the limit, which does not count what is spent on compiling."""
         return max(self._left, 0.0)
 
     def add(self, name: str, seconds: float, working: float) -> None:
-        """Count seconds to a step, and those of them that are not spent on compiling to the limit."""
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        """Count seconds, of which those that are not spent on compiling are the step's, and the limit's."""
+        worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
+        self.seconds[name] = self.seconds.get(name, 0.0) + worked
+        self.compiling += seconds - worked
         self._left -= working
 
     @contextmanager
@@ -41,5 +45,5 @@ class Clock:
         self.add(name, time.monotonic() - begin, working_time() - began)
 
     def timings(self) -> dict[str, float]:
-        """Seconds by step, and in all."""
-        return {**self.seconds, "total": self.spent()}
+        """Seconds by step, of compiling, and in all."""
+        return {**self.seconds, "compile": self.compiling, "total": self.spent()}

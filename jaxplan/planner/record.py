@@ -46,7 +46,8 @@ class Plan:
         path: the nodes that the trajectory passes.
         trajectory: the manoeuvre as a function of time.
         report: the certificate.
-        timings: seconds by step, the one part that is not deterministic.
+        timings: seconds by step without those of compiling, then these, and in all: the one part that is
+            not deterministic.
     """
 
     scenario: Scenario

@@ -6,12 +6,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
+from jaxplan.threads import one_thread
 from jaxplan.trajectory import METHODS
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
@@ -42,7 +45,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         (3, 3)
     """
     _expect_scenario("scenario", scenario)
-    with _bar("planning", " steps", None, progress) as bar:
+    with one_thread(), _bar("planning", " steps", None, progress) as bar:
 
         def show(name: str) -> None:
             bar.set_description(f"planning: {name}")
@@ -70,7 +73,7 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
     Returns:
         The plans in the same order, failed ones with their status and message: none raises. They are those of
         `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of
-        searches made together each plan is given an equal share.
+        searches made together each plan is given what its own took.
 
     Raises:
         TypeError: if one of them is no scenario.
@@ -82,7 +85,7 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
     for number, scenario in enumerate(scenarios):
         _expect_scenario(f"scenarios[{number}]", scenario)
     plans: list[Plan] = []
-    with _bar("planning", " plans", len(scenarios), progress) as bar:
+    with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
             runs = []
             for scenario in scenarios[first : first + TOGETHER]:
@@ -125,13 +128,15 @@ class _Run:
 
 
 def _search(asking: Sequence[_Run]) -> list[SearchResult]:
-    """The answers to the queries, and the time they took to the clocks, in equal shares."""
+    """The answers to the queries, and the time they took to the clocks, to each its own."""
     begin, began = time.monotonic(), working_time()
     queries = [run.query for run in asking if run.query is not None]
-    found = search_batch([query.scene for query in queries], [query.settings for query in queries])
-    share, working = (time.monotonic() - begin) / len(asking), (working_time() - began) / len(asking)
-    for run in asking:
-        run.clock.add("search", share, working)
+    spent = np.zeros(len(queries))
+    found = search_batch([query.scene for query in queries], [query.settings for query in queries], spent)
+    wall, working = time.monotonic() - begin, working_time() - began
+    spent += (working - np.sum(spent)) / len(spent)  # what is nobody's own
+    for run, own in zip(asking, spent.tolist(), strict=True):
+        run.clock.add("search", own + (wall - working) / len(spent), own)
     return found
 
 

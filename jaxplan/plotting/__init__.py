@@ -1,10 +1,11 @@
-"""Figures of a plan, and of planners compared, reached as ``jp.plot``.
+"""Figures of a plan, of planners compared, and of studies, reached as ``jp.plot``.
 
     >>> jp.plot.sphere(plan)
     >>> jp.plot.margins(plan, ax=axes).figure.savefig("margins.png")
 
 Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
-`table4` the rows of a comparison. All take, with ``ax``, where to draw: axes (several for a figure of several
+`table4` the rows of a comparison; `study` and its panels `success_rates`, `outcomes` and `distribution` take
+studies. All take, with ``ax``, where to draw: axes (several for a figure of several
 panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's global
 settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of plans,
 a planner one colour in all comparisons. `animate` returns a film. Axes are in degrees and seconds, torques
@@ -19,6 +20,8 @@ from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sphere_map import sphere
+from jaxplan.plotting.study_figure import study, study_figure
+from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
 from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
 __all__ = [
@@ -28,14 +31,19 @@ __all__ = [
     "animate",
     "compare",
     "comparison_figure",
+    "distribution",
     "durations",
     "figures",
     "globe",
     "margins",
+    "outcomes",
     "overview",
     "rates",
     "segments",
     "sphere",
+    "study",
+    "study_figure",
+    "success_rates",
     "table4",
     "torque",
 ]

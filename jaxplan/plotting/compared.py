@@ -65,5 +65,10 @@ def is_printed(row: Compared) -> bool:
 
 def colour(row: Compared) -> str:
     """Of a row in all panels."""
+    return planner_colour(row.planner)
+
+
+def planner_colour(name: str) -> str:
+    """Of a planner in all figures; grey for one that is not ours."""
     names = tuple(PLANNERS)
-    return COLOURS[names.index(row.planner) % len(COLOURS)] if row.planner in names else GREY
+    return COLOURS[names.index(name) % len(COLOURS)] if name in names else GREY

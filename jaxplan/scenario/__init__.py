@@ -1,7 +1,7 @@
 """The problem and its settings, and the files that hold them.
 
 `model` has the dataclasses, in radians and seconds; `layout` and `states` say what a file may hold, `reading`
-and `writing` go from one to the other.
+and `writing` go from one to the other, and `overrides` changes settings by their names.
 """
 
 from jaxplan.scenario.faults import ScenarioError
@@ -14,6 +14,7 @@ from jaxplan.scenario.model import (
     Targets,
     TrajectorySettings,
 )
+from jaxplan.scenario.overrides import with_settings
 from jaxplan.scenario.reading import load_scenario, parse_scenario, scenario_from_dict
 from jaxplan.scenario.writing import dump_scenario, save_scenario, scenario_to_dict
 
@@ -32,4 +33,5 @@ __all__ = [
     "save_scenario",
     "scenario_from_dict",
     "scenario_to_dict",
+    "with_settings",
 ]

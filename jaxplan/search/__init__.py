@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from jaxplan.scenario.model import SearchSettings
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
@@ -29,13 +31,16 @@ PLANNERS: Mapping[str, Planner] = {method: partial(_search, method) for method i
 """By name; a planner searches a scene with some settings, of which `method` does not count."""
 
 
-def search_batch(scenes: Sequence[Scene], settings: Sequence[SearchSettings]) -> list[SearchResult]:
+def search_batch(
+    scenes: Sequence[Scene], settings: Sequence[SearchSettings], spent: np.ndarray | None = None
+) -> list[SearchResult]:
     """Search many scenes in lockstep, each by the method of its settings.
 
     Args:
         scenes: the problems; those of equal padded sizes share their kernel calls.
         settings: of each search. A time limit stands for its share: it ends a search after as many times
             that long as there are scenes.
+        spent: see `lockstep.together`.
 
     Returns:
         The same answers as one by one, on the CPU to the last bit, as long as no time limit ends a search.
@@ -47,7 +52,7 @@ def search_batch(scenes: Sequence[Scene], settings: Sequence[SearchSettings]) ->
         raise ValueError(f"settings: must be one a scene, {len(scenes)}, not {len(settings)}")
     shared = [replace(one, time_limit=one.time_limit * len(scenes)) for one in settings]
     searches = [_SEARCHES[one.method](scene, one) for scene, one in zip(scenes, shared, strict=True)]
-    return together(scenes, searches)
+    return together(scenes, searches, spent)
 
 
 __all__ = [

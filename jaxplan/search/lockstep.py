@@ -20,6 +20,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan.search.problem import Scene
+from jaxplan.stopwatch import working_time
 
 # Calls in one, and scenes that run in lockstep: fixed, so that the kernels compile once.
 CALLS, POOL = 32, 256
@@ -107,13 +108,18 @@ def alone(scene: Scene, steps: Steps[T]) -> T:
             return end.value
 
 
-def together(scenes: Sequence[Scene], searches: Sequence[Steps[T]]) -> list[T]:
+def together(
+    scenes: Sequence[Scene], searches: Sequence[Steps[T]], spent: np.ndarray | None = None
+) -> list[T]:
     """What many searches return, their calls answered together.
 
     Args:
         scenes: of each search.
         searches: that have not begun.
+        spent: (n,) to which the seconds of each search are added, without those of compiling: of calls
+            answered together an equal share.
     """
+    seconds = np.zeros(len(scenes)) if spent is None else spent
     alike: dict[Any, list[int]] = defaultdict(list)
     for number, scene in enumerate(scenes):
         alike[_layout(scene)].append(number)
@@ -123,8 +129,9 @@ def together(scenes: Sequence[Scene], searches: Sequence[Steps[T]]) -> list[T]:
             for begin in range(0, len(numbers), POOL):
                 pool = numbers[begin : begin + POOL]
                 stacked = _stack([scenes[number] for number in pool])
-                found = _run(stacked, [searches[number] for number in pool])
+                found, took = _run(stacked, [searches[number] for number in pool])
                 answers.update(zip(pool, found, strict=True))
+                seconds[pool] += took
     return [answers[number] for number in range(len(scenes))]
 
 
@@ -141,17 +148,21 @@ def _stack(scenes: list[Scene]) -> Scene:
     return jax.device_put(jax.tree.unflatten(jax.tree.structure(scenes[0]), stacked))
 
 
-def _run(scenes: Scene, searches: list[Steps[T]]) -> list[T]:
-    """Run searches whose scenes are stacked to their ends."""
+def _run(scenes: Scene, searches: list[Steps[T]]) -> tuple[list[T], np.ndarray]:
+    """Run searches whose scenes are stacked to their ends; with their answers the seconds of each."""
     answers: dict[int, T] = {}
+    took = np.zeros(len(searches))
     waiting: dict[Any, list[tuple[int, Call]]] = defaultdict(list)
 
     def go_on(number: int, answer: np.ndarray | None) -> None:
+        began = working_time()
         try:
             call = searches[number].send(answer)  # type: ignore[arg-type]  # None begins
         except StopIteration as end:
+            took[number] += working_time() - began
             answers[number] = end.value
         else:
+            took[number] += working_time() - began
             waiting[call.kernel, *(np.shape(argument) for argument in call.arguments)].append((number, call))
 
     for number in range(len(searches)):
@@ -162,9 +173,12 @@ def _run(scenes: Scene, searches: list[Steps[T]]) -> list[T]:
         now, later = calls[:CALLS], calls[CALLS:]
         if later:
             waiting[most] = later
-        for (number, _), answer in zip(now, _answers(scenes, now), strict=False):
+        began = working_time()
+        given = _answers(scenes, now)
+        took[[number for number, _ in now]] += (working_time() - began) / len(now)
+        for (number, _), answer in zip(now, given, strict=False):
             go_on(number, answer)
-    return [answers[number] for number in range(len(searches))]
+    return [answers[number] for number in range(len(searches))], took
 
 
 def _answers(scenes: Scene, calls: list[tuple[int, Call]]) -> np.ndarray:

@@ -8,8 +8,9 @@ of the search alone, compiled before, on the machine at hand; lengths are those 
 in interior nodes, which is what the paper seems to count, and in steps (`path.step_cost`).
 """
 
+from jaxplan.proportions import success_interval
 from jaxplan.table4.comparison import TOLERANCE, compare, is_clear, least_margins, make_problem
-from jaxplan.table4.rows import PAPER, PAPER_KINDS, Row, printed_rows, success_interval
+from jaxplan.table4.rows import PAPER, PAPER_KINDS, Row, printed_rows
 from jaxplan.table4.text import format_table
 
 __all__ = [

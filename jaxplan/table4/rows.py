@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.proportions import success_interval
+
 PAPER_KINDS = ("keep_out", "keep_in")
 
 
@@ -85,16 +87,6 @@ def printed_rows(kinds: Iterable[str]) -> tuple[Row, ...]:
     """The paper's rows of some kinds of scenes; it has none of most."""
     wanted = set(kinds)
     return tuple(row for row in PAPER if row.kind in wanted)
-
-
-def success_interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % Wilson interval of a success rate."""
-    from scipy.stats import binomtest
-
-    if trials == 0:
-        return 0.0, 1.0
-    interval = binomtest(successes, trials).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
 
 
 def spread(values: np.ndarray, printed: bool) -> tuple[float, float, float] | None:

@@ -1,0 +1,232 @@
+"""The panels of studies: how many scenes are planned, how the others ended, and how plans are spread.
+
+Curves count all scenes of a study, also those without a plan: their values are not known, only that no plan
+was found, so a curve ends at the success rate and goes on as a thin dotted line.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.studied import OK, Studied, Studies, looks, named, planned_values
+from jaxplan.plotting.style import GREY, SMALL, TEXT, Entries, Look, legend_beside, note, plain, tidy
+from jaxplan.proportions import success_interval
+from jaxplan.status import Status
+
+_SIZE = (8.0, 4.2)  # inches
+_ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
+_BAR = 0.6  # of a line
+_FEW_DECADES = 50.0  # from the least to the largest value
+_FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
+# Of scenes that nobody could plan in blue, of the planner's failures in red.
+_OUTCOMES = {
+    Status.OK.name: "0.87",
+    Status.INVALID_START.name: "#92C5DE",
+    Status.INVALID_GOAL.name: "#4393C3",
+    Status.GOAL_UNREACHABLE.name: "#2166AC",
+    Status.NO_PATH.name: "#053061",
+    Status.NODE_LIMIT.name: "#B2182B",
+    Status.TIME_LIMIT.name: "#D6604D",
+    Status.LIMITS_TOO_TIGHT.name: "#F4A582",
+    Status.INFEASIBLE.name: "#FDDBC7",
+    Status.UNCERTIFIED.name: "#762A83",
+    "crashed": "black",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a curve is of.
+
+    Attributes:
+        label: of the axis, with its unit.
+        decades: whether the axis is logarithmic.
+        at_least: whether the curve counts scenes with at least a value, not at most.
+    """
+
+    label: str
+    decades: bool = False
+    at_least: bool = False
+
+
+QUANTITIES = {
+    "total_s": Quantity("time to plan (s)", decades=True),
+    "search_s": Quantity("search time (s)", decades=True),
+    "expansions": Quantity("expansions"),
+    "length_steps": Quantity("path length (steps)"),
+    "interior_nodes": Quantity("path length (interior nodes)"),
+    "duration_s": Quantity("duration (s)"),
+    "slew_deg": Quantity("slew (deg)"),
+    "peak": Quantity("largest share of a limit"),
+    "min_margin_deg": Quantity("smallest margin, proved (deg)", at_least=True),
+}
+
+
+def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
+    """Shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
+
+    Args:
+        studies: one, several, or several by their names.
+        ax: axes, a figure to put them in, or None for a new one.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is nothing to draw.
+    """
+    every = named(studies)
+    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    _lines(axes, every)
+    axes.grid(False, axis="y")
+    for line, (study, look) in enumerate(zip(every.values(), looks([*every.values()]), strict=True)):
+        planned, scenes = sum(row["status"] == OK for row in study.table), len(study.table)
+        low, high = (100 * bound for bound in success_interval(planned, scenes))
+        axes.plot([low, high], [line, line], color=look["color"], linewidth=1.6, solid_capstyle="butt")
+        axes.plot([100 * planned / scenes], [line], color=look["color"], marker="o", clip_on=False, zorder=3)
+        axes.annotate(
+            f"{planned}/{scenes}",
+            (low if low > 25 else high, line),
+            xytext=(-6 if low > 25 else 6, 0),
+            textcoords="offset points",
+            ha="right" if low > 25 else "left",
+            va="center",
+            fontsize=SMALL,
+            color=GREY,
+        )
+    axes.set(xlim=(-2, 102), xticks=range(0, 101, 25))
+    axes.set_xlabel("success rate, 95 % interval (%)", fontsize=TEXT)
+    return axes
+
+
+def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axes:
+    """How the scenes ended, as shares of all of them, a study a line.
+
+    Args:
+        studies: one, several, or several by their names.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name the statuses beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is nothing to draw.
+    """
+    every = named(studies)
+    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    _lines(axes, every)
+    axes.grid(False)
+    seen = []
+    for line, study in enumerate(every.values()):
+        left = 0.0
+        for name, colour in _OUTCOMES.items():
+            share = 100 * sum(row["status"] == name for row in study.table) / len(study.table)
+            if share:
+                axes.barh(line, share, _BAR, left=left, color=colour, edgecolor="white", linewidth=0.5)
+                left += share
+                seen.append(name)
+    axes.set(xlim=(0, 100), xticks=range(0, 101, 25))
+    axes.set_xlabel("outcome (% of scenes)", fontsize=TEXT)
+    if legend:
+        legend_beside(axes, [(Patch(color=_OUTCOMES[name]), name) for name in _OUTCOMES if name in seen])
+    return axes
+
+
+def distribution(
+    studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
+) -> Axes:
+    """The share of all scenes that are planned with at most a value; of margins, with at least it.
+
+    Args:
+        studies: one, several, or several by their names.
+        quantity: a column of `QUANTITIES`.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name the studies beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is nothing to draw, or no such quantity.
+
+    Example:
+        >>> jp.plot.distribution([mha, wastar], "total_s")
+    """
+    if quantity not in QUANTITIES:
+        raise ValueError(f"quantity = {quantity!r}: must be one of {', '.join(QUANTITIES)}")
+    every, what = named(studies), QUANTITIES[quantity]
+    (axes,) = panels(ax, 1, _SIZE)
+    tidy(axes)
+    curves = [planned_values(study, quantity) for study in every.values()]
+    known = [values for values in curves if len(values)]
+    if known:
+        low, high = min(values[0] for values in known), max(values[-1] for values in known)
+        if what.decades:
+            _use_decades(axes, low, high)
+        else:
+            axes.set_xlim(min(0.0, 1.05 * low), 1.05 * high if high > 0 else 1.0)
+        for study, values, look in zip(every.values(), curves, looks([*every.values()]), strict=True):
+            if len(values):
+                _curve(axes, values, len(study.table), look, what)
+    else:
+        note(axes, "no plans")
+    axes.set_ylim(0, 104)
+    axes.set_yticks(range(0, 101, 25))
+    axes.set_xlabel(what.label, fontsize=TEXT)
+    axes.set_ylabel(f"scenes with at {'least' if what.at_least else 'most'} that (%)", fontsize=TEXT)
+    if legend:
+        legend_beside(axes, study_entries(every, censored=any(_failures(study) for study in every.values())))
+    return axes
+
+
+def study_entries(every: dict[str, Studied], *, censored: bool) -> Entries:
+    """Legend entries of curves."""
+    entries: Entries = [
+        (Line2D([], [], linewidth=1.8, **look), name)
+        for name, look in zip(every, looks([*every.values()]), strict=True)
+    ]
+    return entries + [(Line2D([], [], color=GREY, **_FAINT), "no plan for\nthe others")] * censored
+
+
+def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
+    """Steps from one value to the next, and the dotted line to the edge where scenes are without a plan."""
+    left, right = axes.get_xlim()
+    shares = 100 * np.arange(len(values) + 1) / scenes
+    top = shares[-1]
+    if what.at_least:
+        axes.step([left, *values, values[-1]], [top, *shares[::-1]], where="pre", linewidth=1.8, **look)
+    else:
+        axes.step([values[0], *values], shares, where="post", linewidth=1.8, **look)
+        if len(values) < scenes:
+            axes.plot([values[-1], right], [top, top], color=look["color"], **_FAINT)
+
+
+def _use_decades(axes: Axes, low: float, high: float) -> None:
+    """A logarithmic axis on which at least two ticks have a number."""
+    axes.set_xscale("log")
+    axes.set_xlim(0.8 * low, 1.4 * high)
+    few = high < _FEW_DECADES * low
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _failures(study: Studied) -> bool:
+    return any(row["status"] != OK for row in study.table)
+
+
+def _lines(axes: Axes, names: Sequence[str] | dict[str, Studied]) -> None:
+    """A line a study, from top to bottom, with its name to the left."""
+    tidy(axes)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_yticks(range(len(names)), list(names))
+    axes.tick_params(axis="y", length=0)
+    for label in axes.get_yticklabels():
+        plain(label)

@@ -1,0 +1,170 @@
+"""Two studies of the same scenes, scene by scene.
+
+Whether one planner finds more is asked of the scenes where they differ alone: if neither is better, each of
+these is as likely to be the one's as the other's (McNemar's test, exact). What plans are like is compared on
+the scenes that both plan.
+"""
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxplan.study.result import Study
+from jaxplan.study.rows import OK, Row
+from jaxplan.study.text import aligned, as_html
+
+_QUANTITIES = {
+    "path length (steps)": "length_steps",
+    "duration (s)": "duration_s",
+    "smallest margin (deg)": "min_margin_deg",
+    "time (s)": "total_s",
+}
+_COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", "second less")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """Two studies, scene by scene.
+
+    Attributes:
+        names: of the first and the second.
+        scenes: that are in both.
+        both: how many of them both plan, with a certificate.
+        only_first: how many the first alone plans.
+        only_second: how many the second alone plans.
+        p_value: of the exact test of McNemar, two-sided: how likely it is that success differs at least as
+            much in so many scenes if neither is better.
+        differences: of each quantity, on the scenes that both plan, by label: their number, both means, mean,
+            quantiles of second less first, and the share of scenes in which the second has less.
+    """
+
+    names: tuple[str, str]
+    scenes: int
+    both: int
+    only_first: int
+    only_second: int
+    p_value: float
+    differences: Mapping[str, Mapping[str, float]]
+
+    @property
+    def neither(self) -> int:
+        """Scenes that none of them plans."""
+        return self.scenes - self.both - self.only_first - self.only_second
+
+    def record(self) -> dict[str, Any]:
+        """The comparison for machines."""
+        return {
+            "first": self.names[0],
+            "second": self.names[1],
+            "scenes": self.scenes,
+            "both": self.both,
+            "only_first": self.only_first,
+            "only_second": self.only_second,
+            "neither": self.neither,
+            "p_value": self.p_value,
+            "differences": {label: dict(values) for label, values in self.differences.items()},
+        }
+
+    def lines(self) -> list[tuple[str, str]]:
+        """What stands above the differences, as (label, value)."""
+        return [
+            ("first", self.names[0]),
+            ("second", self.names[1]),
+            (
+                "planned",
+                f"{self.both} by both, {self.only_first} by the first alone, "
+                f"{self.only_second} by the second alone, {self.neither} by none",
+            ),
+            ("success differs", f"p = {self.p_value:.3g} (McNemar, exact)"),
+        ]
+
+    def cells(self) -> list[list[str]]:
+        """The differences as rows of texts, with their head."""
+        rows = [
+            [label, f"{values['scenes']:.0f}"]
+            + [f"{values[name]:.4g}" for name in _COLUMNS[1:3]]
+            + [f"{round(values[name], 9):+.4g}" for name in _COLUMNS[3:-1]]
+            + [f"{100 * values[_COLUMNS[-1]]:.0f} %"]
+            for label, values in self.differences.items()
+        ]
+        return [["planned by both", *_COLUMNS], *rows]
+
+    def __str__(self) -> str:
+        return aligned(self._title, self.lines(), self.cells())
+
+    def _repr_html_(self) -> str:
+        return as_html(self._title, self.lines(), self.cells())
+
+    @property
+    def _title(self) -> str:
+        return f"Two studies of the same {self.scenes} scenes"
+
+
+def compare_studies(first: Study, second: Study) -> Comparison:
+    """Compare two studies on the scenes that both have done: by seed, or by the places of given scenarios.
+
+    Args:
+        first: for instance of the usual planner.
+        second: of another one, or with other settings.
+
+    Returns:
+        The comparison, which prints as a table.
+
+    Raises:
+        ValueError: if they are of other kinds of scenes, or have no scene in common.
+
+    Example:
+        >>> seeds = range(100)
+        >>> print(jp.compare_studies(jp.run_study(seeds), jp.run_study(seeds, planner="rrt_connect")))
+    """
+    from scipy.stats import binomtest
+
+    if first.kind != second.kind:
+        raise ValueError(f"the studies are of different scenes, kind = {first.kind!r} and {second.kind!r}")
+    left, right = _by_scene(first), _by_scene(second)
+    pairs = [(row, right[key]) for key, row in left.items() if key in right]
+    if not pairs:
+        raise ValueError("the studies have no scene in common")
+    success = [(one["status"] == OK, other["status"] == OK) for one, other in pairs]
+    only_first, only_second = success.count((True, False)), success.count((False, True))
+    differing = only_first + only_second
+    solved = [pair for pair, good in zip(pairs, success, strict=True) if all(good)]
+    values = {label: _paired(solved, column) for label, column in _QUANTITIES.items()}
+    return Comparison(
+        names=(first.title, second.title),
+        scenes=len(pairs),
+        both=len(solved),
+        only_first=only_first,
+        only_second=only_second,
+        p_value=float(binomtest(only_first, differing).pvalue) if differing else 1.0,
+        differences={label: _difference(*two) for label, two in values.items() if len(two[0])},
+    )
+
+
+def _by_scene(study: Study) -> dict[Hashable, Row]:
+    """Rows with their times by what tells a scene from the others of its kind."""
+    times = {row["scene"]: row for row in study.timings}
+    return {
+        row["seed"] if study.kind is not None else (row["scene"], row["name"]): times.get(row["scene"], {})
+        | row
+        for row in study.table
+    }
+
+
+def _paired(pairs: list[tuple[Row, Row]], column: str) -> np.ndarray:
+    """(2, n) values of the scenes in which both have one."""
+    known = [
+        (one[column], other[column])
+        for one, other in pairs
+        if one.get(column) is not None and other.get(column) is not None
+    ]
+    return np.array(known, dtype=float).reshape(-1, 2).T
+
+
+def _difference(first: np.ndarray, second: np.ndarray) -> dict[str, float]:
+    change = second - first
+    low, median, high = np.quantile(change, [0.05, 0.5, 0.95])
+    values = (len(change), first.mean(), second.mean(), change.mean(), low, median, high, np.mean(change < 0))
+    return {name: float(value) for name, value in zip(_COLUMNS, values, strict=True)}

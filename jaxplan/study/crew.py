@@ -1,0 +1,124 @@
+"""Who does the work: an executor that somebody gives us, or processes of our own, begun anew when one dies.
+
+JAX hangs in processes that are forked after it has started, so ours are spawned, and a given pool that forks
+is refused. Each reads what is already compiled from the folder that this process uses, leaves Ctrl-C to this
+process, and ends when it does.
+"""
+
+import os
+import signal
+import threading
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from multiprocessing import get_context, parent_process
+
+from jaxplan.study.task import Chunk
+from jaxplan.study.work import Answer, Work
+
+_COMPILED = (
+    "jax_compilation_cache_dir",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
+
+
+class Crew:
+    """Workers, to whom chunks are handed.
+
+    Args:
+        executor: a number of processes of our own, or somebody's executor.
+    """
+
+    def __init__(self, executor: Executor | int) -> None:
+        self._pool: ProcessPoolExecutor | None = None  # our own
+        self._executor: Executor
+        if isinstance(executor, int):
+            self._hire(executor)
+        else:
+            self._executor, self.workers = executor, os.cpu_count() or 1
+
+    def submit(self, work: Work, chunk: Chunk) -> "Future[Answer]":
+        """Hand out a chunk.
+
+        Raises:
+            BrokenExecutor: if the workers are gone.
+        """
+        return self._executor.submit(work, chunk)
+
+    def begin_anew(self) -> None:
+        """Go on with new processes after one has died."""
+        self.dismiss(at_once=True)
+        self._hire(self.workers)
+
+    def dismiss(self, *, at_once: bool) -> None:
+        """End our processes, in the middle of their work or after it; somebody's executor is left alone."""
+        if self._pool is None:
+            return
+        if at_once:
+            # All of them, since one that is killed may keep a lock that others wait for. From Python 3.14 on
+            # the pool itself has a method for this.
+            for process in list((self._pool._processes or {}).values()):
+                process.kill()
+        self._pool.shutdown(cancel_futures=True)
+        self._pool = None
+
+    def _hire(self, workers: int) -> None:
+        self.workers = workers
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (_compiled_code(),))
+        self._executor = self._pool = pool
+        try:
+            pool.submit(os.getpid).result()  # one has come up; the others do when there is work for them
+        except BrokenExecutor as error:
+            raise RuntimeError(
+                "worker processes die as they begin: in a script, call run_study below "
+                '`if __name__ == "__main__":`, since each of them reads the script, too'
+            ) from error
+
+
+def check_executor(executor: object) -> None:
+    """Raise for what cannot plan a study.
+
+    Raises:
+        TypeError: if it is neither an executor nor a number.
+        ValueError: for less than one process, or a pool that forks.
+    """
+    if isinstance(executor, int) and not isinstance(executor, bool):
+        if executor < 1:
+            raise ValueError(f"executor = {executor}: must be at least 1, as a number of processes")
+    elif not isinstance(executor, Executor):
+        raise TypeError(
+            f"executor must be a concurrent.futures.Executor or a number of processes, not "
+            f"{type(executor).__name__}; a Dask client has one by get_executor()"
+        )
+    context = getattr(executor, "_mp_context", None)  # of a ProcessPoolExecutor, which tells no other way
+    if context is not None and context.get_start_method() == "fork":
+        raise ValueError(
+            "executor forks, and JAX hangs in forked processes: give it "
+            'mp_context=multiprocessing.get_context("spawn"), or pass a number of processes'
+        )
+
+
+def _compiled_code() -> dict[str, object]:
+    """Where and how this process keeps what JAX compiles."""
+    import jax
+
+    return {name: getattr(jax.config, name) for name in _COMPILED}
+
+
+def _begin(compiled_code: dict[str, object]) -> None:
+    """Set up a worker."""
+    import jax
+    from tqdm import tqdm
+
+    tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name, value in compiled_code.items():
+        jax.config.update(name, value)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A worker whose study was killed would wait for chunks forever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

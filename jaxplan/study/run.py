@@ -1,0 +1,151 @@
+"""Running a study: scenes in, rows out, with a bar, and nothing that is done gets lost."""
+
+import os
+from collections.abc import Generator, Iterable, Mapping
+from concurrent.futures import Executor
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Any
+
+from jaxplan.scenario import Scenario
+from jaxplan.study.chunks import Chunks
+from jaxplan.study.crew import Crew, check_executor
+from jaxplan.study.engine import by_workers, in_this_process
+from jaxplan.study.lines import TABLE, TIMINGS
+from jaxplan.study.result import Study
+from jaxplan.study.rows import OK
+from jaxplan.study.store import Store
+from jaxplan.study.task import Task, make_task
+from jaxplan.study.work import Answer, Work, plan_chunk
+
+
+def run_study(
+    scenarios_or_seeds: Iterable[Scenario] | Iterable[int],
+    kind: str | None = None,
+    planner: str = "mha",
+    settings: Mapping[str, Any] | None = None,
+    executor: Executor | int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    chunk: int | None = None,
+    progress: bool = True,
+) -> Study:
+    """Plan many scenes, and note what became of each.
+
+    The table is the same to the last bit on one kind of processor, whatever executor and chunks: searches
+    have no time limit here, whatever the scenarios say. A scene whose planning raises an error, or kills its
+    process, is a row with status ``crashed``. Ctrl-C ends the study early and returns what is done.
+
+    Args:
+        scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
+        kind: of the random scenes, "keep_out" unless told; only with seeds.
+        planner: "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect".
+        settings: that differ from the scenes' own, by dotted names in the keys and units of a scenario file,
+            as in ``{"search.max_expansions": 500, "trajectory.duration_s": "minimum"}``.
+        executor: who plans: None for this process; a number of processes of its own, which are begun anew
+            when one dies; or any `concurrent.futures.Executor`, such as ``get_executor()`` of a Dask client.
+        out: a folder for the results, where each chunk is safe once it is done. If it holds the same study
+            already, only what is missing is planned; another study is refused. Without it rows are kept
+            in memory.
+        chunk: scenes that are handed out together; by default as many as take some two seconds.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        The study.
+
+    Raises:
+        TypeError: for scenes or an executor that are none.
+        ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one scene.
+        ScenarioError: for settings that a file could not hold; all are named.
+        StudyFolderError: if the folder holds something else or is in use.
+        RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
+
+    Example:
+        >>> study = jp.run_study(range(200), "hard_keep_out", executor=2, out="study")
+        >>> print(study.summary())
+    """
+    if chunk is not None and (type(chunk) is not int or chunk < 1):
+        raise ValueError(f"chunk = {chunk!r}: must be a number of scenes, at least 1")
+    if executor is not None:
+        check_executor(executor)
+    task = make_task(scenarios_or_seeds, kind, planner, settings)
+    return run_task(task, executor, out, chunk, progress, plan_chunk)
+
+
+def run_task(
+    task: Task,
+    executor: Executor | int | None,
+    out: str | os.PathLike[str] | None,
+    chunk: int | None,
+    progress: bool,
+    work: Work,
+) -> Study:
+    """Run a study whose arguments are checked, by some work for each chunk."""
+    store: Store | _Memory
+    with _Memory(task) if out is None else Store(out, task) as store:
+        left = (number for number, done in enumerate(store.done) if not done)
+        chunks = Chunks(task, left, chunk)
+        with _bar(task, store.done, progress) as bar:
+            planned = 0
+            try:
+                with closing(_answers(chunks, executor, work, all(store.done))) as answers:
+                    for answer in answers:
+                        store.add(answer)
+                        planned += sum(row["status"] == OK for row in answer.table)
+                        bar.update(len(answer.table))
+                        bar.set_postfix_str(f"{planned} planned", refresh=False)
+            except KeyboardInterrupt:
+                pass  # what is done is returned
+        return Study(
+            kind=task.kind,
+            planner=task.planner,
+            settings=task.settings,
+            scenes=len(task.scenes),
+            folder=None if out is None else Path(out),
+            _held=store.rows if isinstance(store, _Memory) else {},
+        )
+
+
+def _answers(
+    chunks: Chunks, executor: Executor | int | None, work: Work, over: bool
+) -> Generator[Answer, None, None]:
+    if over:
+        return
+    if executor is None:
+        yield from in_this_process(chunks, work)
+        return
+    crew = Crew(executor)
+    try:
+        yield from by_workers(chunks, work, crew)
+    except BaseException:  # Ctrl-C here or at whom the answers go to, among others
+        crew.dismiss(at_once=True)
+        raise
+    crew.dismiss(at_once=False)
+
+
+class _Memory(nullcontext[Any]):
+    """Keeps the rows of a study that has no folder."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(self)
+        self.done = bytearray(len(task.scenes))
+        self.rows: dict[str, list[Any]] = {TABLE: [], TIMINGS: []}
+
+    def add(self, answer: Answer) -> None:
+        """Keep the rows of a chunk."""
+        self.rows[TABLE] += answer.table
+        self.rows[TIMINGS] += answer.timings
+
+
+def _bar(task: Task, done: bytearray, progress: bool) -> Any:
+    """A bar shown after a second where somebody can see it."""
+    from tqdm.auto import tqdm
+
+    return tqdm(
+        desc=f"study: {task.planner}",
+        unit=" scenes",
+        total=len(task.scenes),
+        initial=sum(done),
+        delay=1,
+        leave=False,
+        disable=not progress or None,  # None: where stderr is no terminal
+    )

@@ -1,0 +1,96 @@
+import json
+
+import pytest
+from fake_study import plan_nothing
+
+from jaxplan.cli import main
+
+
+def run(capsys, *words: object) -> tuple[int, str, str]:
+    code = main([str(word) for word in words])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_planned(monkeypatch):
+    monkeypatch.setattr("jaxplan.cli._keep_compiled_code", lambda: None)
+    monkeypatch.setattr("jaxplan.study.run.plan_chunk", plan_nothing)
+
+
+def test_a_study_is_made_kept_and_reported(capsys, tmp_path):
+    words = ("study", "--kind", "hard_keep_out", "-n", 12, "--first-seed", 3, "--set", "search.max_goals=1")
+    code, out, _ = run(capsys, *words, "--out", tmp_path / "a")
+    assert code == 0
+    assert out.startswith("Study of 12 hard_keep_out scenes by mha, search.max_goals = 1\n")
+    assert "8: 66.67 %" in out
+    again = run(capsys, *words, "--out", tmp_path / "a")
+    assert (again[0], again[1]) == (0, out)
+    header = json.loads((tmp_path / "a" / "study.json").read_text())
+    assert (header["seeds"], header["settings"]) == ([[3, 14]], {"search.max_goals": 1})
+    code, reported, err = run(capsys, "study", "--report", tmp_path / "a", "-o", tmp_path / "figures")
+    assert (code, reported) == (0, out)
+    assert f"wrote {tmp_path / 'figures' / 'study.png'}" in err
+    assert (tmp_path / "figures" / "study.png").stat().st_size > 10_000
+
+
+def test_several_studies_are_reported_with_their_comparison(capsys, tmp_path):
+    for planner in ("mha", "wastar"):
+        run(capsys, "study", "-n", 6, "--planner", planner, "--out", tmp_path / planner)
+    code, out, _ = run(capsys, "study", "--report", tmp_path / "mha", tmp_path / "wastar")
+    assert code == 0
+    assert out.count("Study of 6 keep_out scenes by") == 2
+    assert "p = 1 (McNemar, exact)" in out
+    code, out, _ = run(capsys, "study", "--report", tmp_path / "mha", tmp_path / "wastar", "--json")
+    record = json.loads(out)
+    assert [study["planned"] for study in record["studies"]] == [4, 4]
+    assert record["comparisons"][0]["both"] == 4
+    code, out, _ = run(capsys, "study", "-n", 3, "--json")
+    assert json.loads(out)["success_rate"] == 2 / 3
+
+
+def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    run(capsys, "study", "-n", 3, "--out", tmp_path / "study")
+    for words, said in {
+        ("--kind", "easy"): "kind = 'easy': must be one of keep_out",
+        ("--planner", "a-star"): "planner = 'a-star': must be one of mha",
+        ("--first-seed", "-3"): "seeds must be at least 0",
+        ("--set", "search.seed"): "--set search.seed: must be NAME=VALUE",
+        ("--set", "search.seed=-1"): "search.seed = -1: must be",
+        ("--set", "trajectory.duration_s=quick"): 'trajectory.duration_s = "quick"',
+        ("--out", ""): "out is empty",
+        ("--out", tmp_path): "holds file, but no study",
+        ("--out", tmp_path / "file"): "file is a file",
+        ("--out", "/proc/nowhere"): "/proc/nowhere: ",
+        ("-n", 4, "--out", tmp_path / "study"): "scenes 3 there, 4 here",
+        ("--report", tmp_path): "holds no study",
+        ("--report", tmp_path / "study", "-n", 4): "-n says what to plan, but --report plans nothing",
+        ("--report", tmp_path / "study", "--first-seed", 0): "--first-seed says what to plan",
+        ("--report", tmp_path / "study", "-o", tmp_path / "file"): "file is a file",
+    }.items():
+        code, out, err = run(capsys, "study", *words)
+        assert (code, out) == (2, ""), words
+        assert said in err
+        assert "Traceback" not in err
+    for words in (("-n", "0"), ("--workers", "0"), ("--workers", "two")):
+        with pytest.raises(SystemExit) as caught:
+            run(capsys, "study", *words)
+        assert caught.value.code == 2
+
+
+def test_an_interrupted_study_says_how_it_goes_on(capsys, monkeypatch, tmp_path):
+    def interrupted(chunk):
+        if 5 in chunk.numbers:
+            raise KeyboardInterrupt
+        return plan_nothing(chunk)
+
+    monkeypatch.setattr("jaxplan.study.run.plan_chunk", interrupted)
+    code, out, err = run(capsys, "study", "-n", 9, "--out", tmp_path)
+    assert code == 130
+    assert "4 done of 9" in out
+    assert "interrupted after 4 of 9 scenes: the same command goes on" in err
+    monkeypatch.setattr("jaxplan.study.run.plan_chunk", plan_nothing)
+    code, out, _ = run(capsys, "study", "-n", 9, "--out", tmp_path)
+    assert code == 0
+    assert "6: 66.67 %" in out

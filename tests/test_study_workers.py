@@ -1,0 +1,236 @@
+"""Who plans the scenes of a study does not matter, and a worker that dies costs its own scene alone."""
+
+import json
+import multiprocessing
+import random
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+
+import pytest
+from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
+
+import jaxplan as jp
+from jaxplan.study.chunks import AIM, FIRST, LARGEST, Chunks
+from jaxplan.study.crew import Crew
+from jaxplan.study.engine import by_workers
+from jaxplan.study.run import run_task
+
+SCENES = 40
+
+
+def run(executor=None, chunk=None, work=plan_nothing, scenes: int = SCENES, out=None) -> list:
+    return run_task(task(scenes), executor, out, chunk, False, work).table
+
+
+class Fragile:
+    """Workers that are all gone once one of them gets a deadly scene; what they did before counts."""
+
+    def __init__(self, workers: int, deadly: set[int]) -> None:
+        self.workers, self.deadly, self.lives = workers, deadly, 1
+        self.lock, self.pending, self.broken = threading.Lock(), set(), False
+        self.threads = ThreadPoolExecutor(workers)
+
+    def submit(self, work, chunk):
+        with self.lock:
+            if self.broken:
+                raise BrokenExecutor("workers are gone")
+            future = Future()
+            self.pending.add(future)
+        self.threads.submit(self.do, future, work, chunk)
+        return future
+
+    def do(self, future, work, chunk):
+        time.sleep(1e-3)
+        with self.lock:
+            if future.done():
+                return
+            if self.deadly & set(chunk.numbers):
+                self.broken = True
+                for other in self.pending:
+                    other.set_exception(BrokenExecutor("a worker died"))
+                self.pending.clear()
+                return
+            self.pending.remove(future)
+            future.set_result(work(chunk))
+
+    def begin_anew(self):
+        self.broken, self.lives = False, self.lives + 1
+
+
+def answered(crew, chunk: int | None = 4, scenes: int = SCENES) -> list:
+    rows = [
+        row
+        for answer in by_workers(Chunks(task(scenes), range(scenes), chunk), plan_nothing, crew)
+        for row in answer.table
+    ]
+    return sorted(rows, key=lambda row: row["scene"])
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 16, 100, None])
+def test_chunks_do_not_change_the_table(chunk):
+    assert json.dumps(run(chunk=chunk)) == json.dumps(run(chunk=7))
+
+
+def test_the_order_in_which_workers_get_done_does_not_change_the_table(monkeypatch):
+    chance = random.Random(1)
+
+    def slowly(chunk):
+        time.sleep(chance.uniform(0, 0.01))
+        return plan_nothing(chunk)
+
+    with ThreadPoolExecutor(4) as executor:
+        assert json.dumps(run(executor, 3, slowly)) == json.dumps(run())
+
+
+@pytest.mark.parametrize("deadly", [set(), {0}, {17}, {39}, {4, 5, 30}])
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_scene_that_kills_its_worker_is_the_only_one_to_crash(deadly, workers):
+    crew = Fragile(workers, deadly)
+    rows = answered(crew)
+    assert [row["scene"] for row in rows] == list(range(SCENES))
+    assert {row["scene"] for row in rows if row["status"] == "crashed"} == deadly
+    assert all("its worker died, 2 times" in rows[number]["message"] for number in deadly)
+    well = [row for row in rows if row["scene"] not in deadly]
+    assert json.dumps(well) == json.dumps([row for row in run() if row["scene"] not in deadly])
+    assert crew.lives <= 1 + 4 * len(deadly)
+
+
+def test_a_worker_that_dies_idle_or_by_chance_costs_nothing():
+    class Unlucky(Fragile):
+        deaths = 0
+
+        def submit(self, work, chunk):
+            if self.deaths < 3 and 20 in chunk.numbers:
+                self.deaths += 1
+                raise BrokenExecutor("it died before")
+            return super().submit(work, chunk)
+
+    crew = Unlucky(2, set())
+    assert json.dumps(answered(crew)) == json.dumps(run())
+    assert crew.lives == 4
+
+
+def test_a_task_that_dask_gives_up_is_a_death_and_another_error_ends_the_study():
+    class KilledWorker(Exception):
+        pass
+
+    class Dask(Fragile):
+        def submit(self, work, chunk):
+            future = Future()
+            if DEADLY in chunk.numbers:
+                future.set_exception(KilledWorker())
+            elif error and 20 in chunk.numbers:
+                future.set_exception(ModuleNotFoundError("No module named 'jaxplan'"))
+            else:
+                future.set_result(work(chunk))
+            return future
+
+    error = False
+    rows = answered(Dask(2, set()))
+    assert [row["scene"] for row in rows if row["status"] == "crashed"] == [DEADLY]
+    error = True
+    with pytest.raises(ModuleNotFoundError, match="jaxplan"):
+        answered(Dask(2, set()))
+
+
+def test_chunks_grow_and_shrink_to_take_as_long_as_they_should():
+    chunks = Chunks(task(100_000), range(100_000), None)
+    sizes = []
+    for seconds in [0.01] * 10 + [1.0] * 10:
+        chunk = chunks.take(0)
+        sizes.append(len(chunk.scenes))
+        chunks.learn(len(chunk.scenes), seconds * len(chunk.scenes))
+    assert sizes[0] == FIRST
+    assert sizes[9] == AIM / 0.01
+    assert sizes[-1] == AIM / 1.0
+    assert max(sizes) <= LARGEST
+    assert Chunks(task(10), range(10), None).take(0).numbers == tuple(range(FIRST))
+
+
+def test_idle_workers_are_found_out_and_get_more_to_do():
+    under_way = []
+
+    class Wide(ThreadPoolExecutor):
+        workers = 1  # as far as anybody knows
+
+        def submit(self, work, chunk):
+            under_way.append(self._work_queue.qsize())
+            return super().submit(work, chunk)
+
+    def sleepy(chunk):
+        running.append(1)
+        most.append(len(running))
+        time.sleep(0.02)
+        running.pop()
+        answer = plan_nothing(chunk)
+        return type(answer)(answer.table, answer.timings, 0.02)
+
+    running, most = [], []
+    with Wide(6) as crew:
+        rows = [
+            row for answer in by_workers(Chunks(task(80), range(80), 1), sleepy, crew) for row in answer.table
+        ]
+    assert len(rows) == 80
+    assert max(most) >= 5
+    assert max(under_way) <= 12
+
+
+def test_processes_of_our_own_survive_a_death_and_are_gone_at_the_end(tmp_path):
+    rows = run(1, 4, die_at_one, 12, tmp_path)
+    assert [row["scene"] for row in rows if row["status"] == "crashed"] == [DEADLY]
+    assert json.dumps([row for row in rows if row["scene"] != DEADLY]) == json.dumps(
+        [row for row in run(scenes=12) if row["scene"] != DEADLY]
+    )
+    assert not multiprocessing.active_children()
+
+
+def test_an_interrupt_ends_our_processes_at_once(monkeypatch, tmp_path):
+    monkeypatch.setenv(SECONDS, "0.3")
+    monkeypatch.setattr("jaxplan.study.store.Store.add", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    study = run_task(task(200), 2, tmp_path, 1, False, plan_nothing)
+    assert study.table == []
+    assert not multiprocessing.active_children()
+
+
+def test_processes_are_ended_at_once_when_they_wait_for_work(monkeypatch):
+    monkeypatch.setenv(SECONDS, "0.05")
+    crew = Crew(2)
+    rows = [
+        row
+        for answer in by_workers(Chunks(task(80), range(80), 1), plan_nothing, crew)
+        for row in answer.table
+    ]
+    assert len(rows) == 80
+    assert len(multiprocessing.active_children()) == 2
+    crew.dismiss(at_once=True)  # one of them keeps the lock of the queue
+    assert not multiprocessing.active_children()
+
+
+def test_executors_that_cannot_work_are_refused():
+    with pytest.raises(
+        TypeError, match=r"executor must be .* not str; a Dask client has one by get_executor"
+    ):
+        jp.run_study(range(3), executor="dask")
+    with pytest.raises(TypeError, match="not bool"):
+        jp.run_study(range(3), executor=True)
+    with pytest.raises(ValueError, match="executor = 0: must be at least 1"):
+        jp.run_study(range(3), executor=0)
+    with (
+        ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as executor,
+        pytest.raises(ValueError, match=r'executor forks.*get_context\("spawn"\)'),
+    ):
+        jp.run_study(range(3), executor=executor)
+
+
+def test_a_script_without_a_guard_is_told_about_it(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("import jaxplan as jp\njp.run_study(range(2), executor=1, progress=False)\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert (
+        'worker processes die as they begin: in a script, call run_study below `if __name__ == "__main__":`'
+        in (done.stderr)
+    )

@@ -1,0 +1,41 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from jaxplan.threads import _libraries, one_thread
+
+
+def numbers() -> list[int]:
+    return [get() for get, _ in _libraries()]
+
+
+@pytest.fixture
+def two_threads():
+    if not _libraries():
+        pytest.skip("numpy and scipy are built without OpenBLAS here")
+    before = numbers()
+    for _, set_number in _libraries():
+        set_number(2)
+    yield
+    for (_, set_number), number in zip(_libraries(), before, strict=True):
+        set_number(number)
+
+
+def test_there_is_one_thread_inside_and_the_same_number_as_before_outside(two_threads):
+    assert set(numbers()) == {2}
+    with one_thread(), one_thread():
+        assert set(numbers()) == {1}
+    assert set(numbers()) == {2}
+    with pytest.raises(ZeroDivisionError), one_thread():
+        raise ZeroDivisionError
+    assert set(numbers()) == {2}
+
+
+def test_the_last_of_several_to_leave_puts_the_number_back(two_threads):
+    def see(_):
+        with one_thread():
+            return set(numbers())
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(see, range(200))) == [{1}] * 200
+    assert set(numbers()) == {2}
