@@ -6,7 +6,7 @@ clear. It has up to a dozen local minima; the first goal is the global one, the 
 
 `caps` writes the constraints in one form, `covering` rules out where there is no solution, `descent` finds
 local minima from many starts at once, `multistart` makes the global one of it. Attitudes are body to
-inertial, angles in radians, joints all yaws and then all pitches.
+inertial, angles in radians, joints all yaws and then all pitches. `sensitivity` has the goals' derivatives.
 """
 
 from dataclasses import dataclass

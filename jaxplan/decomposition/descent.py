@@ -81,10 +81,10 @@ def _descend(
 ) -> Array:
     def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
         quaternion, active, _ = state
-        slew, eta, hessian = _angle_terms(quaternion)
-        body, excess, gradients = _cap_terms(quaternion, axis, direction, half_angle)
+        slew, eta, hessian = angle_terms(quaternion)
+        body, excess, gradients = cap_terms(quaternion, axis, direction, half_angle)
         excess = jnp.where(applies(excess, member, group), excess, MET)
-        curved, normals, depth = _active_terms(active, axis, body, excess, gradients)
+        curved, normals, depth = active_terms(active, axis, body, excess, gradients)
         lagrangian = hessian + curved
         scale = 1 + jnp.sum(active.multiplier, axis=0)
         stationarity = eta + jnp.sum(active.multiplier * normals, axis=1)
@@ -99,7 +99,7 @@ def _descend(
         move, active, lost = quadratic.solve(hessian, gradient, gradients, excess)
         move = jnp.where(lost, quadratic.restoration(gradients, excess), move)
         length = jnp.sqrt(dot(move, move))
-        return _turn(quaternion, move * (LONGEST_STEP / jnp.maximum(length, LONGEST_STEP))), active, point
+        return turned(quaternion, move * (LONGEST_STEP / jnp.maximum(length, LONGEST_STEP))), active, point
 
     lanes, dtype = starts.shape[1], starts.dtype
     number, matrix = jnp.zeros(lanes, dtype), jnp.zeros((3, 3, lanes), dtype)
@@ -109,7 +109,7 @@ def _descend(
     return jnp.concatenate([end.quaternion, jnp.stack([end.slew, end.excess, end.residual, curvature])])
 
 
-def _angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
+def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
     """Angle (K,), and gradient (3, K) and Hessian (3, 3, K) of half its square."""
     scalar, vector = quaternion[0], quaternion[1:]
     square = dot(vector, vector)
@@ -123,7 +123,7 @@ def _angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
     return angle, eta, across * identity(along) + (1 - across) * along
 
 
-def _cap_terms(
+def cap_terms(
     quaternion: Array, axis: Array, direction: Array, half_angle: Array
 ) -> tuple[Array, Array, Array]:
     """Directions in body axes (3, m, K), excess over the caps (m, K), and its gradients (3, m, K)."""
@@ -140,7 +140,7 @@ def _cap_terms(
     return body, half_angle[:, None] - jnp.arctan2(sine, dot(a, body)), normal / sine
 
 
-def _active_terms(
+def active_terms(
     active: Active, axis: Array, body: Array, excess: Array, gradients: Array
 ) -> tuple[Array, Array, Array]:
     """Of the active caps that still apply: sum of Hessians (3, 3, K), gradients (3, 3, K), excess (3, K)."""
@@ -158,17 +158,17 @@ def _active_terms(
     return curved, normals, jnp.where(used, depth, 0)
 
 
-def _turn(quaternion: Array, move: Array) -> Array:
+def turned(quaternion: Array, move: Array) -> Array:
     """The quaternion of ``E exp(move^)``."""
     square = dot(move, move)
     small = square < 1e-16
     length = jnp.sqrt(jnp.where(small, 1, square))
     scalar = jnp.where(small, 1, jnp.cos(length / 2))
     vector = jnp.where(small, 0.5, jnp.sin(length / 2) / length) * move
-    turned = jnp.concatenate(
+    product = jnp.concatenate(
         [
             (quaternion[0] * scalar - dot(quaternion[1:], vector))[None],
             quaternion[0] * vector + scalar * quaternion[1:] + cross(quaternion[1:], vector),
         ]
     )
-    return turned / jnp.sqrt(jnp.sum(turned * turned, axis=0))
+    return product / jnp.sqrt(jnp.sum(product * product, axis=0))

@@ -1,0 +1,194 @@
+"""How a goal of step 1 follows its problem: the derivative of the optimum of problem (7).
+
+What is held fixed is every choice: which local minimum the goal is, and which limits and zones it leans on.
+The rest is the implicit function theorem. Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal
+found, and with the caps of `caps` and the terms of `descent`, the optimum is where
+
+    eta + sum of m_i n_i = 0        n_i the gradient of the excess over cap i, m_i its multiplier
+    excess_i = 0                    of all caps that are leant on, at most three
+
+One step of Newton's method from the goal found, with that goal and the equations' derivative in ``d`` and
+``m`` as constants, changes nothing but rounding, and its own derivative is that of the optimum. The curvature
+of objective and caps is in the equations' derivative.
+
+Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import quaternion, so3, zones
+from jaxplan.decomposition import quadratic
+from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
+from jaxplan.decomposition.quadratic import MET
+from jaxplan.path import Goal
+from jaxplan.scenario.model import Targets
+from jaxplan.spacecraft import Spacecraft, joints_toward
+
+
+def differentiable_goal(
+    goal: Goal,
+    spacecraft: Spacecraft,
+    start_attitude: ArrayLike,
+    targets: Targets,
+    cones: zones.Cones,
+) -> Goal:
+    """A goal of step 1 as a function of the problem that it solves.
+
+    Its first derivatives, forward and backward, are those of the optimum: by the start, the targets, the
+    limits at the goal, the mounting angles and limits of terminals, the boresights of instruments, and the
+    directions and half-angles of cones. It composes with ``jit`` and ``vmap``: scenes with as many devices
+    and zones can be stacked, whatever their goals lean on.
+
+    Args:
+        goal: one that `decompose` found for this problem; a constant. For a problem slightly off the one it
+            was found for, the answer is right to first order.
+        spacecraft: terminals and instruments.
+        start_attitude: (3, 3) ``R0``, body to inertial; only its derivatives along rotations mean something.
+        targets: a direction for each terminal, of any length, and limits at the goal. Where such a limit is
+            equal to the joint's own, the derivative is by the joint's own.
+        cones: all zones, for the devices of the spacecraft; directions of any length.
+
+    Returns:
+        The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
+        returned: where a limit is touched but not leant on, it is the one from the side that stays clear of
+        it. So where the start is the goal, the goal follows the start and the slew has derivative zero. Where
+        nearby attitudes are as good, as at half a turn, it is the one that moves the goal least.
+
+    Example:
+        >>> goal = decompose(spacecraft, start, targets, cones).goals[0]
+        >>> def slew(half_angle):
+        ...     changed = replace(cones, half_angle=half_angle)
+        ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
+        >>> jax.grad(slew)(cones.half_angle)
+    """
+    found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
+    start = jnp.asarray(start_attitude, found.dtype)
+    turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
+    caps = _caps(spacecraft, start, targets, cones)
+    matter = _matter(found, *jax.lax.stop_gradient((spacecraft, targets, cones)))
+    optimum = turned(turn, _newton_step(turn, caps, matter)[:, None])
+
+    attitude = start @ quaternion.to_matrix(optimum[:, 0])
+    slew_angle = angle_terms(optimum)[0][0]
+    directions = jnp.asarray(targets.directions, found.dtype)
+    joints = joints_toward(_devices(spacecraft, found.dtype)[0], attitude, directions)
+    arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
+    return Goal(**arrays)  # for once of jax's arrays
+
+
+class _Caps(NamedTuple):
+    """Every cap that a goal may lean on, in the form of `caps.Caps`, and one at the end that never matters.
+
+    First those of the yaws' upper limits (n,) and of the pitches', then likewise of the lower ones, then for
+    each zone one an instrument.
+    """
+
+    axis: Array  # (m, 3) unit vectors in body axes
+    direction: Array  # (m, 3) unit vectors in the body axes of the start
+    half_angle: Array  # (m,)
+
+
+def _newton_step(turn: Array, caps: _Caps, matter: Array) -> Array:
+    """The turn (3,) from the goal found to the optimum, zero but for rounding.
+
+    What is leant on, and how much, is told by the quadratic program of the least turn with the caps taken as
+    linear. At an optimum its answer is no turn at all; where more than three caps are touched, it chooses.
+    """
+    fixed = jax.lax.stop_gradient(caps)
+    _, eta, hessian = angle_terms(turn)
+    body, excess, gradients = cap_terms(turn, *fixed)
+    excess = jnp.where(matter[:, None], excess, MET)
+    identity = jnp.eye(3, dtype=turn.dtype)
+    _, active, _ = quadratic.solve(identity[:, :, None], eta, gradients, excess)
+    curved, normals, _ = active_terms(active, fixed.axis, body, excess, gradients)
+    number, multiplier = active.number[:, 0], active.multiplier[:, 0]
+    used, normal = number >= 0, normals[:, :, 0]
+    free = jnp.diag(jnp.where(used, 0, jnp.ones_like(multiplier)))
+    derivative = jnp.block([[(hessian + curved)[:, :, 0], normal], [normal.T, free]])
+
+    leant_on = _Caps(*(part[jnp.maximum(number, 0)] for part in caps))
+    _, depth, slope = cap_terms(turn, *leant_on)
+    depth, push = jnp.where(used, depth[:, 0], 0), slope[:, :, 0] @ multiplier
+    return -(_inverse(derivative) @ jnp.concatenate([eta[:, 0] + push, depth]))[:3]
+
+
+def _inverse(derivative: Array) -> Array:
+    """Inverse (6, 6) where there is one; directions in which nothing is decided get zero."""
+    decided = float(jnp.finfo(derivative.dtype).eps) ** (2 / 3)
+    return jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
+
+
+def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.Cones) -> _Caps:
+    dtype = start.dtype
+    mounts, boresights = _devices(spacecraft, dtype)
+    yaw, pitch = jnp.split(_limits(spacecraft, targets, dtype), 2)
+    edges = jnp.stack([mounts + yaw + jnp.pi / 2, mounts - yaw - jnp.pi / 2])
+    of_yaw = jnp.stack([jnp.cos(edges), jnp.sin(edges), jnp.zeros_like(edges)], axis=-1)  # (2, n, 3)
+    zero = jnp.zeros_like(mounts)
+    up = jnp.stack([zero, zero, zero + 1], axis=-1)
+    of_joints = jnp.concatenate([of_yaw[0], up, of_yaw[1], -up])
+    joint_half_angle = jnp.pi / 2 - jnp.concatenate([zero, pitch])
+
+    side = jnp.asarray(cones.side, dtype)[:, None]
+    of_zones = side[:, None] * _unit(boresights)
+    zone_half_angle = jnp.where(side > 0, 0, jnp.pi) + side * jnp.asarray(cones.half_angle, dtype)[:, None]
+    towards = jnp.tile(_unit(jnp.asarray(targets.directions, dtype)), (4, 1))
+    to_zones = jnp.repeat(_unit(jnp.asarray(cones.direction, dtype)), len(boresights), axis=0)
+    end = jnp.zeros((1, 3), dtype)
+    half_angles = [
+        joint_half_angle,
+        joint_half_angle,
+        jnp.repeat(zone_half_angle, len(boresights)),
+        end[:, 0],
+    ]
+    return _Caps(
+        axis=jnp.concatenate([of_joints, of_zones.reshape(-1, 3), end]),
+        direction=jnp.concatenate([towards, to_zones, end]) @ start,
+        half_angle=jnp.concatenate([part.ravel() for part in half_angles]),
+    )
+
+
+def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: zones.Cones) -> Array:
+    """Which caps (m,) must be kept: of a joint's two limits the nearer, of a group its best zone."""
+    mounts, boresights = _devices(spacecraft, attitude.dtype)
+    directions = jnp.asarray(targets.directions, attitude.dtype)
+    above = joints_toward(mounts, attitude, directions) >= 0
+    limited = _limits(spacecraft, targets, attitude.dtype) < jnp.pi
+
+    seen = jnp.concatenate([directions, boresights @ attitude.T])
+    worst = jnp.min(zones.device_margins(cones, seen), axis=-1, initial=jnp.inf)
+    same_group = jnp.asarray(cones.group)[:, None] == cones.group
+    as_good_before = (worst == worst[:, None]) & jnp.tri(len(worst), k=-1, dtype=bool)
+    beaten = jnp.any(same_group & ((worst > worst[:, None]) | as_good_before), axis=-1)
+    of_zones = cones.bound[:, len(mounts) :] & ~beaten[:, None]
+    return jnp.concatenate([above & limited, ~above & limited, of_zones.ravel(), jnp.zeros(1, bool)])
+
+
+def _limits(spacecraft: Spacecraft, targets: Targets, dtype: jnp.dtype) -> Array:
+    """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
+    terminals = spacecraft.terminals
+    own = _array([t.yaw_limit for t in terminals] + [t.pitch_limit for t in terminals], dtype)
+    given = [jnp.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
+    at_goal = jnp.repeat(_array(given, dtype), len(terminals))
+    return jnp.where(at_goal < own, at_goal, own)
+
+
+def _devices(spacecraft: Spacecraft, dtype: jnp.dtype) -> tuple[Array, Array]:
+    """Mounting angles (n,) of the terminals and boresights (i, 3) of the instruments."""
+    mounts = _array([terminal.mount for terminal in spacecraft.terminals], dtype)
+    boresights = _array([instrument.boresight for instrument in spacecraft.instruments], dtype)
+    return mounts, boresights.reshape(-1, 3)
+
+
+def _array(values: list[Any], dtype: jnp.dtype) -> Array:
+    """What may be tracers as one array."""
+    return jnp.stack([jnp.asarray(value, dtype) for value in values]) if values else jnp.zeros(0, dtype)
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / so3.length(vectors)[..., None]
