@@ -5,6 +5,7 @@ Devices are numbered terminals first, then instruments. Joints are one vector ``
 points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitudes map body to inertial.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import jax
@@ -75,6 +76,13 @@ def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike)
     azimuth = jnp.arctan2(y, jnp.where(horizontal == 0, 1, x))
     yaw = wrap(azimuth - jnp.asarray(mounts, azimuth.dtype))
     return jnp.concatenate([yaw, jnp.arctan2(z, horizontal)], axis=-1)
+
+
+def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
+    """The values as one array: of numpy, or where JAX traces one of them, of JAX."""
+    if any(isinstance(value, jax.Array) for value in values):
+        return jnp.stack([jnp.asarray(value) for value in values])  # type: ignore[return-value]
+    return np.array(values)
 
 
 @jax.tree_util.register_dataclass
@@ -151,27 +159,27 @@ class Spacecraft:
     @property
     def joint_limits(self) -> np.ndarray:
         """(2n,) rad: the bound of each joint's angle."""
-        return np.array([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
+        return stacked([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
 
     @property
     def joint_rate_limits(self) -> np.ndarray:
         """(2n,) rad/s."""
-        return np.array([t.rate_limit for t in self.terminals] * 2)
+        return stacked([t.rate_limit for t in self.terminals] * 2)
 
     @property
     def joint_acceleration_limits(self) -> np.ndarray:
         """(2n,) rad/s^2."""
-        return np.array([t.acceleration_limit for t in self.terminals] * 2)
+        return stacked([t.acceleration_limit for t in self.terminals] * 2)
 
     @property
     def mounts(self) -> np.ndarray:
         """(n,) rad."""
-        return np.array([t.mount for t in self.terminals])
+        return stacked([t.mount for t in self.terminals])
 
     @property
     def fixed_boresights(self) -> np.ndarray:
         """(number of instruments, 3) unit vectors in body axes."""
-        return np.array([i.boresight for i in self.instruments]).reshape(-1, 3)
+        return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)
 
     def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> Array:
         """Directions of all devices in the inertial frame, as in equations (11) and (12).

@@ -21,6 +21,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.spacecraft import stacked
 
 
 @jax.tree_util.register_dataclass
@@ -96,22 +97,23 @@ def tabulate(keep_out: Sequence[KeepOut], keep_in: Sequence[KeepIn], device_name
     """
     zones: list[KeepOut | KeepIn] = [*keep_out, *keep_in]
     size = capacity(len(zones))
-    direction = np.tile([0.0, 0.0, 1.0], (size, 1))
-    half_angle = np.full(size, 0.5)
+    extra = size - len(zones)
+    direction = stacked([zone.direction for zone in zones] + [np.array([0.0, 0.0, 1.0])] * extra)
+    half_angle = stacked([zone.half_angle for zone in zones] + [0.5] * extra)
     side = np.ones(size)
     bound = np.zeros((size, len(device_names)), dtype=bool)
     group = np.arange(size)
     first_of: dict[str, int] = {}
     for row, zone in enumerate(zones):
-        direction[row] = zone.direction
-        half_angle[row] = zone.half_angle
         names = zone.devices or tuple(device_names)
         bound[row] = [name in names for name in device_names]
         if isinstance(zone, KeepIn):
             side[row] = -1
             if zone.any_of is not None:
                 group[row] = first_of.setdefault(zone.any_of, row)
-    return Cones(direction=direction, half_angle=half_angle, side=side, bound=bound, group=group)
+    return Cones(
+        direction=direction.reshape(-1, 3), half_angle=half_angle, side=side, bound=bound, group=group
+    )
 
 
 def separation(first: ArrayLike, second: ArrayLike) -> Array:

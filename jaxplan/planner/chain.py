@@ -121,7 +121,7 @@ def _climb(
         path = result.path
         for _ in range(halvings):
             path = halve(path)
-        attempt = _finish(replace(so_far, path=path), path, clock)
+        attempt = finish(replace(so_far, path=path), path, clock)
         best.add(attempt)
         if best.over or (attempt.status is Status.LIMITS_TOO_TIGHT and at_leisure):
             return
@@ -138,7 +138,7 @@ def _settings(scenario: Scenario, factor: float, earlier: int, clock: Clock) -> 
     )
 
 
-def _finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
+def finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
     """Fit and certify a trajectory through a path."""
     scenario, goal = so_far.scenario, so_far.goal
     assert goal is not None

@@ -5,10 +5,10 @@ Required keys are written, and settings that differ from their default.
 """
 
 import os
-import secrets
 from pathlib import Path
 from typing import Any
 
+from jaxplan.files import replacing_file
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import Scenario
@@ -48,11 +48,5 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
     Raises:
         OSError: the file cannot be written; one that was there is left as it was.
     """
-    target = Path(path)
-    text = dump_scenario(scenario).encode()
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    try:
-        temporary.write_bytes(text)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing_file(Path(path)) as temporary:
+        temporary.write_bytes(dump_scenario(scenario).encode())

@@ -1,10 +1,10 @@
 """Studies as data frames and Parquet files, by pandas and pyarrow, which the extra ``study`` brings."""
 
 import os
-import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jaxplan.files import replacing_file
 from jaxplan.study.rows import COLUMNS, TIMES
 
 if TYPE_CHECKING:
@@ -38,13 +38,9 @@ def to_parquet(study: "Study", path: str | os.PathLike[str]) -> None:
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise _missing("pyarrow") from error
-    frame, target = to_pandas(study), Path(path)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    try:
+    frame = to_pandas(study)
+    with replacing_file(Path(path)) as temporary:
         frame.to_parquet(temporary, engine="pyarrow", index=False)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _missing(package: str) -> ImportError:

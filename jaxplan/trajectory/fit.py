@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class Fit:
         status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.
         message: what binds, and of a failure what to change, by the settings' names in a file.
         note: what was asked for and is not given, of a fit that is OK.
+        origin: how the trajectory came about, with a method ``hold`` from which its derivatives start; None
+            where there is no trajectory, or nothing moves.
         needed_duration: s, at which the same settings keep all limits; None if none was needed or found.
     """
 
@@ -35,6 +38,7 @@ class Fit:
     status: Status
     message: str
     note: str = ""
+    origin: Any = None
     needed_duration: float | None = None
 
 

@@ -2,9 +2,10 @@
 
 `method` chooses durations and repairs; `build` makes a task of a path; `sqp` improves a curve of a
 `curve_space` step by step, each by a `program` over `families` of rows, which look at the `motion` in its
-`chart`.
+`chart`. `holding` tells which rows bind at the end, `refit` follows the curve while its inputs change.
 """
 
 from jaxplan.trajectory.global_spline.method import fit_global
+from jaxplan.trajectory.global_spline.refit import refit as refit_global
 
-__all__ = ["fit_global"]
+__all__ = ["fit_global", "refit_global"]

@@ -17,7 +17,7 @@ from jaxplan.trajectory.global_spline.timing import along
 from jaxplan.zones import Cones
 
 CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
-_OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
+OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
 _SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
 
 
@@ -157,4 +157,4 @@ def _wanted(problem: Problem, request: Request) -> np.ndarray:
     cones, ends = problem.cones, [0, -1]
     found = margins(cones, cosines(problem, request.attitudes[ends], request.joints[ends]))
     room = np.where(cones.side > 0, np.pi - cones.half_angle, cones.half_angle)
-    return np.minimum(CLEARANCE, _OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))
+    return np.minimum(CLEARANCE, OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))

@@ -19,10 +19,10 @@ import numpy as np
 from jax import Array
 
 from jaxplan import so3
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 REACH = 4.0  # rad; beyond it, short of the whole turn at which D is singular, a chart is no longer used
 _NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the one the other way round
-_FEWEST_NODES = 32  # smallest padded size; each next one is four times as large
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,21 +53,22 @@ class Chart:
         Returns:
             (m + 1, 3) rad.
         """
-        size = _FEWEST_NODES
-        while size < len(places):
-            size *= 4
-        extra = size - len(places)
-        padded = np.concatenate([attitudes, np.repeat(attitudes[-1:], extra, axis=0)])
-        with jax.enable_x64(True):
-            packed = _departures(self.attitude, self.turn, padded, np.pad(places, (0, extra)))
-        eta, steps = (np.array(part)[: len(places)] for part in packed)
+        eta, steps = self.departures(attitudes, places)
         # Views: each is taken on the branch that the edge from the one before leads to.
-        for (before, own), step in zip(pairwise(eta), steps, strict=False):
+        for (before, own), step in zip(pairwise(eta), steps, strict=True):
             angle = np.sqrt(own @ own)
             if angle > 0:
                 ahead = (before + step) @ own / angle
                 own *= 1 + 2 * np.pi / angle * np.round((ahead - angle) / (2 * np.pi))
         return eta + places[:, None] * self.turn
+
+    def departures(self, attitudes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
+        nodes = padded(attitudes, FEWEST_NODES), padded(places, FEWEST_NODES)
+        with jax.enable_x64(True):
+            packed = _departures(self.attitude, self.turn, *nodes)
+        eta, steps = (np.array(part) for part in packed)
+        return eta[: len(places)], steps[: len(places) - 1]
 
 
 def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:

@@ -33,6 +33,8 @@ class CurveSpace:
     Attributes:
         basis: of the splines.
         free: (n, k) ``F``.
+        of_values: (n, v) what takes the given values, those at the ends first, to ``f``.
+        of_rates: (n, 2) what takes the rates at the ends to ``g``.
         fixed: (n, A) ``f``.
         by_time: (n, A) 1/s, ``g``.
         energies: (4, n, n) of the basis.
@@ -40,6 +42,8 @@ class CurveSpace:
 
     basis: Basis
     free: np.ndarray
+    of_values: np.ndarray
+    of_rates: np.ndarray
     fixed: np.ndarray
     by_time: np.ndarray
     energies: np.ndarray
@@ -49,18 +53,18 @@ class CurveSpace:
         """All splines with the given ends."""
         count = 3 if ends.rest else 2
         rows = basis.rows(np.array([0.0, 1.0]), count)
-        fixed = np.zeros((basis.size, ends.values.shape[1]))
-        by_time = np.zeros_like(fixed)
+        of_values, of_rates = np.zeros((2, basis.size, 2))
         for end, part in enumerate((slice(0, count), slice(basis.size - count, basis.size))):
             # At an end only as many B-splines differ from zero as derivatives are given.
             solve = np.linalg.inv(rows[:, end, part])
-            fixed[part] = np.outer(solve[:, 0], ends.values[end])
-            by_time[part] = np.outer(solve[:, 1], ends.rates[end])
+            of_values[part, end], of_rates[part, end] = solve[:, 0], solve[:, 1]
         return cls(
             basis=basis,
             free=np.eye(basis.size)[:, count:-count],
-            fixed=fixed,
-            by_time=by_time,
+            of_values=of_values,
+            of_rates=of_rates,
+            fixed=of_values @ ends.values,
+            by_time=of_rates @ ends.rates,
             energies=basis.energies,
         )
 
@@ -75,15 +79,14 @@ class CurveSpace:
         q, r = np.linalg.qr((rows @ self.free).T, mode="complete")
         count = len(places)
         own, rest = q[:, :count], q[:, count:]
-        to_values = np.linalg.solve(
-            r[:count].T, np.column_stack([values - rows @ self.fixed, rows @ self.by_time])
-        )
-        fixed, by_time = np.split(self.free @ own @ to_values, 2, axis=1)
+        lift = self.free @ np.linalg.solve(r[:count], own.T).T  # from what is missing at the nodes
         return CurveSpace(
             basis=self.basis,
             free=self.free @ rest,
-            fixed=self.fixed + fixed,
-            by_time=self.by_time - by_time,
+            of_values=np.concatenate([self.of_values - lift @ (rows @ self.of_values), lift], axis=1),
+            of_rates=self.of_rates - lift @ (rows @ self.of_rates),
+            fixed=self.fixed + lift @ (values - rows @ self.fixed),
+            by_time=self.by_time - lift @ (rows @ self.by_time),
             energies=self.energies,
         )
 

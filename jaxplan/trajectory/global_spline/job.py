@@ -142,20 +142,29 @@ class Attempt:
     """A curve, and what it breaks.
 
     Attributes:
+        task: what was looked for.
+        point: the curve that was found.
+        request: what it was made for.
         trajectory: of the curve.
         peaks: over all time.
         clear: whether zones are kept at the places, with some of the clearance.
         breach: device that breaks a zone, and by how much (rad); None where none does.
-        radius: rad, of the tube that was tried.
         tube: rad, how far nodes are beyond it; zero or less where they are within.
     """
 
+    task: sqp.Task
+    point: sqp.Point
+    request: Request
     trajectory: Trajectory
     peaks: Peaks
     clear: bool
     breach: tuple[str, float] | None
-    radius: float
     tube: float
+
+    @property
+    def radius(self) -> float:
+        """Of the tube that was tried, rad."""
+        return self.request.radius
 
     @property
     def sound(self) -> bool:
@@ -248,11 +257,13 @@ def attempt_at(
     if not np.isfinite(found.stretch):
         return None
     return Attempt(
+        task=task,
+        point=point,
+        request=request,
         trajectory=curve,
         peaks=found,
         clear=bool(np.all(point.motion.margins >= _KEPT * task.wanted)),
         breach=_breach(point.motion.margins, job.spacecraft),
-        radius=request.radius,
         tube=point.violations[TUBE],
     )
 

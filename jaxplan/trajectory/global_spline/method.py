@@ -14,6 +14,7 @@ from jaxplan.trajectory.bound import excess
 from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.global_spline.bases import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.global_spline.chart import REACH
+from jaxplan.trajectory.global_spline.holding import Origin
 from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at, ladder
 from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.trajectory.scaling import SAFETY, peaks
@@ -307,7 +308,8 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
         wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
         note = f"within trajectory.node_tube_deg nothing was found, nodes are passed within {wide}"
         message = f"{message}; {note}"
-    return Fit(trajectory=curve, status=Status.OK, message=message, note=note)
+    origin = Origin(job=job, attempt=attempt, stretched=stretch)
+    return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
 
 
 def _beyond() -> Fit:

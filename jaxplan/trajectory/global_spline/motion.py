@@ -175,7 +175,7 @@ def _choices(problem: Problem) -> dict[str, bool]:
     return {"dynamic": problem.dynamic, "jerky": problem.jerky}
 
 
-def _loads(turn: Array, place: Array, z: Array, inertia: Array, dynamic: bool, jerky: bool) -> Array:
+def loads_at(turn: Array, place: Array, z: Array, inertia: Array, dynamic: bool, jerky: bool) -> Array:
     """The loads (Q, 3) at one place from ``b`` and its derivatives, z (4, 3)."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
@@ -209,7 +209,7 @@ def _values(
         return (
             attitude @ gamma,
             half.T @ so3.right_jacobian(eta),
-            _loads(turn, place, z, inertia, dynamic, jerky),
+            loads_at(turn, place, z, inertia, dynamic, jerky),
         )
 
     return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
@@ -222,6 +222,6 @@ def _load_slopes(
     """Derivatives of the loads at all places."""
 
     def at(place: Array, z: Array) -> Array:
-        return jax.jacfwd(_loads, argnums=2)(turn, place, z, inertia, dynamic, jerky)
+        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, dynamic, jerky)
 
     return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

@@ -16,7 +16,7 @@ from jaxplan.trajectory.global_spline.rows import Family, Index, Step
 
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
 _ROUNDS = 6
-_BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
+BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
 _SHORTEST_STEP = -0.5  # of the duration, taken off at once: it stays positive
 _NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
 _BINDING = 1e-6  # of the largest multiplier
@@ -49,12 +49,12 @@ class Proposal:
 
     Attributes:
         step: to take; not finite where the program broke down.
-        binding: by family, which rows bind.
+        multipliers: by family, of every row; zero where it does not bind.
         exact: whether no row that is only linearised binds.
     """
 
     step: Step
-    binding: dict[str, np.ndarray]
+    multipliers: dict[str, np.ndarray]
     exact: bool
 
 
@@ -67,33 +67,32 @@ def propose(
         quadratic: the objective.
         families: all rows at the curve.
         penalty: by kind of row.
-        held: by family, rows to begin with beside those that are near.
+        held: by family, multipliers of rows to begin with beside those that are near.
     """
     inverse = np.linalg.inv(quadratic.free.T @ quadratic.hessian @ quadratic.free)
     chosen = [family.chosen(family.room < family.near, family.room) for family in families]
     for family, mask in zip(families, chosen, strict=True):
         if family.name in held:  # in a group another entry may hold now
-            mask |= held[family.name] & np.isfinite(family.room)
+            mask |= (held[family.name] > 0) & np.isfinite(family.room)
     for _ in range(_ROUNDS):
         indices = [np.nonzero(mask) for mask in chosen]
         step, multipliers = _answer(quadratic, inverse, families, indices, penalty)
         added = False
         for family, mask in zip(families, chosen, strict=True):
             room = family.room - family.change(step) - family.time * step.stretch
-            broken = family.chosen(room < -_BROKEN * family.near, room) & ~mask
+            broken = family.chosen(room < -BROKEN * family.near, room) & ~mask
             mask |= broken
             added |= bool(np.any(broken))
         if not added:
             break
     least = _BINDING * max((float(np.max(own, initial=0)) for own in multipliers), default=0.0)
-    binding = {}
-    for family, mask, index, own in zip(families, chosen, indices, multipliers, strict=True):
-        binding[family.name] = np.zeros_like(mask)
-        binding[family.name][tuple(part[own > least] for part in index)] = True
+    found = {}
+    for family, index, own in zip(families, indices, multipliers, strict=True):
+        found[family.name] = np.zeros(family.room.shape)
+        found[family.name][index] = np.where(own > least, own, 0.0)
     curved = (family for family in families if not family.linear)
-    return Proposal(
-        step=step, binding=binding, exact=not any(np.any(binding[family.name]) for family in curved)
-    )
+    exact = not any(np.any(found[family.name]) for family in curved)
+    return Proposal(step=step, multipliers=found, exact=exact)
 
 
 def _answer(

@@ -123,7 +123,7 @@ def needed_duration(problem: Problem, motion: Motion) -> float:
     return float(np.max(found))
 
 
-def _penalties(free_time: bool) -> np.ndarray:
+def penalties(free_time: bool) -> np.ndarray:
     """By kind of row, larger than any multiplier of a problem that has a solution."""
     table = {LIMIT: 1e1, ZONE: 2e1, TUBE: 1e1} if free_time else {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
     return np.array([table[kind] for kind in range(len(table))])
@@ -140,14 +140,14 @@ def improve(task: Task, start: Point, *, until: float = 0.0) -> Point:
     Returns:
         The point of the lowest merit; broken rows show in its violations.
     """
-    penalty = _penalties(task.free_time)
-    objective = _Objective(task, start)
+    penalty = penalties(task.free_time)
+    objective = Objective(task, start)
     at, value, damping, failed = start, objective.merit(start, penalty), 0.0, False
     held: dict[str, np.ndarray] = {}
     dearer = 0
     for _ in range(_MOST_STEPS):
         proposal = propose(objective.quadratic(at, damping), task.rows_at(at), penalty, held)
-        held = proposal.binding
+        held = proposal.multipliers
         step = proposal.step
         ahead = task.point(at.coefficients + step.coefficients, at.duration * (1 + step.stretch))
         ahead_value = objective.merit(ahead, penalty)
@@ -171,16 +171,16 @@ def improve(task: Task, start: Point, *, until: float = 0.0) -> Point:
     return at
 
 
-class _Objective:
+class Objective:
     """Energy, or duration with a little of the energy, both as shares of the first curve's."""
 
     def __init__(self, task: Task, start: Point) -> None:
         self._task, self._duration = task, start.duration
-        self._share = 1.0
-        self._share = self._energy(start)
+        self.share = 1.0
+        self.share = self._energy(start)
 
     def _form(self, duration: float) -> np.ndarray:
-        return self._task.space.energy(duration, self._task.weights) / self._share
+        return self._task.space.energy(duration, self._task.weights) / self.share
 
     def _energy(self, point: Point) -> float:
         form = self._form(point.duration)

@@ -83,11 +83,11 @@ def assemble(
         Segments of the joints, segments of the platform (``node_values`` are those of ``b``), and the charts.
     """
     count = len(joint_ends) - 1
-    indices = [_node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
+    indices = [node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
     nodes = padded(attitudes, FEWEST_NODES), padded(times, FEWEST_NODES)
     with jax.enable_x64(True):
-        assembled = _assemble(*nodes, *(padded(index, _FEWEST_SEGMENTS) for index in indices), order=order)
-        joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in assembled)
+        found = _assemble(*nodes, *(padded(index, _FEWEST_SEGMENTS) for index in indices), order=order)
+        joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in found)
 
     def segments(
         ends: np.ndarray, node_rows: np.ndarray, values: np.ndarray, weights: tuple[float, float]
@@ -108,16 +108,26 @@ def assemble(
     )
 
 
-def _node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
-    """(S, slots) node of each slot; slots left over repeat the last one."""
+def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
+    """Node of each slot (S, slots) of segments with ends (S + 1,); slots left over repeat the last one."""
     return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
 
 
-@partial(jax.jit, static_argnames="order")
-def _assemble(
+def assembled(
     attitudes: Array, times: Array, joint_nodes: Array, platform_nodes: Array, *, order: int
 ) -> tuple[Array, ...]:
-    """Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment."""
+    """What depends on the nodes, as a pure function.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        times: (m + 1,) s.
+        joint_nodes: (S, slots) node of each slot of the joints' segments.
+        platform_nodes: (S, slots) likewise of the platform's.
+        order: of the basis.
+
+    Returns:
+        Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment.
+    """
 
     def rows(times: Array) -> Array:
         start, end = times[:, :1], times[:, -1:]
@@ -131,3 +141,6 @@ def _assemble(
     back = so3.exp(-turned / 2)  # U_j^T
     b = so3.log(back @ relative @ back) + turned  # (32); the errata have it for nodes within a segment
     return rows(times[joint_nodes]), rows(own_times), b, rate, back[:, -1]
+
+
+_assemble = partial(jax.jit, static_argnames="order")(assembled)

@@ -18,6 +18,7 @@ from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, remedy, too_tight, within_limits
 from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
+from jaxplan.trajectory.paper.holding import Origin
 from jaxplan.trajectory.scaling import SAFETY, Peaks, peaks
 from jaxplan.zones import Cones
 
@@ -139,15 +140,21 @@ class _Task:
         if trajectory is None:
             return None
         found = peaks(trajectory, self.spacecraft)
-        return _Attempt(trajectory=trajectory, peaks=found) if np.isfinite(found.stretch) else None
+        origin = Origin(nodes=self.nodes, trajectory=trajectory, limits=limits)
+        return (
+            _Attempt(trajectory=trajectory, peaks=found, origin=origin)
+            if np.isfinite(found.stretch)
+            else None
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Attempt:
-    """A trajectory with its peaks."""
+    """A trajectory with its peaks, and how it came about."""
 
     trajectory: Trajectory
     peaks: Peaks
+    origin: Origin
 
     def better_than(self, other: "_Attempt | None") -> bool:
         """Whether its joints keep their range where the other's do not, or else it needs less time."""
@@ -177,7 +184,8 @@ def _timed(task: _Task, duration: float) -> Fit:
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
     trajectory, stretch = attempt.trajectory, attempt.peaks.stretch
     if stretch <= 1:
-        return Fit(trajectory=trajectory, status=Status.OK, message=within_limits(trajectory, attempt.peaks))
+        message = within_limits(trajectory, attempt.peaks)
+        return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
     needed = _needed_duration(task, _LONGER * stretch * duration)
     message = too_tight(
         duration,
@@ -236,4 +244,5 @@ def _stretched(task: _Task) -> Fit:
         message = "with any number of segments a quadratic program has no solution: change trajectory.order"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
     trajectory = best.trajectory.scaled(best.peaks.stretch * SAFETY)
-    return Fit(trajectory=trajectory, status=Status.OK, message=within_limits(trajectory, best.peaks))
+    message = within_limits(trajectory, best.peaks)
+    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=best.origin)

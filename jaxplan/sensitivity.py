@@ -1,0 +1,156 @@
+"""A plan as a differentiable function of its scenario.
+
+    >>> held = jp.hold(plan)
+    >>> jax.grad(lambda scenario: jp.measures.effort(jp.replan(held, scenario)))(plan.scenario)
+
+What a planner chooses has no derivative and is held fixed: the goal among the local minima of step 1 and the
+limits and zones it leans on, the interior nodes of the path, when nodes are passed as shares of the duration,
+and which limits, zones and nodes bind in step 3. All else follows the scenario: first and last node are its
+start and its goal, and the trajectory is the optimum of step 3. Where a choice is about to change, the
+derivative is that of the side that is held. After tuning, plan again: another path may have become better.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.path import Goal, Path
+from jaxplan.planner import Plan
+from jaxplan.planner.chain import finish
+from jaxplan.planner.check import start_attitude
+from jaxplan.planner.clock import Clock
+from jaxplan.planner.goals import find_goals
+from jaxplan.scenario import GivenState, Scenario
+from jaxplan.trajectory import METHODS, REFITS, Trajectory
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.zones import tabulate
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held:
+    """What is held fixed of a plan; of plans of the same shapes several can be stacked.
+
+    Attributes:
+        goal: where the manoeuvre ends.
+        attitudes: (m + 1, 3, 3) nodes, padded with the last one.
+        joints: (m + 1, 2n) likewise.
+        last: which node is the last.
+        fit: of step 3.
+    """
+
+    goal: Goal
+    attitudes: np.ndarray
+    joints: np.ndarray
+    last: np.ndarray
+    fit: Any
+
+
+def hold(plan: Plan) -> Held:
+    """What is held fixed of a plan while its scenario changes.
+
+    Args:
+        plan: with a trajectory in a given duration, or one whose time was stretched to the limits.
+
+    Raises:
+        ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
+            motion, or another limit is about to bind.
+    """
+    if not plan.ok or plan.path is None or plan.goal is None:
+        raise ValueError(
+            f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
+        )
+    scenario, path = plan.scenario, plan.path
+    start, goal = scenario.start, scenario.goal
+    fit = METHODS[scenario.trajectory.method](
+        path,
+        scenario.spacecraft,
+        scenario.trajectory,
+        cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
+        start_angular_velocity=start.angular_velocity,
+        start_joint_rates=start.joint_rates,
+        end_angular_velocity=goal.angular_velocity,
+        end_joint_rates=goal.joint_rates,
+    )
+    if fit.origin is None:
+        raise ValueError(f"the plan of {scenario.name} does not move, so nothing of it can be followed")
+    return Held(
+        goal=plan.goal,
+        attitudes=padded(path.attitudes, FEWEST_NODES),
+        joints=padded(path.joints, FEWEST_NODES),
+        last=np.array(len(path.attitudes) - 1),
+        fit=fit.origin.hold(),
+    )
+
+
+def replan(held: Held, scenario: Scenario) -> Trajectory:
+    """The trajectory of a scenario near that of a plan, as a pure function.
+
+    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``; every number of the scenario is an input. At
+    the plan's own scenario it is the plan's trajectory, but for what its programs left off their optimum.
+
+    Args:
+        held: of the plan.
+        scenario: with as many devices and zones, and the same choices, as that of the plan.
+
+    Returns:
+        The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
+    """
+    craft = scenario.spacecraft
+    cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+    start = so3.exp(scenario.start.rotation_vector)
+    if isinstance(scenario.goal, GivenState):
+        attitude, joints = so3.exp(scenario.goal.rotation_vector), jnp.asarray(scenario.goal.joints)
+    else:
+        goal: Any = differentiable_goal(held.goal, craft, start, scenario.goal, cones)
+        attitude, joints = goal.attitude, goal.joints
+    number = jnp.arange(len(held.attitudes))
+    first, last = number == 0, number >= held.last
+
+    def nodes(start: Any, between: np.ndarray, end: Any) -> Any:
+        shape = (-1, *[1] * (between.ndim - 1))
+        return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
+
+    path = Path(
+        attitudes=nodes(start, held.attitudes, attitude),
+        joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
+        edge_costs=np.zeros(0),
+    )
+    ends = [
+        jnp.concatenate([jnp.asarray(end.angular_velocity), jnp.asarray(end.joint_rates)])
+        for end in (scenario.start, scenario.goal)
+    ]
+    refit: Any = REFITS[scenario.trajectory.method]
+    return refit(held.fit, path, craft, scenario.trajectory, cones, jnp.stack(ends))
+
+
+def follow(plan: Plan, scenario: Scenario) -> Plan:
+    """The plan of a scenario near that of another plan: without a search, between the same interior nodes.
+
+    Args:
+        plan: with a path.
+        scenario: with the same devices.
+
+    Returns:
+        A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
+        the one nearest to that of the other plan.
+    """
+    if plan.path is None or plan.goal is None:
+        raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
+    clock = Clock(np.inf)
+    attitude = start_attitude(scenario)
+    goals = find_goals(scenario, attitude)
+    if isinstance(goals, Plan):
+        return goals
+    earlier = plan.goal.attitude
+    goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - earlier)))
+    attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
+    attitudes[0], attitudes[-1] = attitude, goal.attitude
+    joints[0], joints[-1] = scenario.start.joints, goal.joints
+    path = replace(plan.path, attitudes=attitudes, joints=joints)
+    return finish(replace(plan, scenario=scenario, goal=goal, path=path), path, clock)

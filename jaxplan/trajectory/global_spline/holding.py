@@ -1,0 +1,252 @@
+"""From a fit that was made to what is held of it: above all which rows bind, to the last of them."""
+
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from jaxplan.path import Path
+from jaxplan.trajectory.global_spline import program, sqp
+from jaxplan.trajectory.global_spline.chart import Chart
+from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
+from jaxplan.trajectory.global_spline.job import Attempt, Job
+from jaxplan.trajectory.global_spline.place_rows import Loads
+from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.trajectory.global_spline.refit import inputs_of, linearised
+from jaxplan.trajectory.global_spline.rows import SIGNS, Family, Index
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+
+_LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
+
+_LOOKS = 20  # at which rows bind
+_PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
+_LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
+
+Masks = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Origin:
+    """How a fit came about.
+
+    Attributes:
+        job: what was fitted.
+        attempt: how it ended.
+        stretched: whether its time was stretched to the limits.
+    """
+
+    job: Job
+    attempt: Attempt
+    stretched: bool
+
+    def hold(self) -> Held:
+        """What is held of it.
+
+        Raises:
+            ValueError: if it is not an optimum in a given time or without limits, or if no set of rows is
+                found that binds there, as where one is about to.
+        """
+        task, point = self.attempt.task, self.attempt.point
+        if task.free_time:
+            raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s longer")
+        objective = sqp.Objective(task, point)
+        rows = {family.name: family for family in task.rows_at(point)}
+        proposal = program.propose(
+            objective.quadratic(point, 0.0), list(rows.values()), sqp.penalties(False), {}
+        )
+        multipliers = proposal.multipliers
+        binding = {name: own > 0 for name, own in multipliers.items()}
+        for _ in range(_LOOKS):
+            held = self._held(point, rows, binding, multipliers, objective.share)
+            root = self._root(held)
+            if root is None:
+                break
+            coefficients, found = root
+            point = task.point(coefficients, point.duration)
+            rows = {family.name: family for family in task.rows_at(point)}
+            multipliers = _named(rows, binding, held, found)
+            least = -_PULLING * np.max(found, initial=1.0)
+            after = {name: _next(rows[name], own, multipliers[name], least) for name, own in binding.items()}
+            settled = all(np.array_equal(after[name], own) for name, own in binding.items())
+            if settled:
+                return replace(held, x=self._free(point), multipliers=found)
+            binding = after
+        raise ValueError(
+            "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
+            "trajectory.duration_s a little"
+        )
+
+    def _root(self, held: Held) -> tuple[np.ndarray, np.ndarray] | None:
+        """Coefficients and multipliers where ``F`` is zero, by Newton's method; None if it does not end."""
+        job, point = self.job, self.attempt.point
+        path = Path(
+            attitudes=padded(job.attitudes, FEWEST_NODES),
+            joints=padded(job.joints, FEWEST_NODES),
+            edge_costs=np.zeros(0),
+        )
+        settings = replace(job.settings, node_tube=self.attempt.radius, duration=0.0)  # given beside
+        z = np.concatenate([held.x.ravel(), held.multipliers])
+        with jax.enable_x64(True):
+            inputs = inputs_of(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
+            for _ in range(_STEPS):
+                left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
+                if np.all(np.abs(left) <= _LEFT):
+                    x = z[: held.x.size].reshape(held.x.shape)
+                    return held.free @ x + np.asarray(inputs.offset), z[held.x.size :]
+                if not (np.all(np.isfinite(left)) and np.all(np.isfinite(matrix))):
+                    break
+                z = z - np.linalg.solve(matrix, left)
+        return None
+
+    def _free(self, point: sqp.Point) -> np.ndarray:
+        """(k, A) ``x`` of a curve."""
+        space = self.attempt.task.space
+        start = space.fixed + point.duration * space.by_time
+        return np.linalg.lstsq(space.free, point.coefficients - start, rcond=None)[0]
+
+    def _held(
+        self,
+        point: sqp.Point,
+        families: dict[str, Family],
+        binding: Masks,
+        multipliers: Masks,
+        share: float,
+    ) -> Held:
+        job, task = self.job, self.attempt.task
+        space, problem = task.space, task.problem
+        own = Problem.of(problem.chart, job.spacecraft, job.cones)
+        inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
+        linear, loads, zones, flat = _gathered(task, families, binding, multipliers)
+        places = self.attempt.request.places
+        return Held(
+            free=space.free,
+            of_values=space.of_values,
+            of_rates=space.of_rates,
+            energies=space.energies[1:] / share,
+            pieces=space.basis.pieces(np.eye(space.basis.size)),
+            breaks=space.basis.breaks,
+            places=padded(places, FEWEST_NODES),
+            given=np.concatenate([[0, len(job.attitudes) - 1], inner]),
+            windings=padded(_windings(problem.chart, job.attitudes, places), FEWEST_NODES),
+            long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
+            tightened=problem.limits / np.where(np.isfinite(own.limits), own.limits, 1),
+            duration=np.array(point.duration if self.stretched else np.nan),
+            linear=linear,
+            loads=loads,
+            zones=zones,
+            x=self._free(point),
+            multipliers=flat,
+            powers=tuple(int(power) for power in problem.powers),
+            stretched=self.stretched,
+        )
+
+
+def _next(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: float) -> np.ndarray:
+    """Which rows of a family to try next: without those that pull, with those that are broken.
+
+    Of rows at places only the worst of each zone or load, since those beside it mean the same.
+    """
+    pulling = binding & (multipliers < least)
+    room = family.room
+    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room)
+    if not family.linear:
+        worst = np.arange(len(room)).reshape(-1, *[1] * (room.ndim - 1))
+        if np.any(pulling):
+            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=0)))
+        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=0)
+    return (binding & ~pulling) | broken
+
+
+def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index]]:
+    """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
+    loads = [name for name, family in families.items() if isinstance(family, Loads)]
+    names = ("joint 1", "joint 2", "range", "tube", *loads, "zone")
+    return [(name, np.nonzero(binding[name])) for name in names if name in families]
+
+
+def _named(families: dict[str, Family], binding: Masks, held: Held, multipliers: np.ndarray) -> Masks:
+    """Multipliers of all rows by family."""
+    on = np.concatenate([held.linear.on, held.loads.on, held.zones.on])
+    flat = multipliers[on]
+    found = {name: np.zeros(family.room.shape) for name, family in families.items()}
+    for name, index in _order(families, binding):
+        count = len(index[0])
+        found[name][index], flat = flat[:count], flat[count:]
+    return found
+
+
+def _gathered(
+    task: sqp.Task, families: dict[str, Family], binding: Masks, given: Masks
+) -> tuple[LinearRows, LoadRows, ZoneRows, np.ndarray]:
+    """The rows that bind, padded, with their multipliers in the same order."""
+    problem, basis = task.problem, task.space.basis
+    joints = task.space.fixed.shape[1] - 3
+    matrices = {"joint 1": basis.differences[1], "joint 2": basis.differences[2], "range": np.eye(basis.size)}
+    if task.tube is not None:
+        matrices["tube"] = task.tube.rows
+    none = np.zeros(0, int)
+    linear = [(np.zeros((0, basis.size)), np.zeros(0), none, none, none)]
+    loads = [(none, np.zeros(0), none, none)]
+    zones: Index = (none, none, none)
+    multipliers: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(3)]
+    for name, index in _order(families, binding):
+        if name in matrices:
+            sign, row, axis = index
+            of_nodes = name == "tube"
+            first = 0 if of_nodes else 3
+            node = row + 1 if of_nodes else np.full(len(row), -1)
+            scale = list(matrices).index(name) * joints + axis
+            linear.append((matrices[name][row], SIGNS[sign], axis + first, node, scale))
+            multipliers[0].append(given[name][index])
+        elif name == "zone":
+            zones = index
+            multipliers[2].append(given[name][index])
+        else:
+            place, sign, axis = index
+            loads.append((place, SIGNS[sign], np.full(len(place), problem.names.index(name)), axis))
+            multipliers[1].append(given[name][index])
+    flat = [np.concatenate(own) for own in multipliers]
+    counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
+    if not len(flat[1]):
+        counts[1] = 0  # loads are seldom near, and their slopes are dear
+    row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
+    of_linear = LinearRows(
+        on=np.arange(counts[0]) < len(sign),
+        row=filled(row, counts[0]),
+        sign=filled(sign, counts[0]),
+        axis=filled(axis, counts[0]),
+        node=filled(node, counts[0]),
+        scale=filled(scale, counts[0]),
+    )
+    place, sign, load, axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
+    of_loads = LoadRows(
+        on=np.arange(counts[1]) < len(sign),
+        place=filled(task.places[place], counts[1]),
+        rows=filled(np.swapaxes(task.rows[:, place], 0, 1), counts[1]),
+        sign=filled(sign, counts[1]),
+        load=filled(load, counts[1]),
+        axis=filled(axis, counts[1]),
+    )
+    place, device, zone = zones
+    of_zones = ZoneRows(
+        on=np.arange(counts[2]) < len(place),
+        place=filled(task.places[place], counts[2]),
+        row=filled(task.rows[0, place], counts[2]),
+        device=filled(device, counts[2]),
+        zone=filled(zone, counts[2]),
+    )
+    return (
+        of_linear,
+        of_loads,
+        of_zones,
+        np.concatenate([filled(*pair) for pair in zip(flat, counts, strict=True)]),
+    )
+
+
+def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Whole turns added to the logarithm at each node."""
+    eta = chart.coordinates(attitudes, places) - places[:, None] * chart.turn
+    short = chart.departures(attitudes, places)[0]
+    angles = np.linalg.norm(short, axis=1)
+    along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
+    return np.round((along - angles) / (2 * np.pi))

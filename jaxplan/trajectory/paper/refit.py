@@ -1,0 +1,171 @@
+"""The paper's scheme as a pure function of its inputs, near those of a fit that was made.
+
+Which limits bind at the joins is held, and so are the segments and the times of the nodes as shares of the
+duration. Then every program is a linear system, and the chain of them is differentiated as it stands.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan.path import Path
+from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory.basis import end_derivatives, energy
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.measures import to_limits
+from jaxplan.trajectory.paper.assembly import assembled
+from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.zones import Cones
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldChain:
+    """The segments of the platform or of the joints.
+
+    Attributes:
+        ends: (S + 1,) int, nodes where segments end.
+        nodes: (S, slots) int, the node of each slot.
+        present: (S, slots) bool, which slots hold a node.
+        sides: (S, 2, d) of rate and acceleration at the join: -1 or 1 where a limit binds, else 0.
+    """
+
+    ends: np.ndarray
+    nodes: np.ndarray
+    present: np.ndarray
+    sides: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held:
+    """What is held of a fit.
+
+    Attributes:
+        fractions: (m + 1,) times of the nodes over the duration.
+        duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
+        joints: segments of the joints.
+        platform: segments of the platform.
+        order: of the basis.
+        stretched: whether the time is stretched to the limits.
+    """
+
+    fractions: np.ndarray
+    duration: np.ndarray
+    joints: HeldChain
+    platform: HeldChain
+    order: int = field(metadata={"static": True})
+    stretched: bool = field(metadata={"static": True})
+
+
+def refit(
+    held: Held,
+    path: Path,
+    spacecraft: Spacecraft,
+    settings: TrajectorySettings,
+    cones: Cones,
+    rates: ArrayLike,
+) -> Trajectory:
+    """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+
+    Args:
+        held: of a fit to as many nodes.
+        path: its attitudes and joints; edges' costs have no say.
+        spacecraft: its limits and inertia.
+        settings: weights and duration.
+        cones: the zones, which this method does not look at.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+
+    Returns:
+        The trajectory, its arrays traced where the inputs are. Nothing is checked: where another limit comes
+        to bind at a join, or one does no longer, it is the optimum under those that are held.
+    """
+    duration: Any = held.duration if held.stretched else settings.duration
+    times = jnp.asarray(held.fractions * duration)
+    attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
+    joint_rows, rows, b, chart_rate, end_turns = assembled(
+        attitudes, times, jnp.asarray(held.joints.nodes), jnp.asarray(held.platform.nodes), order=held.order
+    )
+    ends = jnp.stack([jnp.asarray(rates), jnp.zeros(jnp.shape(rates))], axis=1)  # (2, 2, A)
+    weights = settings.rate_weight, settings.acceleration_weight
+    joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
+    limits = jnp.stack([jnp.asarray(spacecraft.rate_limit), jnp.asarray(spacecraft.acceleration_limit)])
+    angles = _chain(
+        held.joints, times, joint_rows, joints[held.joints.nodes], (0.0, 1.0), joint_limits, ends[:, :, 3:]
+    )
+    coefficients = _chain(
+        held.platform,
+        times,
+        rows,
+        b,
+        weights,
+        jnp.broadcast_to(limits[:, None], (2, 3)),
+        ends[::-1, :, :3],
+        end_turns=end_turns,
+    )
+    arrays: dict[str, Any] = {
+        "breaks": times[held.platform.ends],
+        "chart_attitude": attitudes[held.platform.ends[:-1]],
+        "chart_start": times[held.platform.ends[:-1]],
+        "chart_rate": chart_rate,
+        "coefficients": coefficients,
+        "joint_breaks": times[held.joints.ends],
+        "joint_coefficients": angles,
+        "node_times": times,
+    }
+    curve = Trajectory(**arrays, smoothness=2, method="paper")
+    return to_limits(curve, spacecraft) if held.stretched else curve
+
+
+def _chain(
+    held: HeldChain,
+    times: Array,
+    node_rows: Array,
+    node_values: Array,
+    weights: tuple[Any, Any],
+    limits: Array,
+    ends: Array,
+    end_turns: Array | None = None,
+) -> Array:
+    """Coefficients (S, l + 1, d) of a chain, as `chain` plans it; backward with ``end_turns``."""
+    count, slots, size = node_rows.shape
+    backward = end_turns is not None
+    near, far = (1, 0) if backward else (0, 1)
+    near_rows, far_rows = end_derivatives(size - 1)[near], end_derivatives(size - 1)[far]
+    first = 0 if backward else count - 1  # the segment that closes the chain
+    found: list[Array] = []
+    derivatives, last = ends[0], ends[1]
+    for k in reversed(range(count)) if backward else range(count):
+        if end_turns is not None:
+            derivatives = derivatives @ end_turns[k]
+        half = (times[held.ends[k + 1]] - times[held.ends[k]]) / 2
+        to_x = jnp.stack([half, half**2])[:, None]
+        rate = weights[0] * half**2
+        objective = (rate * energy(size - 1, 1) + weights[1] * energy(size - 1, 2)) / (rate + weights[1])
+        closing = k == first
+        rows = jnp.concatenate([node_rows[k], near_rows, far_rows])
+        far_values = last * to_x if closing else held.sides[k] * limits / SAFETY * to_x
+        values = jnp.concatenate([node_values[k], derivatives * to_x, far_values])
+        always = jnp.concatenate([held.present[k], jnp.ones(2, bool), jnp.full(2, closing)])
+        on = always[:, None] | jnp.concatenate(
+            [jnp.zeros((slots + 2, values.shape[1]), bool), held.sides[k] != 0]
+        )
+        x = jax.vmap(_minimiser, (None, None, 1, 1), 1)(objective, rows, values, on)
+        found.append(x)
+        derivatives = far_rows @ x / to_x
+    return jnp.stack(found[::-1] if backward else found)
+
+
+def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
+    """Minimiser (p,) under the rows (r, p) that are on; a row that is off stands for its multiplier, zero."""
+    active = jnp.where(on[:, None], rows, 0)
+    off = jnp.diag(jnp.where(on, 0.0, 1.0))
+    system = jnp.block([[objective, active.T], [active, off]])
+    right = jnp.concatenate([jnp.zeros(len(objective)), jnp.where(on, values, 0)])
+    return jnp.linalg.solve(system, right)[: len(objective)]

@@ -1,0 +1,219 @@
+"""Gradient descent on numbers of scenarios through `sensitivity.replan`.
+
+Every few steps the plans are made anew on their paths, so that what is held of them fits the numbers reached;
+between, each trajectory is followed from there. At the end the scenarios are planned from the beginning, and
+the last numbers whose plans are all certified are the answer.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from jaxplan.planner import Plan, plan_batch
+from jaxplan.scenario import Scenario
+from jaxplan.scenario.numbers import with_numbers
+from jaxplan.sensitivity import Held, follow, hold, replan
+from jaxplan.tuning.objectives import Objective, make_objective
+from jaxplan.tuning.parameters import Parameter, as_dict, parameters
+
+RENEWED = 10  # steps until plans are made anew
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tuning:
+    """What tuning found.
+
+    Attributes:
+        scenarios: tuned, in the order given; planned anew and certified.
+        plans: of them.
+        numbers: the tuned numbers by name, in the file's units.
+        history: a row a step: its number, the objective, the length of its gradient in the free parameters,
+            and the numbers by name.
+        message: what was given up, empty if all is well.
+        state: of the optimiser, from which ``tune(resume=...)`` goes on.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    plans: tuple[Plan, ...]
+    numbers: Mapping[str, float]
+    history: tuple[Mapping[str, float], ...]
+    message: str = ""
+    state: Any = field(default=None, repr=False)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The first of them."""
+        return self.scenarios[0]
+
+    def __str__(self) -> str:
+        first, last = self.history[0], self.history[-1]
+        width = max(len(name) for name in (*self.numbers, "objective"))
+        lines = [f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"]
+        rows = {"objective": (first["objective"], last["objective"])}
+        rows |= {name: (first[name], value) for name, value in self.numbers.items()}
+        lines += [f"  {name:<{width}}  {a:>12.6g} -> {b:.6g}" for name, (a, b) in rows.items()]
+        return "\n".join([*lines, *([f"  {self.message}"] if self.message else [])])
+
+
+def tune(
+    scenarios: Scenario | Sequence[Scenario],
+    objective: str | Mapping[str, float] | Objective,
+    *,
+    over: Sequence[str] | Mapping[str, tuple[float, float]],
+    optimizer: optax.GradientTransformation | None = None,
+    steps: int = 100,
+    progress: bool = True,
+    resume: Tuning | None = None,
+) -> Tuning:
+    """Lower an objective, in the mean over scenarios, by the gradient in some of their numbers.
+
+    Args:
+        scenarios: one, or several that share the numbers tuned.
+        objective: a name such as "peak_acceleration", weights of several by name, or a function of a
+            trajectory and its scenario, made of JAX operations.
+        over: dotted names of numbers in the file's keys and units, such as ``trajectory.acceleration_weight``
+            or ``keep_out[0].half_angle_deg``, or their bounds by name. All begin with the first one's.
+        optimizer: of optax, on the free parameters; Adam with a rate of 0.1 unless told.
+        steps: of the optimiser.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+        resume: an earlier result of the same call, which is gone on from; its steps count.
+
+    Returns:
+        The tuned scenarios with certified plans, and the history. The same call gives the same result.
+
+    Raises:
+        KeyError: if a scenario has no such number.
+        ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
+            differentiated; the message says which.
+    """
+    given = (scenarios,) if isinstance(scenarios, Scenario) else tuple(scenarios)
+    if not given:
+        raise ValueError("there are no scenarios to tune")
+    if not (type(steps) is int and steps >= 1):
+        raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
+    aim = make_objective(objective)
+    tuned = parameters(given[0], over)
+    for scenario in given[1:]:
+        parameters(scenario, {one.place.name: (one.low, one.high) for one in tuned})
+    optimizer = optax.adam(0.1) if optimizer is None else optimizer
+    with jax.enable_x64(True):
+        if resume is None:
+            free = jnp.array([one.free() for one in tuned])
+            memory, history = optimizer.init(free), []
+        else:
+            (free, memory), history = resume.state, list(resume.history[:-1])
+        return _descend(given, aim, tuned, optimizer, steps, progress, free, memory, history)
+
+
+def _descend(
+    given: tuple[Scenario, ...],
+    aim: Objective,
+    tuned: tuple[Parameter, ...],
+    optimizer: optax.GradientTransformation,
+    steps: int,
+    progress: bool,
+    free: jax.Array,
+    memory: Any,
+    history: list[Mapping[str, float]],
+) -> Tuning:
+    from tqdm.auto import tqdm
+
+    def at(free: Any) -> tuple[Scenario, ...]:
+        numbers = {one.place: float(one.value(z)) for one, z in zip(tuned, np.asarray(free), strict=True)}
+        return tuple(with_numbers(scenario, numbers) for scenario in given)
+
+    def record(value: Any, slope: Any) -> None:
+        row = {"step": len(history), "objective": float(value), "slope": float(jnp.linalg.norm(slope))}
+        history.append(row | as_dict(tuned, np.asarray(free)))
+
+    plans = plan_batch(at(free), progress=progress)
+    for plan in plans:
+        if not plan.ok:
+            raise ValueError(
+                f"{plan.scenario.name} has no plan to begin with: {plan.status.name}. {plan.message}"
+            )
+    bundle = _Bundle.of(plans, aim, tuned)
+    checkpoints = [free]
+    message = ""
+    with tqdm(
+        total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=not progress or None
+    ) as bar:
+        for step in range(steps):
+            if step and step % RENEWED == 0:
+                renewed = [follow(plan, scenario) for plan, scenario in zip(plans, at(free), strict=True)]
+                if all(plan.ok for plan in renewed):
+                    plans, bundle = renewed, _Bundle.of(renewed, aim, tuned)
+                    checkpoints.append(free)
+            value, slope = bundle.slope(free)
+            if not (np.isfinite(value) and np.all(np.isfinite(slope))):
+                message = f"stopped after {step} steps, where the objective is not finite"
+                break
+            record(value, slope)
+            bar.set_postfix_str(f"{float(value):.5g}", refresh=False)
+            bar.update()
+            change, memory = optimizer.update(slope, memory, free)
+            free = optax.apply_updates(free, change)
+    record(*bundle.slope(free))
+    for reached in (free, *reversed(checkpoints)):
+        final = plan_batch(at(reached), progress=progress)
+        if all(plan.ok for plan in final):
+            break
+        message = "the last numbers have no certified plan, so these are earlier ones"
+    return Tuning(
+        scenarios=tuple(plan.scenario for plan in final),
+        plans=tuple(final),
+        numbers=as_dict(tuned, np.asarray(reached)),
+        history=tuple(history),
+        message=message,
+        state=(free, memory),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bundle:
+    """Held plans, stacked where they have the same shapes, and the objective of their trajectories."""
+
+    stacks: tuple[tuple[Held, Scenario], ...]
+    aim: Objective
+    tuned: tuple[Parameter, ...]
+
+    @classmethod
+    def of(cls, plans: Sequence[Plan], aim: Objective, tuned: tuple[Parameter, ...]) -> "_Bundle":
+        groups: dict[Any, list[Any]] = {}
+        for plan in plans:
+            scenario = replace(plan.scenario, name="")
+            pair = jax.tree.map(np.asarray, (hold(plan), scenario))
+            key = jax.tree.structure(pair), tuple(leaf.shape for leaf in jax.tree.leaves(pair))
+            groups.setdefault(key, []).append(pair)
+        stacks = [jax.tree.map(lambda *leaves: np.stack(leaves), *pairs) for pairs in groups.values()]
+        return cls(stacks=tuple(stacks), aim=aim, tuned=tuned)
+
+    def slope(self, free: jax.Array) -> tuple[float, np.ndarray]:
+        """The mean objective and its gradient."""
+        found = [_slope(free, *stack, self.aim, self.tuned) for stack in self.stacks]
+        count = sum(len(stack[0].last) for stack in self.stacks)
+        total = sum(float(value) for value, _ in found) / count
+        return total, np.sum([np.asarray(slope) for _, slope in found], axis=0) / count
+
+
+@jax.jit(static_argnums=(3, 4))
+def _slope(
+    free: jax.Array, held: Held, scenarios: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
+) -> tuple[jax.Array, jax.Array]:
+    """Sum of the objectives of a stack of plans, and its gradient."""
+
+    def total(free: jax.Array) -> jax.Array:
+        numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}
+
+        def one(held: Held, scenario: Scenario) -> jax.Array:
+            changed = with_numbers(scenario, numbers)
+            return aim(replan(held, changed), changed)
+
+        return jnp.sum(jax.vmap(one)(held, scenarios))
+
+    return jax.value_and_grad(total)(free)

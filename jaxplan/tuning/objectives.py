@@ -1,0 +1,59 @@
+"""What tuning may lower: functions of a trajectory and its scenario, in the units of files."""
+
+from collections.abc import Callable, Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.scenario import Scenario
+from jaxplan.trajectory import Trajectory, measures
+from jaxplan.zones import tabulate
+
+Objective = Callable[[Trajectory, Scenario], Array]
+
+_DEGREE = np.pi / 180
+
+
+def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
+    craft = scenario.spacecraft
+    cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+    return measures.least_margin(trajectory, craft, cones) / _DEGREE
+
+
+# Ready-made ones by name; the margin is to grow, so it counts negative.
+OBJECTIVES: dict[str, Objective] = {
+    "peak_acceleration": lambda t, s: measures.peak(t, "angular_acceleration") / _DEGREE,
+    "smooth_peak_acceleration": lambda t, s: measures.power_mean(t, "angular_acceleration") / _DEGREE,
+    "peak_rate": lambda t, s: measures.peak(t, "angular_velocity") / _DEGREE,
+    "peak_jerk": lambda t, s: measures.peak(t, "angular_jerk") / _DEGREE,
+    "peak_torque": lambda t, s: measures.peak_torque(t, s.spacecraft),
+    "effort": lambda t, s: measures.effort(t) / _DEGREE**2,
+    "roughness": lambda t, s: measures.roughness(t) / _DEGREE**2,
+    "duration": lambda t, s: measures.duration(t),
+    "smallest_margin": lambda t, s: -_margin(t, s),
+}
+
+
+def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
+    """The objective that is meant.
+
+    Args:
+        given: a name of `OBJECTIVES`, weights of several by name, or a function of a trajectory and its
+            scenario.
+
+    Raises:
+        ValueError: if a name is not known.
+    """
+    if callable(given):
+        return given
+    weights = {given: 1.0} if isinstance(given, str) else dict(given)
+    for name in weights:
+        if name not in OBJECTIVES:
+            raise ValueError(f"unknown objective {name!r}: must be one of {', '.join(OBJECTIVES)}")
+
+    def objective(trajectory: Trajectory, scenario: Scenario) -> Array:
+        parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights.items()]
+        return jnp.sum(jnp.stack(parts))
+
+    return objective

@@ -1,0 +1,100 @@
+"""Numbers of a scenario as free parameters: a transform keeps each within its bounds.
+
+A number between bounds is ``low + (high - low) / (1 + exp(-z))`` of a free ``z``; where the bounds are
+positive and far apart its logarithm is. So a step in ``z`` means about the same for a weight and a duration.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.scenario import Scenario
+from jaxplan.scenario.numbers import Place, find_number
+
+_FAR = 10.0  # ratio of bounds from which on the logarithm is taken
+_AROUND = 1e3  # bounds about the first value where the file has none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number that is tuned.
+
+    Attributes:
+        place: where it stands.
+        low: bound in the file's units.
+        high: likewise.
+        first: value to begin with.
+    """
+
+    place: Place
+    low: float
+    high: float
+    first: float
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the logarithm is between the bounds."""
+        return self.low > 0 and self.high / self.low >= _FAR
+
+    def value(self, free: Array) -> Array:
+        """The number, in the file's units."""
+        share = 1 / (1 + jnp.exp(-free))
+        if self.logarithmic:
+            return self.low * (self.high / self.low) ** share
+        return self.low + (self.high - self.low) * share
+
+    def free(self) -> float:
+        """The free parameter to begin with."""
+        if self.logarithmic:
+            share = math.log(self.first / self.low) / math.log(self.high / self.low)
+        else:
+            share = (self.first - self.low) / (self.high - self.low)
+        return math.log(share / (1 - share))
+
+
+def parameters(
+    scenario: Scenario, over: Sequence[str] | Mapping[str, tuple[float, float]]
+) -> tuple[Parameter, ...]:
+    """The parameters that are asked for.
+
+    Args:
+        scenario: with the values to begin with.
+        over: dotted names, or their bounds by name, in the file's units. Without bounds a number may go to
+            where the file allows it, but not beyond a thousandth and a thousandfold of its first value.
+
+    Raises:
+        KeyError: if a scenario has no such number.
+        ValueError: if bounds are none, or the first value does not lie between them.
+    """
+    found = []
+    for name in over:
+        place = find_number(scenario, name)
+        first = float(place.get(scenario))
+        low, high = over[name] if isinstance(over, Mapping) else _usual(place, first)
+        inside = low < first < high and math.isfinite(low) and math.isfinite(high)
+        if not inside:
+            raise ValueError(f"{name} = {first:g}: must lie between its bounds {low:g} and {high:g}")
+        for bound in (low, high):
+            if place.interval is not None and not place.interval.low <= bound <= place.interval.high:
+                raise ValueError(f"bound {bound:g} of {name}: must {place.interval.wanted}")
+        found.append(Parameter(place=place, low=float(low), high=float(high), first=first))
+    if not found:
+        raise ValueError("over names nothing to tune")
+    return tuple(found)
+
+
+def _usual(place: Place, first: float) -> tuple[float, float]:
+    """Bounds where none are given."""
+    interval = place.interval
+    low, high = (-math.inf, math.inf) if interval is None else (interval.low, interval.high)
+    near, far = (first / _AROUND, first * _AROUND) if first > 0 else (first - _AROUND, first + _AROUND)
+    return max(low, near), min(high, far)
+
+
+def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
+    """The numbers by name."""
+    return {one.place.name: float(one.value(z)) for one, z in zip(tuned, free, strict=True)}
