@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from jaxplan.exporting import export
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
+    from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.status import Status
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
-    from jaxplan.trajectory import Trajectory
+    from jaxplan.trajectory import Trajectory, measures
+    from jaxplan.tuning import Tuning, tune
 
 _HOMES = {
     "Plan": "jaxplan.planner",
@@ -34,8 +36,11 @@ _HOMES = {
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
     "Trajectory": "jaxplan.trajectory",
+    "Tuning": "jaxplan.tuning",
     "compare_studies": "jaxplan.study",
     "export": "jaxplan.exporting",
+    "follow": "jaxplan.sensitivity",
+    "hold": "jaxplan.sensitivity",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.scenario",
     "load_study": "jaxplan.study",
@@ -43,8 +48,10 @@ _HOMES = {
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
     "random_scenario": "jaxplan.cases",
+    "replan": "jaxplan.sensitivity",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
+    "tune": "jaxplan.tuning",
 }
 
 __all__ = [
@@ -57,24 +64,32 @@ __all__ = [
     "Study",
     "StudyFolderError",
     "Trajectory",
+    "Tuning",
     "compare_studies",
     "export",
+    "follow",
+    "hold",
     "load_plan",
     "load_scenario",
     "load_study",
+    "measures",
     "paper_case",
     "plan",
     "plan_batch",
     "plot",
     "random_scenario",
+    "replan",
     "run_study",
     "save_scenario",
+    "tune",
 ]
 
 
 def __getattr__(name: str) -> Any:
     if name == "plot":
         value: Any = import_module("jaxplan.plotting")
+    elif name == "measures":
+        value = import_module("jaxplan.trajectory.measures")
     elif name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
     else:

@@ -5,9 +5,10 @@
 
 What a planner chooses has no derivative and is held fixed: the goal among the local minima of step 1 and the
 limits and zones it leans on, the interior nodes of the path, when nodes are passed as shares of the duration,
-and which limits, zones and nodes bind in step 3. All else follows the scenario: first and last node are its
-start and its goal, and the trajectory is the optimum of step 3. Where a choice is about to change, the
-derivative is that of the side that is held. After tuning, plan again: another path may have become better.
+the pace of the global method, and which limits, zones and nodes bind in step 3. All else follows the
+scenario: first and last node are its start and its goal, and the trajectory is the optimum of step 3. Where a
+choice is about to change, the derivative is that of the side that is held. After tuning, plan again: another
+path may have become better.
 """
 
 from dataclasses import dataclass, replace
@@ -121,12 +122,14 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
         edge_costs=np.zeros(0),
     )
-    ends = [
+    rates = [
         jnp.concatenate([jnp.asarray(end.angular_velocity), jnp.asarray(end.joint_rates)])
         for end in (scenario.start, scenario.goal)
     ]
+    # Time that is stretched starts and ends at rest: with a rate it would be another motion.
+    ends = jnp.stack(rates) * (0.0 if held.fit.stretched else 1.0)
     refit: Any = REFITS[scenario.trajectory.method]
-    return refit(held.fit, path, craft, scenario.trajectory, cones, jnp.stack(ends))
+    return refit(held.fit, path, craft, scenario.trajectory, cones, ends)
 
 
 def follow(plan: Plan, scenario: Scenario) -> Plan:

@@ -17,7 +17,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, s
 
 @pytest.fixture(autouse=True)
 def _no_compile_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("jaxplan.cli._keep_compiled_code", lambda: None)
+    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ STEP = 0.05
 
 @pytest.fixture(autouse=True)
 def _no_compile_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jaxplan.cli._keep_compiled_code", lambda: None)
+    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
 
 
 @pytest.fixture(scope="module")

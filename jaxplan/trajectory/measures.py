@@ -20,9 +20,9 @@ from jaxplan.zones import Cones, constraint_margins, device_margins
 
 Quantity = Callable[[Samples], Array]
 
-_EACH = 12  # samples on a piece
+_EACH, _ALL = 12, 600  # samples on a piece, and at least on a trajectory
 _GAUSS = 12  # likewise of an integral
-_FINER, _LOOKS = 17, 6  # samples about an extreme, each look eight times as fine
+_FINER, _LOOKS = 17, 5  # samples about an extreme, each look eight times as fine
 
 
 def shares_of_limits(samples: Samples, craft: Spacecraft) -> tuple[Array, np.ndarray]:
@@ -77,7 +77,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     times = _times(held)
     values = quantity(evaluate(held, times))
     best = times[jnp.argmax(values, axis=0)]  # (Q,)
-    width = jnp.max(jnp.diff(jnp.asarray(held.breaks))) / _EACH
+    width = jnp.max(jnp.diff(jnp.sort(times)))
     steps = jnp.linspace(-1, 1, _FINER)
 
     def closer(look: int, best: Array) -> Array:
@@ -216,6 +216,7 @@ def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
 def _times(trajectory: Trajectory) -> Array:
     """Many times, breaks from both sides among them."""
     breaks = jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
-    steps = jnp.arange(_EACH) / _EACH
+    each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
+    steps = jnp.arange(each) / each
     inner = breaks[:-1, None] + jnp.diff(breaks)[:, None] * steps
     return jnp.concatenate([inner.ravel(), breaks[-1:], jnp.nextafter(breaks[1:], breaks[0])])

@@ -35,7 +35,7 @@ class Tuning:
         history: a row a step: its number, the objective, the length of its gradient in the free parameters,
             and the numbers by name.
         message: what was given up, empty if all is well.
-        state: of the optimiser, from which ``tune(resume=...)`` goes on.
+        state: of the descent, from which ``tune(resume=...)`` goes on.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -104,10 +104,27 @@ def tune(
     with jax.enable_x64(True):
         if resume is None:
             free = jnp.array([one.free() for one in tuned])
-            memory, history = optimizer.init(free), []
+            state = _State(free=free, memory=optimizer.init(free), plans=(), history=())
         else:
-            (free, memory), history = resume.state, list(resume.history[:-1])
-        return _descend(given, aim, tuned, optimizer, steps, progress, free, memory, history)
+            state = resume.state
+        return _descend(given, aim, tuned, optimizer, steps, progress, state)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    """Where a descent is.
+
+    Attributes:
+        free: parameters.
+        memory: of the optimiser.
+        plans: that trajectories are followed from; none to begin with.
+        history: a row for each step that was made.
+    """
+
+    free: jax.Array
+    memory: Any
+    plans: tuple[Plan, ...]
+    history: tuple[Mapping[str, float], ...]
 
 
 def _descend(
@@ -117,9 +134,7 @@ def _descend(
     optimizer: optax.GradientTransformation,
     steps: int,
     progress: bool,
-    free: jax.Array,
-    memory: Any,
-    history: list[Mapping[str, float]],
+    state: _State,
 ) -> Tuning:
     from tqdm.auto import tqdm
 
@@ -127,51 +142,68 @@ def _descend(
         numbers = {one.place: float(one.value(z)) for one, z in zip(tuned, np.asarray(free), strict=True)}
         return tuple(with_numbers(scenario, numbers) for scenario in given)
 
-    def record(value: Any, slope: Any) -> None:
-        row = {"step": len(history), "objective": float(value), "slope": float(jnp.linalg.norm(slope))}
-        history.append(row | as_dict(tuned, np.asarray(free)))
+    def row(value: float, slope: np.ndarray) -> dict[str, float]:
+        found = {"step": len(history), "objective": value, "slope": float(np.linalg.norm(slope))}
+        return found | as_dict(tuned, np.asarray(free))
 
-    plans = plan_batch(at(free), progress=progress)
-    for plan in plans:
-        if not plan.ok:
-            raise ValueError(
-                f"{plan.scenario.name} has no plan to begin with: {plan.status.name}. {plan.message}"
-            )
+    free, memory, history = state.free, state.memory, list(state.history)
+    plans = state.plans or _plans_to_begin_with(at(free), progress)
     bundle = _Bundle.of(plans, aim, tuned)
-    checkpoints = [free]
-    message = ""
-    with tqdm(
-        total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=not progress or None
-    ) as bar:
-        for step in range(steps):
+    checkpoints, message = [free], ""
+    hidden = not progress or None  # None: where stderr is no terminal
+    with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
+        for step in range(len(history), len(history) + steps):
             if step and step % RENEWED == 0:
-                renewed = [follow(plan, scenario) for plan, scenario in zip(plans, at(free), strict=True)]
-                if all(plan.ok for plan in renewed):
-                    plans, bundle = renewed, _Bundle.of(renewed, aim, tuned)
+                renewed = _renewed(plans, at(free), aim, tuned)
+                if renewed is not None:
+                    plans, bundle = renewed
                     checkpoints.append(free)
             value, slope = bundle.slope(free)
             if not (np.isfinite(value) and np.all(np.isfinite(slope))):
                 message = f"stopped after {step} steps, where the objective is not finite"
                 break
-            record(value, slope)
-            bar.set_postfix_str(f"{float(value):.5g}", refresh=False)
+            history.append(row(value, slope))
+            bar.set_postfix_str(f"{value:.5g}", refresh=False)
             bar.update()
-            change, memory = optimizer.update(slope, memory, free)
+            change, memory = optimizer.update(jnp.asarray(slope), memory, free)
             free = optax.apply_updates(free, change)
-    record(*bundle.slope(free))
-    for reached in (free, *reversed(checkpoints)):
-        final = plan_batch(at(reached), progress=progress)
+    reached = _State(free=free, memory=memory, plans=plans, history=tuple(history))
+    for answer in (free, *reversed(checkpoints)):
+        final = plan_batch(at(answer), progress=progress)
         if all(plan.ok for plan in final):
             break
-        message = "the last numbers have no certified plan, so these are earlier ones"
+        message = "the last numbers have no certified plans, so these are earlier ones"
     return Tuning(
         scenarios=tuple(plan.scenario for plan in final),
         plans=tuple(final),
-        numbers=as_dict(tuned, np.asarray(reached)),
-        history=tuple(history),
+        numbers=as_dict(tuned, np.asarray(answer)),
+        history=(*history, row(*bundle.slope(free))),
         message=message,
-        state=(free, memory),
+        state=reached,
     )
+
+
+def _plans_to_begin_with(scenarios: tuple[Scenario, ...], progress: bool) -> tuple[Plan, ...]:
+    plans = tuple(plan_batch(scenarios, progress=progress))
+    for plan in plans:
+        if not plan.ok:
+            raise ValueError(
+                f"{plan.scenario.name} has no plan to begin with: {plan.status.name}, {plan.message}"
+            )
+    return plans
+
+
+def _renewed(
+    plans: tuple[Plan, ...], scenarios: tuple[Scenario, ...], aim: Objective, tuned: tuple[Parameter, ...]
+) -> "tuple[tuple[Plan, ...], _Bundle] | None":
+    """The plans of changed scenarios; None where one fails or cannot be held: the descent goes on without."""
+    followed = tuple(follow(plan, scenario) for plan, scenario in zip(plans, scenarios, strict=True))
+    if not all(plan.ok for plan in followed):
+        return None
+    try:
+        return followed, _Bundle.of(followed, aim, tuned)
+    except ValueError:  # a row is about to bind
+        return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

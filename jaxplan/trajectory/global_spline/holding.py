@@ -209,6 +209,8 @@ def _gathered(
     counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
     if not len(flat[1]):
         counts[1] = 0  # loads are seldom near, and their slopes are dear
+    if not len(problem.cones.direction):
+        counts[2] = 0
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     of_linear = LinearRows(
         on=np.arange(counts[0]) < len(sign),

@@ -5,6 +5,7 @@ and margins in it. Its last step is written so that automatic differentiation, f
 ``dz = -K^-1 (dF / d inputs)``, the implicit function theorem.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -211,31 +212,43 @@ def _on(held: Held) -> Traced:
 def _residual(held: Held, inputs: _Inputs, z: Traced) -> Traced:
     """``F``; a row that is padding stands for its multiplier, which is zero."""
     x, y = _split(held, z)
-
-    def lagrangian(x: Array) -> Traced:
-        c = held.free @ x + inputs.offset
-        return jnp.sum(c * (inputs.energy @ c)) / 2 + y @ jnp.where(_on(held), _rows(held, inputs, c), 0)
-
-    rows = _rows(held, inputs, held.free @ x + inputs.offset)
-    return jnp.concatenate([jax.grad(lagrangian)(x).ravel(), jnp.where(_on(held), rows, y)])
+    c, on = held.free @ x + inputs.offset, _on(held)
+    values, slopes = _rows(held, inputs, c)
+    pull = held.free.T @ (inputs.energy @ c) + jnp.tensordot(jnp.where(on, y, 0), slopes, axes=1)
+    return jnp.concatenate([pull.ravel(), jnp.where(on, values, y)])
 
 
-def _rows(held: Held, inputs: _Inputs, c: Traced) -> Traced:
-    """(R,) by how much of a limit, and of zones by how many radians, each row is broken."""
+def _rows(held: Held, inputs: _Inputs, c: Traced) -> tuple[Traced, Traced]:
+    """By how much of a limit, of zones by how many rad, each row is broken (R,); slopes (R, k, A)."""
     linear, loads, zones = held.linear, held.loads, held.zones
+    axes = c.shape[1]
     value = jnp.einsum("rn,nr->r", linear.row, c[:, linear.axis])
     centre = jnp.where(linear.node >= 0, inputs.nodes[linear.node, linear.axis], 0)
-    found = [linear.sign * (value - centre) / _scale(held, inputs) - 1]
+    scale = jnp.where(linear.on, inputs.scales[linear.scale], 1)
+    factor = linear.sign / scale
+    values = [factor * (value - centre) - 1]
+    slopes = [
+        jnp.einsum("rk,ra->rka", factor[:, None] * (linear.row @ held.free), jnp.eye(axes)[linear.axis])
+    ]
     if len(loads.on):
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
-        found.append(jax.vmap(_load_row, (None, 0, 0))(inputs, loads, local))
+        values.append(_each(_load_row, inputs, loads, local))
+        slope = _each(jax.jacfwd(_load_row, 2), inputs, loads, local)
+        own = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, slope)
+        slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - 3))))
     if len(zones.on):
-        found.append(jax.vmap(_zone_row, (None, 0, 0))(inputs, zones, zones.row @ c))
-    return jnp.concatenate(found)
+        local = zones.row @ c
+        values.append(_each(_zone_row, inputs, zones, local))
+        slope = _each(jax.jacfwd(_zone_row, 2), inputs, zones, local)
+        slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
+    return jnp.concatenate(values), jnp.concatenate(slopes)
 
 
-def _scale(held: Held, inputs: _Inputs) -> Traced:
-    return jnp.where(held.linear.on, inputs.scales[held.linear.scale], 1)
+def _each(
+    function: Callable[..., Traced], inputs: _Inputs, rows: LoadRows | ZoneRows, local: Traced
+) -> Traced:
+    """A function of one row and what it depends on, for all rows."""
+    return jax.vmap(function, (None, 0, 0))(inputs, rows, local)
 
 
 def _load_row(inputs: _Inputs, row: LoadRows, z: Traced) -> Traced:
@@ -258,32 +271,24 @@ def _zone_row(inputs: _Inputs, row: ZoneRows, z: Traced) -> Traced:
 def _matrix(held: Held, inputs: _Inputs, z: Traced) -> Traced:
     """Derivative of `_residual` in ``z``, put together from small blocks at the rows that bind."""
     x, y = _split(held, z)
-    c, free = held.free @ x + inputs.offset, held.free
-    axes = x.shape[1]
-    linear, loads, zones = held.linear, held.loads, held.zones
-    counts = np.cumsum([len(linear.on), len(loads.on)])
-    _, of_loads, of_zones = jnp.split(jnp.where(_on(held), y, 0), counts)
-    curved = jnp.einsum("kl,ab->kalb", free.T @ inputs.energy @ free, jnp.eye(axes))
-    factor = linear.sign / _scale(held, inputs)
-    slopes = [jnp.einsum("rk,ra->rka", factor[:, None] * (linear.row @ free), jnp.eye(axes)[linear.axis])]
+    c, free, on = held.free @ x + inputs.offset, held.free, _on(held)
+    loads, zones = held.loads, held.zones
+    counts = np.cumsum([len(held.linear.on), len(loads.on)])
+    _, of_loads, of_zones = jnp.split(jnp.where(on, y, 0), counts)
+    curved = jnp.einsum("kl,ab->kalb", free.T @ inputs.energy @ free, jnp.eye(x.shape[1]))
     if len(loads.on):
         basis = loads.rows @ free
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
-        slope = jax.vmap(jax.grad(_load_row, 2), (None, 0, 0))(inputs, loads, local)
-        bend = jax.vmap(jax.jacfwd(jax.grad(_load_row, 2), 2), (None, 0, 0))(inputs, loads, local)
-        slopes.append(jnp.pad(jnp.einsum("rdk,rda->rka", basis, slope), ((0, 0), (0, 0), (0, axes - 3))))
+        bend = _each(jax.jacfwd(jax.jacfwd(_load_row, 2), 2), inputs, loads, local)
         own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
         curved = curved.at[:, :3, :, :3].add(own)
     if len(zones.on):
         basis = zones.row @ free
-        slope = jax.vmap(jax.grad(_zone_row, 2), (None, 0, 0))(inputs, zones, zones.row @ c)
-        bend = jax.vmap(jax.jacfwd(jax.grad(_zone_row, 2), 2), (None, 0, 0))(inputs, zones, zones.row @ c)
-        slopes.append(jnp.einsum("rk,ra->rka", basis, slope))
+        bend = _each(jax.jacfwd(jax.jacfwd(_zone_row, 2), 2), inputs, zones, zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
-    size, rows = x.size, len(y)
-    jacobian = jnp.concatenate(slopes).reshape(rows, size) * _on(held)[:, None]
-    corner = jnp.diag(jnp.where(_on(held), -_SLACK, 1.0))
-    return jnp.block([[curved.reshape(size, size), jacobian.T], [jacobian, corner]])
+    jacobian = _rows(held, inputs, c)[1].reshape(len(y), x.size) * on[:, None]
+    corner = jnp.diag(jnp.where(on, -_SLACK, 1.0))
+    return jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
 
 
 def _angles(boresights: Array, cones: Cones) -> Traced:

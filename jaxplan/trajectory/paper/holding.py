@@ -38,7 +38,6 @@ class Origin:
         platform, joints = (None, None) if self.limits is None else self.limits
         return Held(
             fractions=padded(self.nodes.fractions, FEWEST_NODES),
-            duration=np.array(curve.duration if self.limits is None else np.nan),
             joints=_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
             platform=_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
             order=order,

@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan import so3
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -49,7 +50,6 @@ class Held:
 
     Attributes:
         fractions: (m + 1,) times of the nodes over the duration.
-        duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
         joints: segments of the joints.
         platform: segments of the platform.
         order: of the basis.
@@ -57,7 +57,6 @@ class Held:
     """
 
     fractions: np.ndarray
-    duration: np.ndarray
     joints: HeldChain
     platform: HeldChain
     order: int = field(metadata={"static": True})
@@ -86,16 +85,21 @@ def refit(
         The trajectory, its arrays traced where the inputs are. Nothing is checked: where another limit comes
         to bind at a join, or one does no longer, it is the optimum under those that are held.
     """
-    duration: Any = held.duration if held.stretched else settings.duration
-    times = jnp.asarray(held.fractions * duration)
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
+    joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
+    limits = jnp.stack([jnp.asarray(spacecraft.rate_limit), jnp.asarray(spacecraft.acceleration_limit)])
+    limits = jnp.broadcast_to(limits[:, None], (2, 3))
+    duration: Any = settings.duration
+    if held.stretched:
+        duration = _nominal_duration(
+            attitudes, joints, held.fractions, jnp.concatenate([limits, joint_limits], axis=1)
+        )
+    times = jnp.asarray(held.fractions * duration)
     joint_rows, rows, b, chart_rate, end_turns = assembled(
         attitudes, times, jnp.asarray(held.joints.nodes), jnp.asarray(held.platform.nodes), order=held.order
     )
     ends = jnp.stack([jnp.asarray(rates), jnp.zeros(jnp.shape(rates))], axis=1)  # (2, 2, A)
     weights = settings.rate_weight, settings.acceleration_weight
-    joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
-    limits = jnp.stack([jnp.asarray(spacecraft.rate_limit), jnp.asarray(spacecraft.acceleration_limit)])
     angles = _chain(
         held.joints, times, joint_rows, joints[held.joints.nodes], (0.0, 1.0), joint_limits, ends[:, :, 3:]
     )
@@ -105,7 +109,7 @@ def refit(
         rows,
         b,
         weights,
-        jnp.broadcast_to(limits[:, None], (2, 3)),
+        limits,
         ends[::-1, :, :3],
         end_turns=end_turns,
     )
@@ -121,6 +125,24 @@ def refit(
     }
     curve = Trajectory(**arrays, smoothness=2, method="paper")
     return to_limits(curve, spacecraft) if held.stretched else curve
+
+
+def _nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
+    """`counting.shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
+    turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
+    moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
+    shares = jnp.diff(jnp.asarray(fractions))[:, None]
+    own = shares > 0
+    rates = jnp.pad(jnp.where(own, moves / jnp.where(own, shares, 1), 0), ((1, 1), (0, 0)))
+    between = jnp.pad(jnp.where(own, shares, 0), ((1, 1), (0, 0)))
+    both = (
+        jnp.where(between[:-1] > 0, between[:-1], between[1:]),
+        jnp.where(between[1:] > 0, between[1:], between[:-1]),
+    )
+    middle = (both[0] + both[1]) / 2
+    accelerations = jnp.where(middle > 0, jnp.diff(rates, axis=0) / jnp.where(middle > 0, middle, 1), 0)
+    by_rate = jnp.max(jnp.abs(rates) / limits[0])
+    return jnp.maximum(by_rate, jnp.sqrt(jnp.max(jnp.abs(accelerations) / limits[1])))
 
 
 def _chain(

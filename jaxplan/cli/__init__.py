@@ -1,0 +1,58 @@
+"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``export``, ``study`` and ``table4``.
+
+Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
+certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from jaxplan.cli import plans, studies
+from jaxplan.cli.common import BAD_INPUT, DONE, complain
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code.
+
+    Args:
+        arguments: the words after ``jaxplan``; those of the process by default.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except KeyboardInterrupt:
+        return complain("interrupted", 130)
+    except BrokenPipeError:  # whoever read our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
+        return complain(f"{place}{error.strerror or error}", BAD_INPUT)
+    except ValueError as error:  # ScenarioError and PlanFileError are such
+        return complain(str(error), BAD_INPUT)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxplan",
+        description="Plan certified attitude manoeuvres of spacecraft with several pointing devices.",
+        epilog="Exit codes: 0 done, 1 no plan, 2 bad input, 3 not certified.",
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    plans.add_commands(commands)
+    studies.add_commands(commands)
+    parser.set_defaults(run=lambda options: _no_command(parser, options))
+    return parser
+
+
+def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    if options.version:
+        from jaxplan.version import __version__
+
+        print(f"jaxplan {__version__}")
+        return DONE
+    parser.print_help(sys.stderr)
+    return BAD_INPUT

@@ -1,0 +1,137 @@
+"""The commands on one plan: ``plan``, ``check``, ``plot`` and ``export``."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxplan.cli import common
+from jaxplan.cli.common import (
+    DONE,
+    MARK,
+    NO_PLAN,
+    NOT_CERTIFIED,
+    load,
+    print_result,
+    save,
+    say,
+    writable_folder,
+)
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+    from jaxplan.scenario import Scenario
+
+
+def add_commands(commands: Any) -> None:
+    """Tell the parser of them."""
+    plan = commands.add_parser("plan", help="plan a scenario", description="Plan a scenario and certify it.")
+    plan.add_argument(
+        "scenario", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
+    )
+    plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
+    plan.add_argument("--json", action="store_true", help="print a summary for machines")
+    plan.set_defaults(run=_plan)
+    check = commands.add_parser(
+        "check", help="certify a plan file anew", description="Prove a plan file's trajectory safe, anew."
+    )
+    check.add_argument("plan", metavar="PLAN", help="a plan.json")
+    check.add_argument("--json", action="store_true", help="print the certificate for machines")
+    check.set_defaults(run=_check)
+    plot = commands.add_parser(
+        "plot", help="draw a plan file", description="Draw the figures of a plan file."
+    )
+    plot.add_argument("plan", metavar="PLAN", help="a plan.json")
+    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
+    plot.set_defaults(run=_plot)
+    _export_parser(commands)
+
+
+def _export_parser(commands: Any) -> None:
+    export = commands.add_parser(
+        "export",
+        help="write a plan for other tools",
+        description="Certify a plan file anew and write its motion as another tool reads it.",
+    )
+    export.add_argument("plan", metavar="PLAN", help="a plan.json")
+    export.add_argument(
+        "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
+    )
+    export.add_argument("--epoch", metavar="UTC", help="of the start, such as 2026-01-01T00:00:00")
+    export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
+    export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+    export.set_defaults(run=_export)
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from jaxplan.planner import plan, save_plan
+
+    scenario = _scenario(options.scenario)
+    folder = None if options.out is None else writable_folder(options.out)
+    common.keep_compiled_code()
+    result = plan(scenario, throw=False)
+    print_result(result.summary() if options.json else result)
+    if folder is not None:
+        save_plan(result, folder / "plan.json")
+        say(f"wrote {folder / 'plan.json'}")
+        _draw(result, folder)
+    return {"OK": DONE, "UNCERTIFIED": NOT_CERTIFIED}.get(result.status.name, NO_PLAN)
+
+
+def _scenario(name: str) -> "Scenario":
+    from jaxplan.cases import CASE_NAMES, case_path
+    from jaxplan.scenario import load_scenario
+
+    if name in CASE_NAMES:
+        return load_scenario(case_path(name))
+    if not name:
+        raise ValueError(f"SCENARIO is empty, it must name a file or one of {', '.join(CASE_NAMES)}")
+    if not Path(name).exists():
+        raise ValueError(f"{name}: no such file, and none of the cases {', '.join(CASE_NAMES)}")
+    return load_scenario(name)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from jaxplan.planner import check_plan
+    from jaxplan.planner.record import report_summary
+
+    plan = load(options.plan)
+    common.keep_compiled_code()
+    report = check_plan(plan)
+    print_result(report_summary(report) if options.json else report)
+    return DONE if report.certified else NOT_CERTIFIED
+
+
+def _plot(options: argparse.Namespace) -> int:
+    plan = load(options.plan)
+    folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
+    common.keep_compiled_code()
+    _draw(plan, folder)
+    return DONE if plan.ok else NO_PLAN
+
+
+def _export(options: argparse.Namespace) -> int:
+    from jaxplan.exporting import default_path, export
+
+    plan = load(options.plan)
+    path = default_path(options.plan, options.format) if options.out is None else options.out
+    common.keep_compiled_code()
+    written = export(
+        plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
+    )
+    say(f"wrote {written}")
+    return DONE
+
+
+def _draw(plan: "Plan", folder: Path) -> None:
+    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
+    from jaxplan import plotting
+
+    left = set(plotting.FIGURE_NAMES)
+    for name, figure in plotting.figures(plan):
+        save(figure, folder / f"{name}.png")
+        left.remove(name)
+    for file in (folder / f"{name}.png" for name in sorted(left)):
+        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+            file.unlink()
+            say(f"removed {file}, which was of an earlier plan")

@@ -1,0 +1,147 @@
+"""The commands on many scenes: ``study`` and ``table4``."""
+
+import argparse
+from typing import Any
+
+from jaxplan.cli import common
+from jaxplan.cli.common import DONE, complain, count, print_result, save, writable_folder
+
+
+def add_commands(commands: Any) -> None:
+    """Tell the parser of them."""
+    _study_parser(commands)
+    _table4_parser(commands)
+
+
+def _study_parser(commands: Any) -> None:
+    study = commands.add_parser(
+        "study",
+        help="plan many random scenes, and say how it went",
+        description="Plan many random scenes, or report on studies made before. "
+        "Where a study with --out was interrupted, the same command goes on.",
+    )
+    study.add_argument("--kind", metavar="K", help="of the random scenes (keep_out)")
+    study.add_argument("-n", type=count, metavar="N", help="scenes (100)")
+    study.add_argument("--first-seed", type=int, metavar="SEED", help="of the first scene (0)")
+    study.add_argument("--planner", metavar="P", help="of all scenes (mha)")
+    study.add_argument("--workers", type=count, metavar="W", help="processes (1)")
+    study.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        help="a setting, such as search.max_expansions=500; may be repeated",
+    )
+    study.add_argument(
+        "--report", nargs="+", metavar="DIR", help="plan nothing, report on the studies in these folders"
+    )
+    study.add_argument(
+        "-o", "--out", metavar="DIR", help="keep the study there; with --report, write figures there"
+    )
+    study.add_argument("--json", action="store_true", help="print the summary for machines")
+    study.set_defaults(run=_study)
+
+
+def _table4_parser(commands: Any) -> None:
+    table4 = commands.add_parser(
+        "table4",
+        help="compare the planners as the paper's Table 4 does",
+        description="Let every planner search the same random scenes, with the paper's rows beside.",
+    )
+    table4.add_argument("-n", type=count, default=20, metavar="N", help="scenes a kind (20, as in the paper)")
+    table4.add_argument("--kind", action="append", metavar="K", help="of random scenes; may be repeated")
+    table4.add_argument("--planner", action="append", metavar="P", help="may be repeated; all by default")
+    table4.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="of the first scene (0)")
+    table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
+    table4.add_argument("--json", action="store_true", help="print the rows for machines")
+    table4.set_defaults(run=_table4)
+
+
+def _study(options: argparse.Namespace) -> int:
+    from jaxplan.study import run_study
+
+    if options.report is not None:
+        return _report(options)
+    first, count = options.first_seed or 0, options.n or 100
+    settings = dict(map(_setting, options.set or ()))
+    common.keep_compiled_code()
+    workers = None if options.workers in (None, 1) else options.workers
+    study = run_study(
+        range(first, first + count),
+        options.kind or "keep_out",
+        options.planner or "mha",
+        settings,
+        executor=workers,
+        out=options.out,
+    )
+    summary = study.summary()
+    print_result(summary.record() if options.json else summary)
+    if not study.complete:
+        again = "" if options.out is None else ": the same command goes on"
+        return complain(f"interrupted after {summary.done} of {summary.scenes} scenes{again}", 130)
+    return DONE
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Name and value of a setting; a value that is no TOML is a text without its quotes."""
+    import tomllib
+
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"--set {text}: must be NAME=VALUE, such as search.max_expansions=500")
+    try:
+        return name.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name.strip(), value.strip()
+
+
+def _report(options: argparse.Namespace) -> int:
+    """Say what studies in folders found, and how they compare where there are two or more."""
+    from jaxplan.study import compare_studies, load_study
+
+    for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
+        if getattr(options, name) is not None:
+            raise ValueError(
+                f"{'-n' if name == 'n' else '--' + name.replace('_', '-')} says what to plan, "
+                "but --report plans nothing"
+            )
+    studies = [load_study(folder) for folder in options.report]
+    summaries = [study.summary() for study in studies]
+    folder = None if options.out is None else writable_folder(options.out)
+    compared = [compare_studies(studies[0], other) for other in studies[1:]]
+    if options.json:
+        records = [summary.record() for summary in summaries]
+        print_result({"studies": records, "comparisons": [one.record() for one in compared]})
+    else:
+        print(*summaries, *compared, sep="\n\n")
+    if folder is not None:
+        from jaxplan.plotting import study_figure
+
+        save(study_figure(studies), folder / "study.png")
+    return DONE
+
+
+def _table4(options: argparse.Namespace) -> int:
+    from tqdm.auto import tqdm
+
+    from jaxplan.cases import RANDOM_KINDS
+    from jaxplan.search import PLANNERS
+    from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
+
+    kinds, planners = (
+        tuple(dict.fromkeys(names)) for names in (options.kind or PAPER_KINDS, options.planner or PLANNERS)
+    )
+    for key, chosen, known in (("--kind", kinds, RANDOM_KINDS), ("--planner", planners, tuple(PLANNERS))):
+        for name in chosen:
+            if name not in known:
+                raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
+    folder = None if options.out is None else writable_folder(options.out)
+    common.keep_compiled_code()
+    total = options.n * len(kinds) * len(planners)
+    with tqdm(total=total, desc="table4", unit=" searches", delay=1, leave=False, disable=None) as bar:
+        rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
+    print_result([row.summary() for row in rows] if options.json else format_table(rows))
+    if folder is not None:
+        from jaxplan.plotting import comparison_figure
+
+        save(comparison_figure([*rows, *printed_rows(kinds)]), folder / "table4.png")
+    return DONE

@@ -1,0 +1,143 @@
+"""Tuning by the gradient, the numbers it may tune and the bounds it keeps."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxplan as jp
+from jaxplan.cases import paper_case
+from jaxplan.scenario import scenario_to_dict
+from jaxplan.scenario.numbers import find_number, with_numbers
+from jaxplan.tuning.objectives import OBJECTIVES, make_objective
+from jaxplan.tuning.parameters import parameters
+
+CASE = paper_case(1)  # the paper's method in 80 s
+WEIGHTS = ("trajectory.rate_weight", "trajectory.acceleration_weight")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("trajectory.duration_s", 80.0),
+        ("keep_out[0].half_angle_deg", 21.0),
+        ("spacecraft.terminal[1].mount_deg", 120.0),
+        ("spacecraft.rate_limit_deg_s", 3.0),
+        ("search.clearance_deg", 0.5),
+        ("goal.yaw_limit_deg", 88.0),
+    ],
+)
+def test_a_number_is_found_by_its_name_and_replaced(name, value):
+    place = find_number(CASE, name)
+    assert place.get(CASE) == pytest.approx(value)
+    changed = with_numbers(CASE, {place: 0.9 * value})
+    assert place.get(changed) == pytest.approx(0.9 * value)
+    assert scenario_to_dict(with_numbers(changed, {place: value})) == scenario_to_dict(CASE)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("trajectory.acceleration_wait", "perhaps acceleration_weight is meant"),
+        ("keep_out[9].half_angle_deg", "keep_out has"),
+        ("keep_out.half_angle_deg", r"write keep_out\[0\]"),
+        ("keep_out[0].direction", "no single number"),
+        ("start.attitude", "no single number"),
+        ("search.seed", "no single number"),
+        ("search[0].clearance_deg", "no table with rows"),
+        ("trajectory.", "is no key"),
+        ("trajectory.node_tube_deg", "not a number here"),
+    ],
+)
+def test_what_is_no_number_is_told_what_there_is(name, said):
+    with pytest.raises(KeyError, match=said):
+        find_number(CASE, name)
+
+
+def test_a_word_is_no_number():
+    stretched = replace(CASE, trajectory=replace(CASE.trajectory, duration="stretched"))
+    with pytest.raises(KeyError, match="not a number here but stretched"):
+        find_number(stretched, "trajectory.duration_s")
+
+
+def test_parameters_begin_where_the_scenario_is_and_keep_their_bounds():
+    over = {"trajectory.duration_s": (40.0, 120.0), "trajectory.acceleration_weight": (1e-2, 1e3)}
+    tuned = (*parameters(CASE, over), *parameters(CASE, ("spacecraft.terminal[0].mount_deg",)))
+    for one in tuned:
+        assert float(one.value(one.free())) == pytest.approx(one.first, rel=1e-12, abs=1e-9)
+        ends = one.value(jnp.array([-50.0, 50.0]))
+        np.testing.assert_allclose(ends, [one.low, one.high], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({"trajectory.duration_s": (90.0, 120.0)}, "must lie between its bounds 90 and 120"),
+        ({"trajectory.duration_s": (10.0, np.inf)}, "between its bounds"),
+        (
+            {"keep_out[0].half_angle_deg": (10.0, 200.0)},
+            r"bound 200 of keep_out\[0\].half_angle_deg: must lie in",
+        ),
+        ((), "nothing to tune"),
+    ],
+)
+def test_senseless_bounds_are_refused_by_name(over, said):
+    with pytest.raises(ValueError, match=said):
+        parameters(CASE, over)
+
+
+def test_a_call_that_makes_no_sense_is_refused_before_anything_is_planned():
+    with pytest.raises(ValueError, match="unknown objective 'speed': must be one of peak_acceleration"):
+        jp.tune(CASE, "speed", over=WEIGHTS)
+    with pytest.raises(ValueError, match="steps = 0"):
+        jp.tune(CASE, "effort", over=WEIGHTS, steps=0)
+    with pytest.raises(ValueError, match="no scenarios"):
+        jp.tune([], "effort", over=WEIGHTS)
+    blocked = replace(CASE, keep_out=(replace(CASE.keep_out[0], half_angle=3.0), *CASE.keep_out[1:]))
+    with pytest.raises(ValueError, match=f"{CASE.name} has no plan to begin with: INVALID_START"):
+        jp.tune(blocked, "effort", over=WEIGHTS)
+
+
+def test_ready_made_objectives_are_those_of_dense_samples():
+    plan = jp.plan(replace(CASE, spacecraft=replace(CASE.spacecraft, inertia=np.diag([5.0, 7.0, 9.0]))))
+    t = np.linspace(0, plan.trajectory.duration, 200_001)
+    s = plan.trajectory.sample(t)
+    inertia = plan.scenario.spacecraft.inertia
+    momentum = s.angular_velocity @ inertia
+    torque = s.angular_acceleration @ inertia + np.cross(s.angular_velocity, momentum)
+    squares = np.sum(s.angular_acceleration**2, axis=1) + np.sum(s.joint_accelerations**2, axis=1)
+    expected = {
+        "peak_torque": np.abs(torque).max(),
+        "effort": np.rad2deg(np.rad2deg(np.trapezoid(squares, t))),
+        "smallest_margin": -np.rad2deg(plan.report.min_margin),
+    }
+    asked = {name: OBJECTIVES[name] for name in expected}
+    asked["weighted"] = make_objective({"duration": 2.0, "effort": 0.5})
+    quick = {"xla_backend_optimization_level": 0}
+    kernel = jax.jit(
+        lambda curve: {name: one(curve, plan.scenario) for name, one in asked.items()}, compiler_options=quick
+    )
+    found = {name: float(value) for name, value in kernel(plan.trajectory).items()}
+    weighted = found.pop("weighted")
+    assert found == pytest.approx(expected, rel=2e-3)
+    assert weighted == pytest.approx(160 + 0.5 * found["effort"])
+
+
+def test_tuning_lowers_the_peak_acceleration_and_is_certified_resumable_and_the_same_again():
+    whole = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=20, progress=False)
+    assert whole.message == ""
+    assert whole.plans[0].ok
+    assert [row["step"] for row in whole.history] == list(range(21))
+    peaks = [
+        np.abs(plan.trajectory.sample(np.linspace(0, 80, 20_001)).angular_acceleration).max()
+        for plan in (jp.plan(CASE), *whole.plans)
+    ]
+    assert peaks[1] <= 0.97 * peaks[0]
+    assert whole.history[-1]["objective"] == pytest.approx(np.rad2deg(peaks[1]), rel=1e-4)
+    assert "->" in str(whole)
+    half = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=10, progress=False)
+    again = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=10, progress=False, resume=half)
+    assert again.history == whole.history
+    assert again.numbers == whole.numbers
