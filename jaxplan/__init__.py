@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from jaxplan.status import Status
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory
+    from jaxplan.tuning import tune_search
 
 _HOMES = {
     "Plan": "jaxplan.planner",
@@ -45,6 +46,7 @@ _HOMES = {
     "random_scenario": "jaxplan.cases",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
+    "tune_search": "jaxplan.tuning",
 }
 
 __all__ = [
@@ -69,6 +71,7 @@ __all__ = [
     "random_scenario",
     "run_study",
     "save_scenario",
+    "tune_search",
 ]
 
 
