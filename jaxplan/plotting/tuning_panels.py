@@ -7,14 +7,15 @@ from typing import Protocol
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.style import COLOURS, GREY, KEEP_OUT, TEXT, Entries, Look, legend_beside, plain, tidy
 
 Row = Mapping[str, float]
 
-_WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.5  # inches: of the figure, and heights of its panels
+_WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.7  # inches: of the figure, and heights of its panels
+_FAR = 10.0  # ratio of objectives from which on their axis is logarithmic
 _COUNTS = ("step", "trial")
 _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
@@ -36,6 +37,8 @@ class Tuned(Protocol):
 
 def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
+
+    Trials are drawn as they were measured first: of times the last measurement may choose another one.
 
     Args:
         result: of `jaxplan.tuning.tune` or `jaxplan.tune_search`.
@@ -66,6 +69,8 @@ def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axe
         else:
             axes.plot([row["step"] for row in rows], [row[key] for row in rows], **_LINE)
         plain(axes.set_ylabel(label if key == "objective" else _broken(key), fontsize=TEXT))
+    _use_decades(grid[0], np.array([row["objective"] for row in rows], dtype=float))
+    grid[0].figure.align_ylabels(grid)
     grid[-1].set_xlabel("trial" if by_trials else "step", fontsize=TEXT)
     grid[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if by_trials and legend:
@@ -93,6 +98,16 @@ def _failed(rows: Sequence[Row]) -> np.ndarray:
 def _better(first: Row, second: Row) -> Row:
     """The better of two trials: success comes first."""
     return min(first, second, key=lambda row: (-row["success_rate"], row["objective"]))
+
+
+def _use_decades(axes: Axes, values: np.ndarray) -> None:
+    """A logarithmic axis where values are positive and far apart, so that the least can be told apart."""
+    known = values[np.isfinite(values)]
+    if len(known) and np.all(known > 0) and np.max(known) >= _FAR * np.min(known):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _entries(rows: Sequence[Row]) -> Entries:

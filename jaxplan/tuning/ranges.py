@@ -62,13 +62,12 @@ def make_ranges(task: Task, scenarios: tuple[Scenario, ...], over: object) -> tu
         if not _is_pair(bounds)
     ]
     pairs = {str(name): bounds for name, bounds in over.items() if _is_pair(bounds)}
-    for end in (0, 1):  # what a file may hold are intervals, so all between two good bounds is good
-        try:
-            make_task(
-                task.scenes, task.kind, task.planner, {name: bounds[end] for name, bounds in pairs.items()}
-            )
-        except ScenarioError as error:
-            faults += error.faults
+    for name, bounds in pairs.items():
+        for bound in bounds:  # what a file may hold are intervals, so all between two good bounds is good
+            try:
+                make_task(task.scenes, task.kind, task.planner, {name: bound})
+            except ScenarioError as error:
+                faults += error.faults
     if faults:
         raise ScenarioError(dict.fromkeys(faults), "over")
     return tuple(_range(name, bounds, scenarios) for name, bounds in pairs.items())
