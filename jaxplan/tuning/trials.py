@@ -158,7 +158,7 @@ def _search(trial: Trials, seed: int) -> str:
     Differential evolution, of scipy's methods: it only compares trials, so that noise, jumps, plateaus and
     failures do it little harm, it keeps whole numbers whole, and every trial after the first eight builds on
     the better ones. Methods that fit a model (COBYQA) or move a simplex are quicker where the objective is
-    smooth, and lose that where it is noisy; neither knows whole numbers.
+    smooth, but lose most of that where it is noisy; neither knows whole numbers.
     """
     from scipy.optimize import differential_evolution
     from scipy.stats.qmc import LatinHypercube
