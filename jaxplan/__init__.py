@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jaxplan.status import Status
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
-    from jaxplan.tuning import Tuning, tune
+    from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
 
 _HOMES = {
     "Plan": "jaxplan.planner",
@@ -32,6 +32,7 @@ _HOMES = {
     "PlanningError": "jaxplan.planner",
     "Scenario": "jaxplan.scenario",
     "ScenarioError": "jaxplan.scenario",
+    "SearchTuning": "jaxplan.tuning",
     "Status": "jaxplan.status",
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
@@ -52,6 +53,7 @@ _HOMES = {
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
     "tune": "jaxplan.tuning",
+    "tune_search": "jaxplan.tuning",
 }
 
 __all__ = [
@@ -60,6 +62,7 @@ __all__ = [
     "PlanningError",
     "Scenario",
     "ScenarioError",
+    "SearchTuning",
     "Status",
     "Study",
     "StudyFolderError",
@@ -82,6 +85,7 @@ __all__ = [
     "run_study",
     "save_scenario",
     "tune",
+    "tune_search",
 ]
 
 

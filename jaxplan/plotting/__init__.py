@@ -5,11 +5,11 @@
 
 Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
 `table4` the rows of a comparison; `study` and its panels `success_rates`, `outcomes` and `distribution` take
-studies. All take, with ``ax``, where to draw: axes (several for a figure of several
-panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's global
-settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of plans,
-a planner one colour in all comparisons. `animate` returns a film. Axes are in degrees and seconds, torques
-in N m.
+studies, `tuning` what tuning found. All take, with ``ax``, where to draw: axes (several for a figure of
+several panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's
+global settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of
+plans, a planner one colour in all comparisons. `animate` returns a film. Axes are in degrees and seconds,
+torques in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure, table4
@@ -22,6 +22,7 @@ from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sphere_map import sphere
 from jaxplan.plotting.study_figure import study, study_figure
 from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
+from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
 __all__ = [
@@ -46,4 +47,5 @@ __all__ = [
     "success_rates",
     "table4",
     "torque",
+    "tuning",
 ]

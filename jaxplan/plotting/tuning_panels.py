@@ -1,0 +1,120 @@
+"""How numbers were tuned: the objective above, and below each number, by step or by trial."""
+
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
+from typing import Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.style import COLOURS, GREY, KEEP_OUT, TEXT, Entries, Look, legend_beside, plain, tidy
+
+Row = Mapping[str, float]
+
+_WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.7  # inches: of the figure, and heights of its panels
+_FAR = 10.0  # ratio of objectives from which on their axis is logarithmic
+_COUNTS = ("step", "trial")
+_NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
+_LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
+_TRIAL: Look = {"color": GREY, "linestyle": "", "marker": "o", "markersize": 4}
+_FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
+
+
+class Tuned(Protocol):
+    """What tuning found, such as a `jaxplan.tuning.Tuning` or `jaxplan.tuning.SearchTuning`.
+
+    Attributes:
+        history: a row a step or trial, with its number, the objective, of trials the success rate, and the
+            numbers by name.
+    """
+
+    @property
+    def history(self) -> Sequence[Row]: ...  # noqa: D102
+
+
+def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
+
+    Trials are drawn as they were measured first: of times the last measurement may choose another one.
+
+    Args:
+        result: of `jaxplan.tuning.tune` or `jaxplan.tune_search`.
+        ax: as many axes as numbers were tuned and one, a figure to put them in, or None for a new one.
+        legend: whether to name the marks of trials beside the first panel.
+
+    Returns:
+        The axes, from top to bottom: the objective, then the numbers.
+
+    Raises:
+        ValueError: if there is nothing to draw, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.tuning(jp.tune_search(range(20), "hard_keep_out", objective="expansions"))
+    """
+    rows = result.history
+    if not rows:
+        raise ValueError("the tuning has no steps to draw")
+    names = [name for name in rows[0] if name not in _NO_NUMBERS]
+    heights = [_FIRST, *[_OTHERS] * len(names)]
+    grid = panels(ax, len(heights), (_WIDTH, sum(heights)), heights=heights)
+    label = getattr(result, "objective", "objective")  # trials say which, with its unit
+    by_trials = "trial" in rows[0]
+    for axes, key in zip(grid, ("objective", *names), strict=True):
+        tidy(axes)
+        if by_trials:
+            _trials(axes, rows, key)
+        else:
+            axes.plot([row["step"] for row in rows], [row[key] for row in rows], **_LINE)
+        plain(axes.set_ylabel(label if key == "objective" else _broken(key), fontsize=TEXT))
+    _use_decades(grid[0], np.array([row["objective"] for row in rows], dtype=float))
+    grid[0].figure.align_ylabels(grid)
+    grid[-1].set_xlabel("trial" if by_trials else "step", fontsize=TEXT)
+    grid[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    if by_trials and legend:
+        legend_beside(grid[0], _entries(rows))
+    return grid
+
+
+def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
+    """Each trial, those with more failures than the best crossed out, and the best until then."""
+    best = list(accumulate(rows, _better))
+    numbers = np.array([row["trial"] for row in rows])
+    values = np.array([row[key] for row in rows], dtype=float)
+    failed = _failed(rows)
+    axes.step(numbers, [row[key] for row in best], where="post", **_LINE)
+    axes.plot(numbers[~failed], values[~failed], **_TRIAL)
+    axes.plot(numbers[failed], values[failed], **_FAILED)
+
+
+def _failed(rows: Sequence[Row]) -> np.ndarray:
+    """Which trials planned fewer scenes than the best."""
+    rates = np.array([row["success_rate"] for row in rows])
+    return rates < np.max(rates)
+
+
+def _better(first: Row, second: Row) -> Row:
+    """The better of two trials: success comes first."""
+    return min(first, second, key=lambda row: (-row["success_rate"], row["objective"]))
+
+
+def _use_decades(axes: Axes, values: np.ndarray) -> None:
+    """A logarithmic axis where values are positive and far apart, so that the least can be told apart."""
+    known = values[np.isfinite(values)]
+    if len(known) and np.all(known > 0) and np.max(known) >= _FAR * np.min(known):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _entries(rows: Sequence[Row]) -> Entries:
+    entries: Entries = [(Line2D([], [], **_LINE), "best so far"), (Line2D([], [], **_TRIAL), "a trial")]
+    return entries + [(Line2D([], [], **_FAILED), "fewer scenes\nplanned")] * bool(np.any(_failed(rows)))
+
+
+def _broken(name: str) -> str:
+    """A dotted name on lines of its own, so that it fits beside a low panel."""
+    return name.replace(".", ".\n")

@@ -1,0 +1,213 @@
+"""Search settings tuned by trials: each is a study of the same scenes, by other settings.
+
+What a search does jumps with its settings, so there is no gradient to follow (`descent` has one, of
+trajectories). A trial plans whole, as `run_study` does, not the search alone: a short path that no certified
+trajectory follows is a failure. Times are those of the search step.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan.cases import random_scenario
+from jaxplan.scenario import Scenario
+from jaxplan.study import Study
+from jaxplan.study.summary import column_values
+from jaxplan.study.task import make_task
+from jaxplan.study.text import aligned
+from jaxplan.tuning.ledger import Ended, Score, Trials
+from jaxplan.tuning.ranges import make_ranges
+
+# Label, column, and whether every scene counts or only those that are planned, as in a study's summary.
+_OBJECTIVES = {
+    "time": ("search time (s)", "search_s", True),
+    "expansions": ("expansions", "expansions", True),
+    "length": ("path length (steps)", "length_steps", False),
+}
+_POPULATION = 8  # the scenes' own settings and seven more; scipy wants at least five
+_OVER: Mapping[str, tuple[float, float]] = {
+    "search.heuristic_weight": (1, 20),
+    "search.anchor_weight": (1, 4),
+    "search.attitude_step_rad": (0.05, 0.3),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchTuning:
+    """What trials found.
+
+    Attributes:
+        settings: of the best trial, as `run_study` and a scenario file take them. Where the scenes' own are
+            the best these are they; one in which the scenes differ is left out then.
+        objective: what was lowered, with its unit.
+        own: the row of the scenes' own settings, as ``baseline`` has it.
+        best: likewise of the best settings, as ``study`` has it.
+        history: a row a trial: its number, the objective, the success rate and the numbers by name. The first
+            are the scenes' own settings, with NaN for what is no number that all share.
+        study: by the best settings.
+        baseline: by the scenes' own.
+        message: how it was found, and what was given up.
+    """
+
+    settings: Mapping[str, float]
+    objective: str
+    own: Mapping[str, float]
+    best: Mapping[str, float]
+    history: tuple[Mapping[str, float], ...]
+    study: Study
+    baseline: Study
+    message: str
+
+    def __str__(self) -> str:
+        labels = {"objective": self.objective, "success_rate": "success rate (%)"}
+        factors = {"success_rate": 100.0}
+        cells = [["", "own", "best"]]
+        for key in self.own:
+            values = [factors.get(key, 1.0) * row[key] for row in (self.own, self.best)]
+            cells.append([labels.get(key, key), *("-" if math.isnan(v) else f"{v:.5g}" for v in values)])
+        title = f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
+        head = [title, f"  best: trial {self.best['trial']}", f"  {self.message}"]
+        return aligned("\n".join(head), [], [cells[0], *cells[2:]])
+
+
+def tune_search(
+    scenarios_or_seeds: Iterable[Scenario] | Iterable[int],
+    kind: str | None = None,
+    *,
+    planner: str = "mha",
+    over: Mapping[str, tuple[float, float]] = _OVER,
+    objective: str | Score = "time",
+    trials: int = 30,
+    seed: int = 0,
+    progress: bool = True,
+) -> SearchTuning:
+    """Look for better search settings by trials, without a gradient.
+
+    Success comes first: settings that leave more scenes without a certified plan are always worse, whatever
+    their objective. Among settings with as many failures, the lower objective is better. The scenes' own
+    settings are the first trial, and the answer is never worse than they are.
+
+    Expansions and lengths are the same on every run. Times are noisy: the least of many is lower than it
+    would be again, so the best and the scenes' own settings are measured once more, one after the other, and
+    these measurements decide. A function is treated likewise, as it may look at times.
+
+    Args:
+        scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
+        kind: of the random scenes, "keep_out" unless told; only with seeds.
+        planner: one of those of `run_study`; settings that it does not have change nothing.
+        over: bounds of the settings to vary, by dotted names in the keys and units of a scenario file.
+            Whole numbers stay whole.
+        objective: "time" for the mean of the search step, "expansions" for that of the last search, both of
+            all scenes, "length" for the mean length of the paths of planned scenes, or a function of a
+            `Study`, whose value is finite or +inf.
+        trials: at most, the scenes' own settings among them.
+        seed: of the trials' random choices.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        The best settings, and all trials. Ctrl-C ends the search early, with the best until then.
+
+    Raises:
+        TypeError: for scenes that are none, or an objective that is neither a name nor a function.
+        ValueError: for bad seeds, an unknown kind, planner or objective, too few trials, or an objective
+            that is no number.
+        ScenarioError: for settings or bounds that a file could not hold; all are named.
+
+    Example:
+        >>> found = jp.tune_search(range(20), "hard_keep_out", planner="mha-paper", objective="expansions")
+        >>> study = jp.run_study(range(20, 200), "hard_keep_out", "mha-paper", found.settings)
+    """
+    for name, value, least in (("trials", trials, 2), ("seed", seed, 0)):
+        if type(value) is not int or value < least:
+            raise ValueError(f"{name} = {value!r}: must be an integer of at least {least}")
+    label, score = _make_score(objective)
+    task = make_task(scenarios_or_seeds, kind, planner, None)
+    scenarios = tuple(
+        # all of a kind have the same settings
+        scene if isinstance(scene, Scenario) else random_scenario(scene, str(task.kind))
+        for scene in (task.scenes if task.kind is None else task.scenes[:1])
+    )
+    ranges = make_ranges(task, scenarios, over)
+    with _bar(trials, progress) as bar:
+        noisy = objective not in ("expansions", "length")
+        trial = Trials(task, ranges, score, trials, noisy, bar)
+        ending = _search(trial, seed)
+        changed = trial.best["trial"] > 0
+        if changed and noisy and not ending:
+            ending = trial.measure_again()
+    messages = ["found by trials, not by a gradient: others may be better"] * (trial.best["trial"] > 0)
+    messages += ["nothing better than the scenes' own settings was found"] * (trial.best["trial"] == 0)
+    return SearchTuning(
+        settings={one.name: trial.best[one.name] for one in ranges if not math.isnan(trial.best[one.name])},
+        objective=label,
+        own=trial.own,
+        best=trial.best,
+        history=tuple(trial.history),
+        study=trial.study,
+        baseline=trial.baseline,
+        message="; ".join([*messages, *([ending] if ending else [])]),
+    )
+
+
+def _search(trial: Trials, seed: int) -> str:
+    """Try settings until all trials are spent; says how it ended, if not so.
+
+    Differential evolution, of scipy's methods: it only compares trials, so that noise, jumps, plateaus and
+    failures do it little harm, it keeps whole numbers whole, and every trial after the first eight builds on
+    the better ones. Methods that fit a model (COBYQA) or move a simplex are quicker where the objective is
+    smooth, but lose most of that where it is noisy; neither knows whole numbers.
+    """
+    from scipy.optimize import differential_evolution
+    from scipy.stats.qmc import LatinHypercube
+
+    generator = np.random.default_rng(seed)
+    low, high, own = np.array([(one.low, one.high, one.own) for one in trial.ranges], dtype=float).T
+    spread = low + (high - low) * LatinHypercube(len(low), rng=generator).random(_POPULATION)
+    spread[0] = np.where(np.isnan(own), spread[0], np.clip(own, low, high))
+    try:
+        differential_evolution(
+            trial,
+            list(zip(low, high, strict=True)),
+            init=spread,
+            integrality=[one.integer for one in trial.ranges],
+            maxiter=trial.most,  # the trials are spent before, unless most were made before
+            tol=0,  # ends where all settings are equally good
+            polish=False,
+            rng=generator,
+        )
+    except KeyboardInterrupt:
+        return f"interrupted after {len(trial.history)} of {trial.most} trials"
+    except Ended as ended:
+        if ended.__cause__ is not None:
+            raise ended.__cause__ from None
+    return ""
+
+
+def _make_score(objective: str | Score) -> tuple[str, Score]:
+    """The objective's label, and the function."""
+    if isinstance(objective, str):
+        if objective not in _OBJECTIVES:
+            known = ", ".join(_OBJECTIVES)
+            raise ValueError(f"objective = {objective!r}: must be one of {known}, or a function of a Study")
+        label, column, every = _OBJECTIVES[objective]
+
+        def mean(study: Study) -> float:
+            values = column_values(study, column, every)
+            return float(np.mean(values)) if len(values) else math.inf
+
+        return label, mean
+    if not callable(objective):
+        raise TypeError(f"objective must be a name or a function of a Study, not {type(objective).__name__}")
+    return getattr(objective, "__name__", "objective"), objective
+
+
+def _bar(trials: int, progress: bool) -> Any:
+    """A bar shown after a second where somebody can see it."""
+    from tqdm.auto import tqdm
+
+    return tqdm(
+        desc="tuning", unit=" trials", total=trials, delay=1, leave=False, disable=not progress or None
+    )
