@@ -1,8 +1,8 @@
 """Numbers of a trajectory that can be differentiated: peaks, effort, margins, and the stretch to the limits.
 
 Extremes are over continuous time: the highest of many samples is followed by ever finer ones about it. Its
-time is held, so derivatives are those of the quantity at that time (the envelope theorem); where two peaks
-are equally high it is that of one of them.
+time, as a share of the duration, is held, so derivatives are those of the quantity at that time (the envelope
+theorem); where two peaks are equally high it is that of one of them.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ Quantity = Callable[[Samples], Array]
 
 _EACH, _ALL = 12, 600  # samples on a piece, and at least on a trajectory
 _GAUSS = 12  # likewise of an integral
-_FINER, _LOOKS = 17, 5  # samples about an extreme, each look eight times as fine
+_FINER, _LOOKS = 17, 8  # samples about an extreme, each look eight times as fine
 
 
 def shares_of_limits(samples: Samples, craft: Spacecraft) -> tuple[Array, np.ndarray]:
@@ -89,7 +89,9 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
         return jnp.take_along_axis(near, jnp.argmax(own, axis=1)[:, None], axis=1)[:, 0]
 
     best = jax.lax.fori_loop(0, _LOOKS, closer, best)
-    return jnp.diagonal(quantity(evaluate(trajectory, best)))
+    # As shares of the duration they are held, for a peak at a break moves with it.
+    moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
+    return jnp.diagonal(quantity(evaluate(trajectory, moving)))
 
 
 def peak(trajectory: Trajectory, field: str) -> Array:
@@ -118,13 +120,13 @@ def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     Returns:
         In the field's unit.
     """
-    duration = jnp.asarray(trajectory.breaks)[-1]
 
     def scaled(samples: Samples) -> Array:
         return jnp.mean((getattr(samples, field) / largest_held) ** power, axis=-1)
 
     largest_held = jax.lax.stop_gradient(peak(trajectory, field))
-    return largest_held * (integral(trajectory, scaled) / duration) ** (1 / power)
+    mean = integral(trajectory, scaled) / duration(trajectory)
+    return largest_held * mean ** (1 / power)
 
 
 def integral(trajectory: Trajectory, quantity: Quantity) -> Array:

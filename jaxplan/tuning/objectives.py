@@ -1,6 +1,7 @@
 """What tuning may lower: functions of a trajectory and its scenario, in the units of files."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 
 import jax.numpy as jnp
 import numpy as np
@@ -52,8 +53,15 @@ def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
         if name not in OBJECTIVES:
             raise ValueError(f"unknown objective {name!r}: must be one of {', '.join(OBJECTIVES)}")
 
+    return _weighted(tuple(weights.items()))
+
+
+@cache
+def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
+    """The same function for the same weights, so that it is compiled once."""
+
     def objective(trajectory: Trajectory, scenario: Scenario) -> Array:
-        parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights.items()]
+        parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
         return jnp.sum(jnp.stack(parts))
 
     return objective
