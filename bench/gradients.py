@@ -54,7 +54,7 @@ def tune(method: str, scenes: int, steps: int) -> None:
     scenarios = []
     for seed in range(scenes):
         scenario = jp.random_scenario(seed, "keep_out")
-        settings = replace(scenario.trajectory, method=method, duration=80.0)
+        settings = replace(scenario.trajectory, method=method, duration=120.0)
         scenarios.append(replace(scenario, trajectory=settings))
     over = ("trajectory.rate_weight", "trajectory.acceleration_weight")
     begin = time.perf_counter()
@@ -78,7 +78,7 @@ if __name__ == "__main__":
     print("case 2   value, ms  with gradient, ms  ratio   fit, ms")
     for method in ("paper", "global"):
         compare(method)
-    print(f"\n{options.steps} steps over {options.scenes} random keep_out scenes in 80 s")
+    print(f"\n{options.steps} steps over {options.scenes} random keep_out scenes in 120 s")
     print("         one step, s  all, warm, s   mean peak acceleration, deg/s^2")
     for method in ("paper", "global"):
         tune(method, options.scenes, options.steps)

@@ -116,7 +116,7 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
     rng = np.random.default_rng(0)
     told = {name.split(".")[1].split("[")[0] for name, tells in zip(names, telling, strict=True) if tells}
     assert told >= {"start", "goal", "trajectory", "spacecraft"}
-    for part in (("start", "goal"), ("spacecraft", "keep_out", "keep_in"), ("trajectory",)):
+    for part in (("start", "goal", "spacecraft", "keep_out", "keep_in"), ("trajectory",)):
         steps, expected = [], 0.0
         for (_, leaf), name, slope, tells in zip(leaves, names, slopes, telling, strict=True):
             step = np.zeros(np.shape(leaf))
@@ -134,7 +134,7 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
             ]
             return made_anew(case, jax.tree.unflatten(tree, changed))
 
-        found = (8 * (at(STEP) - at(-STEP)) - (at(2 * STEP) - at(-2 * STEP))) / (12 * STEP)
+        found = (at(STEP) - at(-STEP)) / (2 * STEP)
         assert expected == pytest.approx(found, rel=1e-6, abs=1e-6), part
 
 

@@ -123,8 +123,8 @@ def test_frames_and_parquet_files_hold_the_table_and_the_times(tmp_path):
     assert frame["interior_nodes"].dtype == "Int64"
     study.to_parquet(tmp_path / "study.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "study.parquet"), frame)
-    with pytest.raises(OSError, match="nowhere"):
-        study.to_parquet(tmp_path / "nowhere" / "study.parquet")
+    with pytest.raises(OSError, match="study"):
+        study.to_parquet(tmp_path / "study.parquet" / "in-a-file.parquet")
     assert [file.name for file in tmp_path.iterdir()] == ["study.parquet"]
 
 
