@@ -95,7 +95,7 @@ def test_a_scene_that_kills_its_worker_is_the_only_one_to_crash(deadly, workers)
     assert all("its worker died, 2 times" in rows[number]["message"] for number in deadly)
     well = [row for row in rows if row["scene"] not in deadly]
     assert json.dumps(well) == json.dumps([row for row in run() if row["scene"] not in deadly])
-    assert crew.lives <= 1 + 10 * len(deadly)  # a few for each, however the threads take turns
+    assert crew.lives <= 1 + 4 * len(deadly)
 
 
 def test_a_worker_that_dies_idle_or_by_chance_costs_nothing():

@@ -33,6 +33,7 @@ class Chunks:
         self._task, self._left = task, iter(left)
         self._fixed, self._size = size, size or FIRST
         self._suspects: deque[Chunk] = deque()
+        self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
 
     def take(self, under_way: int) -> Chunk | None:
         """The next chunk; None where there is none, or none that may run beside others.
@@ -40,8 +41,11 @@ class Chunks:
         Args:
             under_way: how many chunks are.
         """
+        if under_way and (self._suspects or self._alone):
+            return None
+        self._alone = bool(self._suspects)
         if self._suspects:
-            return None if under_way else self._suspects.popleft()
+            return self._suspects.popleft()
         numbers = tuple(islice(self._left, self._size))
         return self._chunk(numbers) if numbers else None
 
