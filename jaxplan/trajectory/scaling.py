@@ -11,7 +11,7 @@ stationary point, and Newton's method finds it from the nearest point of a fine 
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -76,19 +76,20 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
         "torque": (spacecraft.torque_limit, 2),
         "momentum": (spacecraft.wheel_momentum_limit, 1),
     }
+    limited = {load: own for load, own in limited.items() if own[0] is not None}
     inertia = np.zeros((3, 3)) if spacecraft.inertia is None else np.asarray(spacecraft.inertia, float)
     whole = trajectory.padded()
     with jax.enable_x64(True):
-        loads = np.asarray(_platform_loads(whole.platform_pieces, inertia))
+        loads = np.asarray(_platform_loads(whole.platform_pieces, inertia, tuple(limited)))
         joint_loads = np.asarray(_joint_loads(whole.joint_breaks, whole.joint_coefficients))
     loads = loads[-len(trajectory.coefficients) :]  # without the padding, which stands in front
     joint_loads = joint_loads[-len(trajectory.joint_coefficients) :]
     names, ratios, powers = [], [], []
-    for row, (load, (limit, power)) in enumerate(limited.items()):
-        if limit is not None:
-            names += [f"platform {load} {axis}" for axis in "xyz"]
-            ratios.append(largest(loads[..., row, :]) / limit)
-            powers += [power] * 3
+    platform_peaks = largest(loads.reshape(*loads.shape[:2], -1)).reshape(-1, 3)
+    for (load, (limit, power)), highest in zip(limited.items(), platform_peaks, strict=True):
+        names += [f"platform {load} {axis}" for axis in "xyz"]
+        ratios.append(highest / limit)
+        powers += [power] * 3
     names += [f"{joint} {load}" for load in ("rate", "acceleration") for joint in spacecraft.joint_names]
     joint_limits = np.concatenate([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
     angles, *rates = np.split(largest(joint_loads), 3)
@@ -164,17 +165,24 @@ def _chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
     return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
 
 
-@jax.jit
-def _platform_loads(stacked: pieces.Piece, inertia: Array) -> Array:
-    """(N, G, 5, 3) rate, acceleration, jerk, torque and momentum at the Chebyshev points of every piece."""
+@partial(jax.jit, static_argnames="wanted")
+def _platform_loads(stacked: pieces.Piece, inertia: Array, wanted: tuple[str, ...]) -> Array:
+    """(N, G, Q, 3) the loads wanted, at the Chebyshev points of every piece."""
     count, size, _ = jnp.shape(stacked.coefficients)
     points = 4 * size + 13  # the attitude's exponentials add to the polynomials' degree
     own = jax.tree.map(lambda array: jnp.repeat(array, points, axis=0), stacked)
     _, rate, acceleration, jerk = pieces.platform(own, _chebyshev_times(stacked.start, stacked.end, points))
     momentum = rate @ inertia.T
     torque = acceleration @ inertia.T + jnp.cross(rate, momentum)
-    loads = jnp.stack([rate, acceleration, jerk, torque, momentum], axis=1)
-    return loads.reshape(count, points, 5, 3)
+    loads = {
+        "rate": rate,
+        "acceleration": acceleration,
+        "jerk": jerk,
+        "torque": torque,
+        "momentum": momentum,
+    }
+    chosen = jnp.stack([loads[name] for name in wanted], axis=1)
+    return chosen.reshape(count, points, len(wanted), 3)
 
 
 @jax.jit

@@ -66,15 +66,18 @@ class Basis:
         Returns:
             (derivatives, S, n), by 1, 1/s, 1/s^2 and 1/s^3 of the places' unit.
         """
-        from scipy.interpolate import BSpline
-
-        return np.stack(
-            [
-                BSpline.design_matrix(places, _knots(self.breaks, DEGREE - d), DEGREE - d)
-                @ self.differences[d]
-                for d in range(derivatives)
-            ]
-        )
+        span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
+        by_degree = _local_values(self.breaks, places, span)
+        every = np.arange(len(places))[:, None]
+        found = np.empty((derivatives, len(places), self.size))
+        for d in range(derivatives):
+            degree = DEGREE - d
+            own = found[0] if d == 0 else np.empty((len(places), len(self.differences[d])))
+            own[:] = 0.0
+            own[every, span[:, None] + np.arange(degree + 1)] = by_degree[degree]
+            if d > 0:
+                np.matmul(own, self.differences[d], out=found[d])
+        return found
 
     def within(self, points: int) -> tuple[np.ndarray, np.ndarray]:
         """Evenly spaced places, so many on each interval; the end is left out.
@@ -110,6 +113,26 @@ class Basis:
         half = np.diff(self.breaks)[:, None] / 2
         values = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel(), 1)[0] @ coefficients
         return to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
+
+
+def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
+    """By degree up to `DEGREE`, the B-splines (S, degree + 1) that differ from zero at places in given spans.
+
+    The recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each degree.
+    """
+    knots = _knots(breaks, DEGREE)
+    reach = np.arange(1, DEGREE + 1)
+    ahead = knots[span[:, None] + DEGREE + reach] - places[:, None]  # to the j-th knot on the right
+    behind = places[:, None] - knots[span[:, None] + DEGREE + 1 - reach]
+    values = [np.ones((len(places), 1))]
+    for degree in range(1, DEGREE + 1):
+        right, left = ahead[:, :degree], behind[:, degree - 1 :: -1]
+        share = values[-1] / (right + left)
+        own = np.zeros((len(places), degree + 1))
+        own[:, :degree] = right * share
+        own[:, 1:] += left * share
+        values.append(own)
+    return values
 
 
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
