@@ -1,7 +1,10 @@
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from fake_study import die
 from scenes import with_search
 
 import jaxplan as jp
@@ -29,21 +32,43 @@ def batch() -> list[jp.Plan]:
     return jp.plan_batch(scenarios())
 
 
+def expect_the_same(one: jp.Plan, other: jp.Plan) -> None:
+    """Two plans are one to the last bit."""
+    assert (one.status, one.message) == (other.status, other.message)
+    assert (one.path is None) == (other.path is None)
+    if other.path is not None:
+        assert np.array_equal(one.path.attitudes, other.path.attitudes)
+        assert np.array_equal(one.path.joints, other.path.joints)
+        assert one.search.expansions == other.search.expansions
+    assert (one.trajectory is None) == (other.trajectory is None)
+    if other.trajectory is not None:
+        assert one.trajectory.duration == other.trajectory.duration
+        t = np.linspace(0, other.trajectory.duration, 50)
+        assert np.array_equal(one.trajectory.sample(t).joints, other.trajectory.sample(t).joints)
+    assert (one.report and one.report.min_margin) == (other.report and other.report.min_margin)
+
+
 def test_a_batch_gives_the_same_plans_as_one_by_one(batch):
     for scenario, together in zip(scenarios(), batch, strict=True):
-        alone = jp.plan(scenario, throw=False)
-        assert (together.status, together.message) == (alone.status, alone.message)
-        assert (together.path is None) == (alone.path is None)
-        if alone.path is not None:
-            assert np.array_equal(together.path.attitudes, alone.path.attitudes)
-            assert np.array_equal(together.path.joints, alone.path.joints)
-            assert together.search.expansions == alone.search.expansions
-        assert (together.trajectory is None) == (alone.trajectory is None)
-        if alone.trajectory is not None:
-            assert together.trajectory.duration == alone.trajectory.duration
-            t = np.linspace(0, alone.trajectory.duration, 50)
-            assert np.array_equal(together.trajectory.sample(t).joints, alone.trajectory.sample(t).joints)
-        assert (together.report and together.report.min_margin) == (alone.report and alone.report.min_margin)
+        expect_the_same(together, jp.plan(scenario, throw=False))
+
+
+def test_other_processes_give_the_same_plans(batch):
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        for here, there in zip(batch, jp.plan_batch(scenarios(), executor=pool), strict=True):
+            expect_the_same(there, here)
+
+
+def test_a_process_that_dies_is_an_error_that_says_what_outlives_it(monkeypatch):
+    monkeypatch.setattr(runs, "_plan_part", die)
+    with pytest.raises(RuntimeError, match="run_study outlives"):
+        jp.plan_batch(scenarios()[:1], executor=1)
+
+
+@pytest.mark.parametrize("executor", [0, -1, "two", True])
+def test_what_cannot_plan_is_refused_before_anything_is(executor):
+    with pytest.raises((TypeError, ValueError), match="executor"):
+        jp.plan_batch(scenarios(), executor=executor)
 
 
 def test_scenes_that_fail_do_not_keep_others_from_being_planned(batch):

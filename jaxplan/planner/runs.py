@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from jaxplan.crew import Crew, check_executor
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
@@ -19,6 +21,8 @@ from jaxplan.trajectory import METHODS
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
+_LEAST_HANDED_OUT = 16  # scenarios, so that a worker's searches run in lockstep, too
+_PARTS = 4  # for each worker, so that all get done at about the same time
 
 
 def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
@@ -63,11 +67,15 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     return result
 
 
-def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[Plan]:
+def plan_batch(
+    scenarios: Iterable[Scenario], *, executor: Executor | int | None = None, progress: bool = True
+) -> list[Plan]:
     """Plan many scenarios, their searches in lockstep.
 
     Args:
         scenarios: the problems, each with its own settings; they need not be alike.
+        executor: who plans: None for this process; a number of processes of its own; or any
+            `concurrent.futures.Executor`, whose processes keep what they have compiled for the next call.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
@@ -76,27 +84,62 @@ def plan_batch(scenarios: Iterable[Scenario], *, progress: bool = True) -> list[
         searches made together each plan is given what its own took.
 
     Raises:
-        TypeError: if one of them is no scenario.
-        ValueError: if a method that one of them names is not known.
+        TypeError: if one of them is no scenario, or the executor is none.
+        ValueError: if a method that one of them names is not known, or for less than one process.
+        RuntimeError: if worker processes die; `run_study` outlives that.
     """
     if isinstance(scenarios, Scenario):
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
     scenarios = list(scenarios)
     for number, scenario in enumerate(scenarios):
         _expect_scenario(f"scenarios[{number}]", scenario)
+    if executor is not None:
+        check_executor(executor)
+        return _by_workers(scenarios, executor, progress)
     plans: list[Plan] = []
     with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
-            runs = []
-            for scenario in scenarios[first : first + TOGETHER]:
-                runs.append(_Run(scenario, Clock(scenario.search.time_limit)))
-                bar.update(runs[-1].query is None)
-            while asking := [run for run in runs if run.query is not None]:
-                for run, found in zip(asking, _search(asking), strict=True):
-                    run.go_on(found)
-                    bar.update(run.query is None)
-            plans += [run.plan() for run in runs]
+            plans += _together(scenarios[first : first + TOGETHER], bar)
     return plans
+
+
+def _together(scenarios: Sequence[Scenario], bar: Any) -> list[Plan]:
+    """Plan scenarios in lockstep."""
+    runs = []
+    for scenario in scenarios:
+        runs.append(_Run(scenario, Clock(scenario.search.time_limit)))
+        bar.update(runs[-1].query is None)
+    while asking := [run for run in runs if run.query is not None]:
+        for run, found in zip(asking, _search(asking), strict=True):
+            run.go_on(found)
+            bar.update(run.query is None)
+    return [run.plan() for run in runs]
+
+
+def _by_workers(scenarios: Sequence[Scenario], executor: Executor | int, progress: bool) -> list[Plan]:
+    """Plan parts of the scenarios in other processes."""
+    crew = Crew(executor)
+    size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * crew.workers))))
+    parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]
+    plans: list[Plan] = []
+    try:
+        with _bar("planning", " plans", len(scenarios), progress) as bar:
+            for future in [crew.submit(_plan_part, part) for part in parts]:
+                plans += future.result()
+                bar.update(len(plans) - bar.n)
+    except BrokenExecutor as error:
+        crew.dismiss(at_once=True)
+        raise RuntimeError("a worker process died while it planned; jp.run_study outlives that") from error
+    except BaseException:  # Ctrl-C among others
+        crew.dismiss(at_once=True)
+        raise
+    crew.dismiss(at_once=False)
+    return plans
+
+
+def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
+    """What a worker does."""
+    return plan_batch(scenarios, progress=False)
 
 
 class _Run:

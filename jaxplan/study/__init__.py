@@ -3,8 +3,8 @@
     >>> study = jp.run_study(range(1000), "hard_keep_out", executor=2, out="study")
     >>> print(study.summary())
 
-`task` says what a study plans, `chunks` cuts it up, `work` plans a chunk, `crew` and `engine` share the
-chunks out, `store` keeps the rows, and `result`, `summary` and `comparison` say what they mean.
+`task` says what a study plans, `chunks` cuts it up, `work` plans a chunk, `engine` shares the chunks out,
+`store` keeps the rows, and `result`, `summary` and `comparison` say what they mean.
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies

@@ -7,9 +7,9 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
+from jaxplan.crew import Crew, check_executor
 from jaxplan.scenario import Scenario
 from jaxplan.study.chunks import Chunks
-from jaxplan.study.crew import Crew, check_executor
 from jaxplan.study.engine import by_workers, in_this_process
 from jaxplan.study.lines import TABLE, TIMINGS
 from jaxplan.study.result import Study

@@ -8,11 +8,13 @@ process, and ends when it does.
 import os
 import signal
 import threading
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context, parent_process
+from typing import TypeVar
 
-from jaxplan.study.task import Chunk
-from jaxplan.study.work import Answer, Work
+Part = TypeVar("Part")
+Answer = TypeVar("Answer")
 
 _COMPILED = (
     "jax_compilation_cache_dir",
@@ -22,7 +24,7 @@ _COMPILED = (
 
 
 class Crew:
-    """Workers, to whom chunks are handed.
+    """Workers, to whom parts of some work are handed.
 
     Args:
         executor: a number of processes of our own, or somebody's executor.
@@ -36,13 +38,13 @@ class Crew:
         else:
             self._executor, self.workers = executor, os.cpu_count() or 1
 
-    def submit(self, work: Work, chunk: Chunk) -> "Future[Answer]":
-        """Hand out a chunk.
+    def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
+        """Hand out a part.
 
         Raises:
             BrokenExecutor: if the workers are gone.
         """
-        return self._executor.submit(work, chunk)
+        return self._executor.submit(work, part)
 
     def begin_anew(self) -> None:
         """Go on with new processes after one has died."""
@@ -69,13 +71,13 @@ class Crew:
             pool.submit(os.getpid).result()  # one has come up; the others do when there is work for them
         except BrokenExecutor as error:
             raise RuntimeError(
-                "worker processes die as they begin: in a script, call run_study below "
+                "worker processes die as they begin: in a script, make the call below "
                 '`if __name__ == "__main__":`, since each of them reads the script, too'
             ) from error
 
 
 def check_executor(executor: object) -> None:
-    """Raise for what cannot plan a study.
+    """Raise for what cannot plan.
 
     Raises:
         TypeError: if it is neither an executor nor a number.
@@ -117,7 +119,7 @@ def _begin(compiled_code: dict[str, object]) -> None:
 
 
 def _end_with_parent() -> None:
-    """A worker whose study was killed would wait for chunks forever."""
+    """A worker whose parent was killed would wait for work forever."""
     parent = parent_process()
     if parent is not None:
         parent.join()
