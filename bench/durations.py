@@ -1,7 +1,7 @@
 """The method "global" on random scenes: durations over the strict bound, time to fit, independent check.
 
-Every scene is planned twice, so that the second run is warm; its trajectory is flown by `_flight` in numpy
-alone. Prints a row for each kind and duration.
+Each plan is flown by `_flight` in numpy alone. Times are without those of compiling, which plans keep apart.
+Prints a row for each kind and duration.
 
     python bench/durations.py [-n 50] [--first-seed 0] [--kinds keep_out held_links] [--durations minimum 80]
 """
@@ -32,7 +32,6 @@ def report(kind: str, duration: float | str, scenarios: list[Scenario]) -> None:
     for number, scenario in enumerate(scenarios):
         settings = replace(scenario.trajectory, method="global", duration=duration)
         asked = replace(scenario, trajectory=settings)
-        jp.plan(asked, throw=False, progress=False)
         plan = jp.plan(asked, throw=False, progress=False)
         if not plan.ok:
             failed.append(f"{number}: {plan.status.name}")

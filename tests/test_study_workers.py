@@ -231,6 +231,6 @@ def test_a_script_without_a_guard_is_told_about_it(tmp_path):
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert (
-        'worker processes die as they begin: in a script, call run_study below `if __name__ == "__main__":`'
+        'worker processes die as they begin: in a script, make the call below `if __name__ == "__main__":`'
         in (done.stderr)
     )
