@@ -32,9 +32,12 @@ def unreachable(scenario: Scenario, found: Decomposition) -> str:
             f"at best {craft.device_names[found.worst_device]} breaks zone {zones[found.worst_zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
         )
+    # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
+    least = found.slew_angle / (np.sqrt(3) * craft.rate_limit)
     return (
         f"the nearest attitude that reaches the targets is {np.rad2deg(found.slew_angle):.4g} deg away, "
-        "too far for trajectory.duration_s within spacecraft.rate_limit_deg_s: raise one of them"
+        f"which takes {least:.4g} s or more within spacecraft.rate_limit_deg_s: raise that, or "
+        f'trajectory.duration_s (now {scenario.trajectory.duration}), or set it to "stretched"'
     )
 
 

@@ -1,6 +1,5 @@
 """Step 3 by one spline: how long, in how many intervals, and what to do where a limit or a zone is broken."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,24 +11,26 @@ from jaxplan.status import Status
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.bound import excess
 from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, too_tight
+from jaxplan.trajectory.global_spline.attempts import (
+    BEGIN,
+    LONGER,
+    LOOKS,
+    TIGHTER,
+    along,
+    best_at,
+    enough_time,
+    hurried,
+    quickest,
+)
 from jaxplan.trajectory.global_spline.bases import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.global_spline.chart import REACH
 from jaxplan.trajectory.global_spline.holding import Origin
-from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at, ladder
-from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.trajectory.scaling import SAFETY, peaks
+from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at
+from jaxplan.trajectory.scaling import SAFETY
 from jaxplan.zones import Cones, tabulate
 
-_BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
-_TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
-_LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
-_MOST_LONGER = 1.1
+_MOST_LONGER = 1.1  # from one duration to the next
 _ROUNDING = 1e-9  # of a rate, beyond its limit
-_LOOKS = 8
-_DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
-_HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
-_LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
-_HOPELESS = 1.05  # of the duration is missing: not for want of intervals
 
 
 def fit_global(
@@ -125,20 +126,20 @@ def _fit(job: Job) -> Fit:
 def _timed(job: Job, duration: float) -> Fit:
     """The fit in a given duration."""
     radius = job.radius(free_time=False)
-    attempt = None if duration < job.bound else _best_at(job, duration, radius)
+    attempt = None if duration < job.bound else best_at(job, duration, radius)
     if attempt is not None and attempt.peaks.stretch <= 1:
         return _success(job, attempt, radius)
     # The shortest motion says whether there is one at all, and what to ask for.
-    shortest = _along(job, np.inf, shortest=True) if job.at_speed else _quickest(job, np.inf)
+    shortest = along(job, np.inf, shortest=True) if job.at_speed else quickest(job, np.inf)
     if shortest is None:
         return _beyond()
     if job.at_speed:
-        needed = _enough(job, max(_BEGIN * shortest.trajectory.duration, _LONGER * duration))
+        needed = enough_time(job, max(BEGIN * shortest.trajectory.duration, LONGER * duration))
     else:  # slowing it keeps all limits
         needed = shortest.needed * SAFETY if shortest.sound else None
         if needed is not None and needed <= duration:
-            return _success(job, _hurried(job, shortest, duration), radius)
-    closest = attempt if attempt is not None else _hurried(job, shortest, duration)
+            return _success(job, hurried(job, shortest, duration), radius)
+    closest = attempt if attempt is not None else hurried(job, shortest, duration)
     else_try = "lower the rates at start and end" if job.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
@@ -148,135 +149,34 @@ def _timed(job: Job, duration: float) -> Fit:
     )
 
 
-def _enough(job: Job, needed: float) -> float | None:
-    """A duration in which all limits are kept, from a first guess on; None if none is found."""
-    for look in range(_LOOKS):
-        attempt = _best_at(job, needed, np.inf)
-        if attempt is not None and attempt.kept:
-            return needed
-        needed *= _LONGER ** (2**look)
-    return None
-
-
-def _hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
-    """The same motion in another duration."""
-    curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
-    for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
-        breaks[-1] = duration  # to the last bit
-    return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
-
-
-def _best_at(job: Job, duration: float, radius: float) -> Attempt | None:
-    """The first sound attempt within all limits, or the one nearest to it; None beyond every chart."""
-    quickest = job.quickest()
-    pace = Pace.within(duration, quickest.length, job.rise)
-    hurry = duration / quickest.duration
-
-    def attempt(finer: int, wide: float) -> Attempt | None:
-        request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
-        made = None
-        for tighter in _TIGHTER:
-            again = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
-            if again is None:
-                break
-            if made is None or again.merit > made.merit:
-                made = again
-            if not 1 < again.peaks.stretch <= 1 + tighter:  # else it is what happens between the places
-                break
-        return made
-
-    in_time = job.at_speed or hurry >= _HURRY
-    return _climb(
-        ladder(radius, in_time=in_time),
-        attempt,
-        enough=lambda made: made.sound and made.kept,
-        hopeless=lambda made: made.too_deep or made.peaks.stretch > _HOPELESS,
-    )
-
-
-def _along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
-    """The first sound attempt at the quickest pace, or the one nearest to it; None beyond every chart.
-
-    Args:
-        job: what is fitted.
-        radius: rad, of the tube.
-        shortest: whether the shortest motion within all limits is looked for; else one without limits, to be
-            stretched to them.
-    """
-    pace = job.quickest()
-
-    def attempt(finer: int, wide: float) -> Attempt | None:
-        request = job.request(pace, wide, finer, graded=True)
-        return attempt_at(job, request, _BEGIN * pace.duration, limited=shortest, free_time=shortest)
-
-    return _climb(
-        ladder(radius), attempt, enough=lambda made: made.sound, hopeless=lambda made: made.too_deep
-    )
-
-
-def _climb(
-    rungs: Iterable[tuple[int, float]],
-    attempt: Callable[[int, float], Attempt | None],
-    enough: Callable[[Attempt], bool],
-    hopeless: Callable[[Attempt], bool],
-) -> Attempt | None:
-    """The best attempt on the rungs of a ladder, up to the first that is enough or beyond the chart.
-
-    After a hopeless one more intervals are not tried.
-    """
-    best, last = None, None
-    for finer, wide in rungs:
-        if last is not None and finer > 1 and hopeless(last):
-            continue
-        last = attempt(finer, wide)
-        if last is None:
-            break
-        if best is None or last.merit > best.merit:
-            best = last
-        if enough(last):
-            break
-    return best
-
-
-def _quickest(job: Job, radius: float) -> Attempt | None:
-    """The shortest motion, or where that is far above the bound perhaps one without limits, stretched."""
-    best = _along(job, radius, shortest=True)
-    if best is None or (best.sound and best.needed <= _DETOUR * job.bound):
-        return best
-    other = _along(job, min(radius, job.radius(free_time=False)), shortest=False)
-    if other is None or not other.sound or (best.sound and best.needed <= other.needed):
-        return best
-    return other
-
-
 def _stretched(job: Job) -> Fit:
     """The fit at the quickest pace without limits, scaled in time to the limits."""
     radius = job.radius(free_time=False)
-    best = _along(job, radius, shortest=False)
+    best = along(job, radius, shortest=False)
     return _beyond() if best is None else _success(job, best, radius, stretch=True)
 
 
 def _free(job: Job, radius: float) -> Fit:
     """The shortest motion."""
-    best = _along(job, radius, shortest=True) if job.at_speed else _quickest(job, radius)
+    best = along(job, radius, shortest=True) if job.at_speed else quickest(job, radius)
     if best is None:
         return _beyond()
     if not job.at_speed:
         return _success(job, best, radius, stretch=True)
     # Scaling the time would change the rates at the ends: the curve is fitted again where it is too quick.
     duration = best.trajectory.duration
-    for look in range(_LOOKS):
+    for look in range(LOOKS):
         if best.peaks.stretch <= 1:
             return _success(job, best, radius)
-        tighter = _TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1)
-        duration *= np.clip(best.peaks.stretch, 1 + _TIGHTER[0], _MOST_LONGER) ** (2**look)
+        tighter = TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1)
+        duration *= np.clip(best.peaks.stretch, 1 + TIGHTER[0], _MOST_LONGER) ** (2**look)
         again = attempt_at(
             job,
             job.request(job.quickest(), best.radius, 1, graded=True),
             duration,
             limited=True,
             free_time=False,
-            tighter=min(tighter, _TIGHTER[1]),
+            tighter=min(tighter, TIGHTER[1]),
         )
         if again is None:
             break
