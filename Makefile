@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup plan test lint format types units bench trust clean
+.PHONY: help setup plan test lint format types units bench trust mutants clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,10 @@ bench: $(READY) ## measure speed, one script after the other; leave the machine 
 trust: $(READY) ## kill a study of 500 scenes 20 times, and compare its table with that of every other way
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dask]'
 	@$(BIN)/python tests/trust_study.py
+
+mutants: $(READY) ## change the sources one operator at a time, and see whether the tests find it (hours)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mutants]'
+	@$(BIN)/python tests/trust_mutants.py
 
 clean: ## remove all that was made, .venv too
 	rm -rf $(VENV) out build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

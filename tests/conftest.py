@@ -1,6 +1,7 @@
 """What holds for all tests: float64, the processor, no window for figures, and each kernel compiled once.
 
-What one worker or notebook has compiled the others read from a folder that lasts as long as the run.
+What one worker or notebook has compiled the others read from a folder that lasts as long as the run, or from
+the one that JAX_COMPILATION_CACHE_DIR names.
 """
 
 import os
@@ -12,7 +13,8 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the first of all processes; the others inherit it
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxplan-tests-")
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxplan-tests-")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
@@ -37,5 +39,6 @@ def compilations():
 
 def pytest_sessionfinish() -> None:
     """Remove the folder of what was compiled."""
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        shutil.rmtree(os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+    folder = os.environ["JAX_COMPILATION_CACHE_DIR"]
+    if "PYTEST_XDIST_WORKER" not in os.environ and "jaxplan-tests-" in folder:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,127 @@
+"""How many of the wrong signs, terms and comparisons that one could write do the tests find?
+
+Cosmic Ray changes one operator at a time in a copy of the repository and runs the tests that should notice.
+Prints a row for each part, and every mutant that survives, to be explained or to get a test.
+
+    python tests/trust_mutants.py [--parts so3 zones] [--most 40] [--seed 0]
+"""
+
+import argparse
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import WorkerOutcome, WorkResult
+from tqdm import tqdm
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Part: what is changed, and the tests that are to find it.
+PARTS = {
+    "so3": (["so3.py"], ["test_so3.py"]),
+    "zones": (["zones.py"], ["test_zones.py", "test_path.py"]),
+    "spacecraft": (["spacecraft.py"], ["test_spacecraft.py"]),
+    "kernels": (["search/kernels.py"], ["test_expansion.py"]),
+    "rows": (
+        ["trajectory/global_spline/place_rows.py", "trajectory/global_spline/linear_rows.py"],
+        ["test_global_parts.py", "test_global_spline.py"],
+    ),
+    "spline": (
+        ["trajectory/global_spline/bases.py", "trajectory/global_spline/curve_space.py"],
+        ["test_global_parts.py"],
+    ),
+    "paper": (["trajectory/paper/assembly.py"], ["test_trajectory_paper.py"]),
+    "certificate": (
+        [f"certificate/{name}.py" for name in ("bounds", "errors", "jets", "limits", "margins", "motion")],
+        ["test_certificate.py", "test_certificate_parts.py", "test_certificate_limits.py"],
+    ),
+    "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
+    "refit": (
+        ["trajectory/paper/refit.py", "trajectory/global_spline/refit.py"],
+        ["test_sensitivity.py"],
+    ),
+}
+CHANGES = re.compile(
+    r"core/(ReplaceBinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul)"
+    r"|ReplaceUnaryOperator_(Delete_USub|Delete_Not)"
+    r"|ReplaceComparisonOperator_(Lt_Gt|Gt_Lt|LtE_GtE|GtE_LtE))"
+)
+TIMEOUT = 600  # s, after which a mutant that hangs counts as found
+
+
+def try_part(name: str, most: int, seed: int) -> tuple[int, list[str]]:
+    """Change a part, one mutant after the other: how many there were, and diffs of those that survived."""
+    sources, tests = PARTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        copy, session = Path(folder) / "copy", Path(folder) / "session.sqlite"
+        for part in ("jaxplan", "tests"):
+            shutil.copytree(ROOT / part, copy / part)
+        shutil.copy(ROOT / "pyproject.toml", copy)
+        config = Path(folder) / "config.toml"
+        paths = json.dumps([f"jaxplan/{source}" for source in sources])
+        command = " ".join(
+            [sys.executable, "-m pytest -x -q -p no:cacheprovider", *(f"tests/{t}" for t in tests)]
+        )
+        config.write_text(
+            f"[cosmic-ray]\nmodule-path = {paths}\ntimeout = {TIMEOUT}.0\nexcluded-modules = []\n"
+            f'test-command = {json.dumps(command)}\n[cosmic-ray.distributor]\nname = "local"\n'
+        )
+        # What no mutant changes is compiled once.
+        compiled = {"JAX_COMPILATION_CACHE_DIR": str(Path(folder) / "compiled")}
+        environment = {**os.environ, **compiled, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+
+        def run(*arguments: object) -> None:
+            subprocess.run(
+                [sys.executable, "-m", "cosmic_ray.cli", *map(str, arguments)],
+                cwd=copy,
+                env=environment,
+                check=True,
+                stdout=subprocess.DEVNULL,
+            )
+
+        run("init", config, session)
+        chosen = choose(session, most, seed)
+        before = subprocess.run(command.split(), cwd=copy, env=environment, capture_output=True)
+        if before.returncode:
+            sys.exit(f"{name}: the tests fail before anything is changed:\n{before.stdout.decode()}")
+        run("exec", config, session)
+        with use_db(session, WorkDB.Mode.open) as database:
+            survived = [result.diff for _, result in database.results if result.test_outcome == "survived"]
+        return chosen, survived
+
+
+def choose(session: Path, most: int, seed: int) -> int:
+    """Leave in a session those of the mutants that are to be tried, at most so many; returns their number."""
+    with use_db(session, WorkDB.Mode.open) as database:
+        items = sorted(
+            database.work_items, key=lambda item: [(m.module_path, m.start_pos) for m in item.mutations]
+        )
+        wanted = [i for i in items if CHANGES.fullmatch(i.mutations[0].operator_name)]
+        kept = {item.job_id for item in random.Random(seed).sample(wanted, min(most, len(wanted)))}
+        skipped = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
+        database.set_multiple_results([item.job_id for item in items if item.job_id not in kept], skipped)
+    return len(kept)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--most", type=int, default=10**6, help="mutants of a part, drawn at random")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    print(f"{'part':<12} {'mutants':>7} {'found':>6} {'share':>6}", flush=True)
+    total = lost = 0
+    for name in tqdm(options.parts, disable=None):
+        tried, survived = try_part(name, options.most, options.seed)
+        total, lost = total + tried, lost + len(survived)
+        print(f"{name:<12} {tried:>7} {tried - len(survived):>6} {1 - len(survived) / max(1, tried):>6.1%}")
+        for diff in survived:
+            print("\n".join(line for line in diff.splitlines()[1:] if line[:1] in "+-@"), flush=True)
+    print(f"{'all':<12} {total:>7} {total - lost:>6} {1 - lost / max(1, total):>6.1%}")
