@@ -60,7 +60,7 @@ def descend(caps: Caps, starts: np.ndarray) -> Minima:
         starts: (K, 4) unit quaternions.
     """
     arguments = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
-    packed = np.asarray(_descend(np.ascontiguousarray(starts.T), *arguments))
+    packed = np.asarray(descent_ends(np.ascontiguousarray(starts.T), *arguments))
     return Minima(packed[:4].T, *packed[4:])
 
 
@@ -76,9 +76,11 @@ class _Point(NamedTuple):
 
 
 @jax.jit
-def _descend(
+def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
+    """The fields of `Minima` as rows (8, K), of starts (4, K) and the arrays of `Caps`."""
+
     def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
         quaternion, active, _ = state
         slew, eta, hessian = angle_terms(quaternion)

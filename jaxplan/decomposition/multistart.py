@@ -72,16 +72,20 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
     good = np.empty((0, 4))
     for round_ in range(ROUNDS if len(starts) else 0):
         ends = _descend(caps, starts)
-        good = ends.quaternion[
-            (ends.excess <= CLEAR)
-            & (ends.residual <= (TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE))
-            & (ends.curvature >= -1e-6)
-            & (ends.slew <= np.pi + 1e-9)  # the longer way round is no minimum
-        ]
+        tolerance = TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE
+        good = ends.quaternion[is_minimum(ends.slew, ends.excess, ends.residual, ends.curvature, tolerance)]
         if len(good):
             break
         starts = ends.quaternion
     return good
+
+
+def is_minimum(
+    slew: np.ndarray, excess: np.ndarray, residual: np.ndarray, curvature: np.ndarray, tolerance: float
+) -> np.ndarray:
+    """Whether ends of descents are local minima, of (...) values as in `descent.Minima`."""
+    within = (excess <= CLEAR) & (residual <= tolerance)
+    return within & (curvature >= -1e-6) & (slew <= np.pi + 1e-9)  # the longer way round is no minimum
 
 
 def _descend(caps: Caps, starts: np.ndarray) -> Minima:
