@@ -17,6 +17,7 @@ from jaxplan.version import __version__ as __version__
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan.cases import paper_case, random_scenario
+    from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
 
 _HOMES = {
+    "Constellation": "jaxplan.constellation",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
@@ -42,21 +44,25 @@ _HOMES = {
     "export": "jaxplan.exporting",
     "follow": "jaxplan.sensitivity",
     "hold": "jaxplan.sensitivity",
+    "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.scenario",
     "load_study": "jaxplan.study",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
+    "plan_constellation": "jaxplan.constellation",
     "random_scenario": "jaxplan.cases",
     "replan": "jaxplan.sensitivity",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
+    "walker": "jaxplan.constellation",
 }
 
 __all__ = [
+    "Constellation",
     "Plan",
     "PlanFileError",
     "PlanningError",
@@ -72,6 +78,7 @@ __all__ = [
     "export",
     "follow",
     "hold",
+    "link_switch",
     "load_plan",
     "load_scenario",
     "load_study",
@@ -79,6 +86,7 @@ __all__ = [
     "paper_case",
     "plan",
     "plan_batch",
+    "plan_constellation",
     "plot",
     "random_scenario",
     "replan",
@@ -86,6 +94,7 @@ __all__ = [
     "save_scenario",
     "tune",
     "tune_search",
+    "walker",
 ]
 
 

@@ -5,14 +5,15 @@
 
 Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
 `table4` the rows of a comparison; `study` and its panels `success_rates`, `outcomes` and `distribution` take
-studies, `tuning` what tuning found. All take, with ``ax``, where to draw: axes (several for a figure of
-several panels), a figure to put them in, or None for a new one. They return the axes, leave matplotlib's
-global settings alone and never call ``plt.show()``. A device has one colour and line style in all figures of
-plans, a planner one colour in all comparisons. `animate` returns a film. Axes are in degrees and seconds,
-torques in N m.
+studies, `constellation` satellites that are planned, `tuning` what tuning found. All take, with ``ax``, where
+to draw: axes (several for a figure of several panels), a figure to put them in, or None for a new one. They
+return the axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one
+colour and line style in all figures of plans, a planner one colour in all comparisons. `animate` returns a
+film. Axes are in degrees and seconds, torques in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure, table4
+from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.duration_panel import durations
 from jaxplan.plotting.film import animate
 from jaxplan.plotting.globe_map import globe
@@ -32,6 +33,7 @@ __all__ = [
     "animate",
     "compare",
     "comparison_figure",
+    "constellation",
     "distribution",
     "durations",
     "figures",

@@ -1,0 +1,128 @@
+"""A constellation: 1,584 satellites that switch a cross-plane link, every one planned and certified.
+
+The shell is 53:1584/72/39 at 550 km, the Sun that of the June solstice with a keep-out cone of 10 deg;
+satellites pair with the plane on their one side before the switch, and on their other side after it. All is
+compiled, by planning some of the satellites, before the clocks run; peak memory is that of all processes
+together, from their start on.
+
+    python bench/constellation.py [-n 1584] [--workers 1] [--minimum 48] [--planner mha]
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from _machine import print_machine
+from _options import not_negative, positive
+
+import jaxplan as jp
+from jaxplan.constellation import LinkSwitch
+
+_REHEARSAL = 64  # satellites a process, after which all that is used is compiled
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def built() -> LinkSwitch:
+    """The switch; prints what building it takes."""
+    tilt = np.radians(23.44)
+    for words in ("with compiling", "again"):
+        began = time.process_time()
+        shell = jp.walker("53:1584/72/39", 550.0)
+        switch = jp.link_switch(shell, sun_direction=[0.0, np.cos(tilt), np.sin(tilt)])
+        starts = time.process_time() - began
+        scenarios = switch.scenarios()
+        whole = time.process_time() - began
+        parts = f"CPU {whole:.2f} s, of which links and starts {starts:.2f} s"
+        print(f"{len(scenarios)} scenarios, {words}: {parts}")
+    return switch
+
+
+def evenly(total: int, count: int) -> list[int]:
+    """So many of the satellites, evenly spread."""
+    return np.unique(np.linspace(0, total - 1, min(count, total)).astype(int)).tolist()
+
+
+def cpu_seconds(processes: Sequence[int]) -> float:
+    """CPU time of processes so far, s."""
+    fields = [Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split() for process in processes]
+    return sum(int(each[11]) + int(each[12]) for each in fields) / _TICKS
+
+
+def peak_memory(processes: Sequence[int]) -> float:
+    """Most memory that was ever resident, summed over processes, MiB."""
+    lines = [Path(f"/proc/{process}/status").read_text().splitlines() for process in processes]
+    return sum(int(line.split()[1]) for each in lines for line in each if line.startswith("VmHWM")) / 1024
+
+
+def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
+    """Plan, and print what came of it and what it took."""
+    total, pool = switch.shell.total, None
+    processes = [os.getpid()]
+    if options.workers > 1:
+        pool = ProcessPoolExecutor(options.workers, get_context("spawn"))
+        chunks = 4 * options.workers  # small ones, so that every process gets some
+        rehearsal = evenly(total, _REHEARSAL * options.workers)
+        jp.plan_constellation(
+            switch,
+            satellites=rehearsal,
+            planner=options.planner,
+            executor=pool,
+            chunk=max(1, len(rehearsal) // chunks),
+        )
+        processes += list(pool._processes)
+    else:
+        jp.plan_constellation(switch, satellites=evenly(total, _REHEARSAL), planner=options.planner)
+    began, used = time.perf_counter(), cpu_seconds(processes)
+    result = jp.plan_constellation(
+        switch, satellites=evenly(total, options.satellites), planner=options.planner, executor=pool
+    )
+    seconds, used = time.perf_counter() - began, cpu_seconds(processes) - used
+    memory = peak_memory(processes)
+    if pool is not None:
+        pool.shutdown()
+    print(f"\n{result}\n")
+    count = len(result.table)
+    print(
+        f"certified {np.sum(result.certified)} of {count}; processes: {options.workers}; "
+        f"wall {seconds:.1f} s, CPU {used:.1f} s, {1000 * used / count:.1f} ms a satellite; "
+        f"peak memory {memory:.0f} MiB"
+    )
+
+
+def minimum(switch: LinkSwitch, options: argparse.Namespace) -> None:
+    """Plan a sample of the satellites in the shortest time."""
+    result = jp.plan_constellation(
+        switch,
+        satellites=evenly(switch.shell.total, options.minimum),
+        planner=options.planner,
+        settings={"trajectory.duration_s": "minimum"},
+    )
+    print(f"\nin the shortest time: {result}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-n", "--satellites", type=positive, default=1584, help="planned (%(default)s)")
+    parser.add_argument("--workers", type=positive, default=1, help="processes (%(default)s)")
+    parser.add_argument("--minimum", type=not_negative, default=48, help="planned so, too (%(default)s)")
+    parser.add_argument("--planner", default="mha")
+    options = parser.parse_args()
+    affinity = os.sched_getaffinity(0)
+    print_machine()
+    if options.workers > 1:
+        os.sched_setaffinity(0, affinity)
+    switch = built()
+    run(switch, options)
+    if options.minimum:
+        minimum(switch, options)
+
+
+if __name__ == "__main__":
+    main()

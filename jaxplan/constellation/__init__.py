@@ -1,0 +1,29 @@
+"""Whole constellations: a Walker shell whose satellites switch their links, each of them planned.
+
+    >>> shell = jp.walker("53:1584/72/39", 550.0)
+    >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
+    >>> print(jp.plan_constellation(switch, executor=2))
+
+`shell` says where the satellites are, `links` whom their terminals point at, `sun` which links lead through
+the Sun's cone; `switch` makes `problems` of it, `planning` plans them, and `result` says what came of it.
+"""
+
+from jaxplan.constellation.craft import relay_spacecraft
+from jaxplan.constellation.links import default_topologies
+from jaxplan.constellation.planning import plan_constellation
+from jaxplan.constellation.problems import LinkSwitch
+from jaxplan.constellation.result import Constellation, ConstellationSummary
+from jaxplan.constellation.shell import Shell, walker
+from jaxplan.constellation.switch import link_switch
+
+__all__ = [
+    "Constellation",
+    "ConstellationSummary",
+    "LinkSwitch",
+    "Shell",
+    "default_topologies",
+    "link_switch",
+    "plan_constellation",
+    "relay_spacecraft",
+    "walker",
+]

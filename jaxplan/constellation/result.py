@@ -1,0 +1,193 @@
+"""What became of a constellation's satellites: arrays, a table, and a summary."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from jaxplan.constellation.links import WHEN
+from jaxplan.constellation.problems import LinkSwitch
+from jaxplan.constellation.shell import Shell
+from jaxplan.proportions import success_interval
+from jaxplan.study import Study, Summary
+from jaxplan.study.text import aligned, as_html
+
+_LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Constellation:
+    """The satellites of a switch, planned. Arrays have one entry a satellite that is planned, N in all.
+
+    Attributes:
+        switch: what was planned.
+        satellites: their numbers in the shell, in the order of planning.
+        study: the study behind it, with `to_pandas` and `to_parquet`; its scenes are counted in that order.
+    """
+
+    switch: LinkSwitch
+    satellites: Sequence[int]
+    study: Study
+
+    @property
+    def shell(self) -> Shell:
+        """Where the satellites are."""
+        return self.switch.shell
+
+    @cached_property
+    def table(self) -> list[dict[str, Any]]:
+        """A row a satellite: the same on every run.
+
+        Columns are satellite, plane, slot, the numbers of links that lead through the Sun's cone before and
+        after, and those of a study from planner on.
+        """
+        rows = []
+        for row in self.study.table:
+            number = int(self.satellites[row["scene"]])
+            outages = np.sum(self.switch.sun_outage[:, number], axis=-1)
+            place = {
+                "satellite": number,
+                "plane": int(self.shell.plane[number]),
+                "slot": int(self.shell.slot[number]),
+                **{f"sun_outages_{when}": int(count) for when, count in zip(WHEN, outages, strict=True)},
+            }
+            rows.append(place | {name: value for name, value in row.items() if name not in _LEFT_OUT})
+        return rows
+
+    @cached_property
+    def timings(self) -> list[dict[str, Any]]:
+        """Likewise the seconds of each satellite's planning, by step."""
+        return [
+            {"satellite": int(self.satellites[row["scene"]])}
+            | {name: value for name, value in row.items() if name not in _LEFT_OUT}
+            for row in self.study.timings
+        ]
+
+    @property
+    def planned(self) -> np.ndarray:
+        """(N,) int: the satellites of the table's rows."""
+        return np.array([row["satellite"] for row in self.table], dtype=int)
+
+    @property
+    def status(self) -> np.ndarray:
+        """(N,) str: names of `Status`, or "crashed"."""
+        return np.array([row["status"] for row in self.table], dtype=str)
+
+    @property
+    def certified(self) -> np.ndarray:
+        """(N,) bool: whether there is a certified plan."""
+        return np.array([row["certified"] for row in self.table], dtype=bool)
+
+    @property
+    def duration(self) -> np.ndarray:
+        """(N,) s; NaN without a trajectory."""
+        return self._column("duration_s")
+
+    @property
+    def slew_angle(self) -> np.ndarray:
+        """(N,) rad, rotations of the platform from start to goal; NaN without a goal."""
+        return np.deg2rad(self._column("slew_deg"))
+
+    @property
+    def min_margin(self) -> np.ndarray:
+        """(N,) rad, proved lower bounds over all times and zones; NaN without a certificate."""
+        return np.deg2rad(self._column("min_margin_deg"))
+
+    @property
+    def sun_outage(self) -> np.ndarray:
+        """(N,) bool: whether a link of the satellite leads through the Sun's cone, before or after."""
+        return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
+
+    def summary(self) -> "ConstellationSummary":
+        """How many are planned, which links are out, and how durations, slews and margins are spread."""
+        return ConstellationSummary(
+            switch=self.switch,
+            study=self.study.summary(),
+            sun_outages=tuple(int(np.sum(out[self.planned])) for out in self.switch.sun_outage),
+            satellites_with_outages=int(np.sum(self.sun_outage)),
+            beyond_drift=int(np.sum(self.duration > self.switch.drift_time)),
+        )
+
+    def _column(self, name: str) -> np.ndarray:
+        return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=float)
+
+    def __str__(self) -> str:
+        return str(self.summary())
+
+    def __repr__(self) -> str:
+        return f"<Constellation of {self.switch.title}: {len(self.table)} planned>"
+
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConstellationSummary:
+    """A constellation in a few numbers; prints as a table.
+
+    Attributes:
+        switch: what was planned.
+        study: the summary of its scenes, with statuses and quantiles.
+        sun_outages: numbers of links through the Sun's cone before and after, of the satellites planned.
+        satellites_with_outages: how many satellites have one.
+        beyond_drift: how many manoeuvres take longer than the switch's `drift_time`.
+    """
+
+    switch: LinkSwitch
+    study: Summary
+    sun_outages: tuple[int, ...]
+    satellites_with_outages: int
+    beyond_drift: int
+
+    @property
+    def title(self) -> str:
+        """Which constellation."""
+        return f"Switch of the {self.switch.title}"
+
+    def record(self) -> dict[str, Any]:
+        """The summary for machines."""
+        before, after = self.sun_outages
+        return {
+            **self.study.record(),
+            "title": self.title,
+            "sun_outages_before": before,
+            "sun_outages_after": after,
+            "satellites_with_sun_outages": self.satellites_with_outages,
+            "beyond_drift_time": self.beyond_drift,
+        }
+
+    def lines(self) -> list[tuple[str, str]]:
+        """What stands above the quantiles, as (label, value)."""
+        study, switch = self.study, self.switch
+        low, high = (100 * bound for bound in success_interval(study.planned, study.done))
+        of = f"{study.done} of {switch.shell.total}"
+        earth = f"{np.rad2deg(switch.earth_half_angle):.1f} deg about nadir"
+        lines = [
+            ("satellites", of if study.done < switch.shell.total else f"{study.done}"),
+            (
+                "planned, certified",
+                f"{study.planned}"
+                if study.planned == study.done
+                else f"{study.planned}, 95 % interval {low:.2f} to {high:.2f} %",
+            ),
+            ("status", ", ".join(f"{count} {name}" for name, count in study.statuses.items())),
+            ("Earth's cone", f"{earth}; {self.beyond_drift} manoeuvres beyond its {switch.drift_time:g} s"),
+        ]
+        if switch.sun_direction is not None:
+            before, after = self.sun_outages
+            cone = f"{np.rad2deg(switch.sun_half_angle):.3g} deg"
+            links = f"through it {before} links before and {after} after"
+            lines.append(("Sun's cone", f"{cone}; {links}, of {self.satellites_with_outages} satellites"))
+        return lines
+
+    def cells(self) -> list[list[str]]:
+        """The quantiles as rows of texts, with their head."""
+        return self.study.cells()
+
+    def __str__(self) -> str:
+        return aligned(self.title, self.lines(), self.cells())
+
+    def _repr_html_(self) -> str:
+        return as_html(self.title, self.lines(), self.cells())

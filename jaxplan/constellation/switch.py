@@ -1,0 +1,212 @@
+"""From a shell to the planning problems of a switch of its topology.
+
+At the start a satellite's terminals point along its links before the switch, from the attitude nearest to the
+nominal one (`craft`) at which they can; the goal is the links after it. No terminal may look into the Sun's
+cone, nor into the Earth's: about nadir, and as wide as the Earth with the air below `lowest_altitude`, whose
+half-angle from a radius r is ``asin((R + lowest_altitude) / r)``, and wider by what nadir moves within
+`drift_time`.
+
+Lines of sight and zones are those of one instant, and hold in the inertial frame. Over a manoeuvre they turn
+by the satellite's mean motion, 0.06 deg/s at 550 km: the Earth's cone is wider for that, and terminals follow
+their links once they point at them.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jaxplan.constellation.craft import nominal_attitudes, relay_spacecraft
+from jaxplan.constellation.links import (
+    WHEN,
+    checked_topology,
+    default_topologies,
+    lines_of_sight,
+    unreachable,
+)
+from jaxplan.constellation.problems import LinkSwitch
+from jaxplan.constellation.shell import Shell, is_number
+from jaxplan.constellation.sun import in_the_sun, waiting_directions
+from jaxplan.decomposition import decompose
+from jaxplan.decomposition.nearest import nearest_attitudes
+from jaxplan.orbits import EARTH_RADIUS
+from jaxplan.scenario import ScenarioError, Targets
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.zones import tabulate
+
+SUN_OUTAGES = ("wait", "keep")
+
+
+def link_switch(
+    shell: Shell,
+    *,
+    spacecraft: Spacecraft | None = None,
+    before: ArrayLike | None = None,
+    after: ArrayLike | None = None,
+    sun_direction: ArrayLike | None = None,
+    sun_half_angle: float = math.radians(10.0),
+    sun_outage: str = "wait",
+    lowest_altitude: float = 80.0,
+    drift_time: float = 90.0,
+    time: float = 0.0,
+) -> LinkSwitch:
+    """The planning problems of a switch of a shell's topology.
+
+    Args:
+        shell: the satellites, of `walker`.
+        spacecraft: what each of them is; None for a platform with three terminals, `relay_spacecraft`.
+        before: (T, n) int, the satellite that each terminal is linked to; None for the default, see
+            `default_topologies`: the two neighbours in the plane, and one or two in the planes beside.
+        after: likewise after the switch; None for the other side, or the next slot, of the planes beside.
+        sun_direction: (3,) unit vector, inertial; None where no Sun is to be kept out.
+        sun_half_angle: rad, of the Sun's keep-out cone for all terminals, in [1e-6, 1.5].
+        sun_outage: what becomes of links that lead through the Sun's cone, or within 1 deg of it. "wait":
+            they are out, and their terminals wait 1 deg outside the cone, as close to the link as may be.
+            "keep": they are asked for like others, so that planning ends with INVALID_START or INVALID_GOAL.
+        lowest_altitude: km that links, and the rim of the Earth's keep-out cone, stay above, in [0, 1000].
+        drift_time: s, the Earth's cone is wider by what nadir moves meanwhile, in [0, 3600]. The summary of
+            plans says how many take longer.
+        time: s, when the switch is.
+
+    Returns:
+        The switch, its starts found.
+
+    Raises:
+        ScenarioError: (a ValueError) for values out of range, links through the Earth, its air or its cone,
+            which are named, and a satellite whose terminals cannot point at all its links at once.
+
+    Example:
+        >>> shell = jp.walker("53:1584/72/39", 550.0)
+        >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
+        >>> plan = jp.plan(switch.scenario(17))
+    """
+    craft = relay_spacecraft() if spacecraft is None else spacecraft
+    sun = None if sun_direction is None else np.asarray(sun_direction, dtype=float)
+    faults = _wrong_values(sun, sun_half_angle, sun_outage, lowest_altitude, drift_time, time)
+    if faults:
+        raise ScenarioError(faults, "the switch")
+    sine = (EARTH_RADIUS + lowest_altitude) / shell.radius
+    if sine >= 1:
+        raise ScenarioError(
+            [f"lowest_altitude = {lowest_altitude:g}: must be below the shell's, {shell.altitude:g} km"],
+            "the switch",
+        )
+    earth_half_angle = math.asin(sine) + shell.mean_motion * drift_time
+    topologies = _topologies(shell, len(craft.terminals), before, after)
+    positions, velocities = shell.states(time)
+    names = [terminal.name for terminal in craft.terminals]
+    links = []
+    for when, topology in zip(WHEN, topologies, strict=True):
+        seen, grazing = lines_of_sight(positions, topology)
+        links.append(seen)
+        faults += unreachable(
+            shell, topology, when, names, seen, grazing, positions, earth_half_angle, lowest_altitude
+        )
+    if faults:
+        raise ScenarioError(faults, f"the shell {shell.name}")
+    directions, out = np.stack(links), np.zeros((2, *topologies[0].shape), dtype=bool)
+    if sun is not None:
+        sun = sun / np.linalg.norm(sun)
+        out = in_the_sun(directions, sun, sun_half_angle)
+        if sun_outage == "wait":
+            directions[out] = _waiting(
+                shell, out, directions, sun, sun_half_angle, positions, earth_half_angle
+            )
+    attitudes, joints = _starts(craft, nominal_attitudes(positions, velocities), directions[0])
+    return LinkSwitch(
+        shell=shell,
+        spacecraft=craft,
+        time=float(time),
+        before=topologies[0],
+        after=topologies[1],
+        directions=directions,
+        sun_outage=out,
+        sun_direction=sun,
+        sun_half_angle=float(sun_half_angle),
+        earth_half_angle=earth_half_angle,
+        drift_time=float(drift_time),
+        attitudes=attitudes,
+        joints=joints,
+    )
+
+
+def _wrong_values(
+    sun: np.ndarray | None,
+    sun_half_angle: float,
+    sun_outage: str,
+    lowest_altitude: float,
+    drift_time: float,
+    time: float,
+) -> list[str]:
+    faults = []
+    if sun is not None and not (sun.shape == (3,) and abs(np.linalg.norm(sun) - 1) <= 1e-3):
+        faults.append(f"sun_direction = {sun.tolist()}: must be a unit vector (3,), to 1e-3")
+    if sun_outage not in SUN_OUTAGES:
+        faults.append(f"sun_outage = {sun_outage!r}: must be {' or '.join(map(repr, SUN_OUTAGES))}")
+    ranges = (
+        ("sun_half_angle", sun_half_angle, 1e-6, 1.5, "rad"),
+        ("lowest_altitude", lowest_altitude, 0.0, 1000.0, "km"),
+        ("drift_time", drift_time, 0.0, 3600.0, "s"),
+        ("time", time, -1e9, 1e9, "s"),
+    )
+    for name, value, low, high, unit in ranges:
+        if not is_number(value) or not low <= value <= high:
+            faults.append(f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]")
+    return faults
+
+
+def _topologies(
+    shell: Shell, terminals: int, before: ArrayLike | None, after: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those that are given, and the default for others."""
+    default = default_topologies(shell, terminals) if before is None or after is None else None
+    given = [
+        default[place] if value is None and default else checked_topology(value, when, shell, terminals)
+        for place, (value, when) in enumerate(zip((before, after), WHEN, strict=True))
+    ]
+    return given[0], given[1]
+
+
+def _waiting(
+    shell: Shell,
+    out: np.ndarray,
+    links: np.ndarray,
+    sun: np.ndarray,
+    sun_half_angle: float,
+    positions: np.ndarray,
+    earth_half_angle: float,
+) -> np.ndarray:
+    """Where the terminals wait whose links (2, T, n, 3) are out (2, T, n), in their order."""
+    satellites = np.nonzero(out)[1]
+    down = -positions[satellites] / np.linalg.norm(positions[satellites], axis=-1, keepdims=True)
+    places, there = waiting_directions(links[out], sun, sun_half_angle, down, earth_half_angle)
+    if not np.all(there):
+        number = satellites[np.argmin(there)]
+        fault = f"satellite {number}: the cones of Sun and Earth leave its terminals nowhere to wait"
+        raise ScenarioError([fault], f"the shell {shell.name}")
+    return places
+
+
+def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (T, 3, 3) and joints (T, 2n) at which terminals point along directions (T, n, 3).
+
+    Raises:
+        ScenarioError: if a satellite has none.
+    """
+    attitudes, joints, found = nearest_attitudes(craft, nominal, directions, craft.joint_limits)
+    still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(len(craft.joint_names))}
+    nowhere = tabulate((), (), craft.device_names)
+    for number in np.flatnonzero(~found):
+        targets = Targets(directions=directions[number], **still)
+        answer = decompose(craft, nominal[number], targets, nowhere, max_goals=1)
+        if not answer.goals:
+            assert answer.worst_joint is not None  # without terminals there is always an answer
+            fault = (
+                f"satellite {number}: no attitude lets its terminals point along its links before "
+                f"the switch; at best {craft.joint_names[answer.worst_joint]} is "
+                f"{np.rad2deg(answer.joint_excess):.3g} deg beyond its limit"
+            )
+            raise ScenarioError([fault], "the starts")
+        attitudes[number], joints[number] = answer.goals[0].attitude, answer.goals[0].joints
+    return attitudes, joints
