@@ -5,8 +5,9 @@ Devices are numbered terminals first, then instruments. Joints are one vector ``
 points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitudes map body to inertial.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 
 import jax
 import jax.numpy as jnp
@@ -79,10 +80,29 @@ def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike)
 
 
 def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
-    """The values as one array: of numpy, or where JAX traces one of them, of JAX."""
+    """The values as one array: of numpy, not to be written to, or where JAX traces one of them, of JAX."""
     if any(isinstance(value, jax.Array) for value in values):
         return jnp.stack([jnp.asarray(value) for value in values])  # type: ignore[return-value]
-    return np.array(values)
+    array = np.array(values)
+    array.flags.writeable = False
+    return array
+
+
+def _made_once(stack: Callable[["Spacecraft"], np.ndarray]) -> Callable[["Spacecraft"], np.ndarray]:
+    """What keeps an array of numpy for the next time; one of JAX may belong to a trace that ends."""
+
+    @wraps(stack)
+    def kept(craft: "Spacecraft") -> np.ndarray:
+        known: dict[str, np.ndarray] = craft.__dict__
+        name = f"_{stack.__name__}"
+        if name in known:
+            return known[name]
+        array = stack(craft)
+        if isinstance(array, np.ndarray):
+            known[name] = array
+        return array
+
+    return kept
 
 
 @jax.tree_util.register_dataclass
@@ -157,26 +177,31 @@ class Spacecraft:
         return tuple(f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals)
 
     @property
+    @_made_once
     def joint_limits(self) -> np.ndarray:
         """(2n,) rad: the bound of each joint's angle."""
         return stacked([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
 
     @property
+    @_made_once
     def joint_rate_limits(self) -> np.ndarray:
         """(2n,) rad/s."""
         return stacked([t.rate_limit for t in self.terminals] * 2)
 
     @property
+    @_made_once
     def joint_acceleration_limits(self) -> np.ndarray:
         """(2n,) rad/s^2."""
         return stacked([t.acceleration_limit for t in self.terminals] * 2)
 
     @property
+    @_made_once
     def mounts(self) -> np.ndarray:
         """(n,) rad."""
         return stacked([t.mount for t in self.terminals])
 
     @property
+    @_made_once
     def fixed_boresights(self) -> np.ndarray:
         """(number of instruments, 3) unit vectors in body axes."""
         return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)
