@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cli import main
+from jaxplan.epochs import parse_epoch, utc_texts
 from jaxplan.exporting import FORMATS, formats
 from jaxplan.exporting.devices import labels
-from jaxplan.exporting.epochs import parse_epoch, utc_texts
 from jaxplan.exporting.sampled import continuous_quaternions, instants, sample
 
 STEP = 0.05

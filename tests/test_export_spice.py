@@ -10,7 +10,7 @@ from exports import DURATION, EPOCH, Truth, differences, flown_plan, truth
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.exporting.epochs import ephemeris_time
+from jaxplan.epochs import ephemeris_time
 
 spice = pytest.importorskip("spiceypy", reason="spiceypy is not installed")
 pytest.importorskip("erfa", reason="pyerfa is not installed")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.exporting.epochs import utc_texts
+from jaxplan.epochs import utc_texts
 from jaxplan.exporting.sampled import Sampled
 from jaxplan.exporting.text import plain, progress, table_lines
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.epochs import parse_epoch
 from jaxplan.exporting.aem import write_aem
 from jaxplan.exporting.basilisk import write_basilisk
-from jaxplan.exporting.epochs import parse_epoch
 from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk

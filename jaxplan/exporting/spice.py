@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan.epochs import ephemeris_time
 from jaxplan.exporting.devices import instrument_frames, labels, terminal_motion
-from jaxplan.exporting.epochs import ephemeris_time
 from jaxplan.exporting.sampled import Sampled, continuous_quaternions
 from jaxplan.exporting.text import plain, progress
 

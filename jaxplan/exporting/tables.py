@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.exporting.epochs import utc_texts
+from jaxplan.epochs import utc_texts
 from jaxplan.exporting.sampled import Sampled
 from jaxplan.exporting.text import progress
 

@@ -81,7 +81,9 @@ def leaps(stamp: np.datetime64) -> float:
     try:
         import erfa
     except ImportError as error:
-        raise ValueError("leap seconds are needed, and pyerfa is absent: install jaxplan[spice]") from error
+        raise ValueError(
+            "leap seconds are needed, and pyerfa is absent: pip install 'jaxplan[orbit]'"
+        ) from error
     day = stamp.astype("datetime64[D]").astype(datetime)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)  # that the year is not known yet
