@@ -16,6 +16,7 @@ from jaxplan.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
+    from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
@@ -92,6 +93,7 @@ __all__ = [
     "replan",
     "run_study",
     "save_scenario",
+    "sky",
     "tune",
     "tune_search",
     "walker",
@@ -103,6 +105,8 @@ def __getattr__(name: str) -> Any:
         value: Any = import_module("jaxplan.plotting")
     elif name == "measures":
         value = import_module("jaxplan.trajectory.measures")
+    elif name == "sky":
+        value = import_module("jaxplan.sky")
     elif name in _HOMES:
         value = getattr(import_module(_HOMES[name]), name)
     else:

@@ -13,7 +13,7 @@ import numpy as np
 _FIRST, _LAST = 1972, 2099  # years
 _SECOND = np.timedelta64(1, "s")
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
-_TT_MINUS_TAI = 32.184  # s
+TT_MINUS_TAI = 32.184  # s
 
 
 def parse_epoch(text: object) -> np.datetime64:
@@ -67,7 +67,7 @@ def ephemeris_time(start: np.datetime64) -> float:
     a C-kernel asks at times that come from it; it is right to 3e-5 s.
     """
     utc = float((start - _J2000) / np.timedelta64(1, "ns")) * 1e-9
-    dynamical = utc + leaps(start) + _TT_MINUS_TAI
+    dynamical = utc + leaps(start) + TT_MINUS_TAI
     mean = 6.239996 + 1.99096871e-7 * dynamical
     return dynamical + 1.657e-3 * float(np.sin(mean + 1.671e-2 * np.sin(mean)))
 

@@ -1,0 +1,49 @@
+"""The real sky: where Sun, Moon, Earth and satellites are at an epoch, and keep-out zones from that.
+
+    >>> from jaxplan import sky
+    >>> here = sky.parse_tle(open("mine.tle").read())
+    >>> zone = sky.keep_out("sun", epoch="2026-03-20T12:00:00", observer=here, exclusion_deg=30.0)
+    >>> sky.directions("moon", epoch="2026-03-20T12:00:00", observer=here, times=[0.0, 40.0, 80.0])
+
+Conventions. Axes are those of the GCRS, which are those of J2000 (EME2000) to 1.2e-7 rad; positions are in km
+from the Earth's centre, times in SI seconds after an epoch in UTC. Two-line elements are propagated by SGP4
+in its frame TEME and turned into these axes. A satellite, a body's name (``"sun"``, ``"moon"``, ``"earth"``)
+or a position may stand wherever something is looked at, or looked from.
+
+Directions are geometric: where the other is at that instant. Left out are light time and aberration, by
+which the Sun appears up to 1.0e-4 rad (0.006 deg) off for the Earth's motion, and everything up to 2.6e-5 rad
+for that of a satellite in low orbit. The Moon is good to 1e-4 rad, the Sun to 1e-6; a satellite of two-line
+elements to about 1 km at their epoch, and several more for each day since.
+
+It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements.
+"""
+
+from jaxplan.sky.bodies import BODIES, RADII
+from jaxplan.sky.satellites import CircularOrbit
+from jaxplan.sky.sights import (
+    angular_radius,
+    direction_rates,
+    directions,
+    drift,
+    positions,
+    velocities,
+)
+from jaxplan.sky.tle import StaleTleWarning, Tle, TleError, parse_tle
+from jaxplan.sky.zone import keep_out
+
+__all__ = [
+    "BODIES",
+    "RADII",
+    "CircularOrbit",
+    "StaleTleWarning",
+    "Tle",
+    "TleError",
+    "angular_radius",
+    "direction_rates",
+    "directions",
+    "drift",
+    "keep_out",
+    "parse_tle",
+    "positions",
+    "velocities",
+]

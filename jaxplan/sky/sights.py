@@ -1,0 +1,211 @@
+"""What is seen from where: positions, directions, their rates, angular radii, over time.
+
+Who looks, and what is looked at, is a `CircularOrbit`, a `Tle`, a body's name or a position in km from the
+Earth's centre: (3,), or (k, 3) for k times. Times are (...) s after the epoch, a number or (k,).
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jaxplan.epochs import parse_epoch
+from jaxplan.sky.bodies import BODIES, RADII, body_state
+from jaxplan.sky.instants import seconds
+from jaxplan.sky.satellites import CircularOrbit, orbit_state, tle_state
+from jaxplan.sky.tle import Tle
+
+Thing: TypeAlias = CircularOrbit | Tle | str | np.ndarray | Sequence[float]
+Epoch: TypeAlias = str | np.datetime64
+
+DRIFT_SAMPLES = 512
+LONGEST_DRIFT = 86400.0  # s
+_LONGEST_STEP = 10.0  # s
+
+
+def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
+    """Where something is.
+
+    With these, `jaxplan.orbits.earth_blocks` tells whether the Earth is in between two satellites.
+
+    Args:
+        thing: a satellite, a body's name, or a position.
+        epoch: UTC, such as ``"2026-03-20T12:00:00"``.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km from the Earth's centre, GCRS.
+
+    Raises:
+        ValueError: if an argument is no good; a `TleError` where SGP4 has no answer.
+        ImportError: if the extra ``orbit`` is needed and not installed.
+    """
+    start, after = parse_epoch(epoch), seconds(times)
+    if isinstance(thing, CircularOrbit | Tle | str):
+        return _state(thing, start, after)[0]
+    position = np.asarray(thing, float)
+    if position.shape not in ((3,), (*after.shape, 3)):
+        wanted = "(3,)" if after.ndim == 0 else f"(3,) or {(*after.shape, 3)}"
+        raise ValueError(f"position: must be of shape {wanted}, km, not {position.shape}")
+    if not np.all(np.isfinite(position)):
+        raise ValueError(f"position = {position[~np.isfinite(position)][0]}: must be finite")
+    return np.broadcast_to(position, (*after.shape, 3)).copy()
+
+
+def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
+    """How something moves; the arguments are those of `positions`.
+
+    Returns:
+        (..., 3) km/s relative to the Earth's centre, GCRS.
+
+    Raises:
+        ValueError: as `positions`, and for a given position, whose motion is not known.
+    """
+    start, after = parse_epoch(epoch), seconds(times)
+    if isinstance(thing, CircularOrbit | Tle | str):
+        return _state(thing, start, after)[1]
+    raise ValueError("of a given position the velocity is not known: give a satellite or a body")
+
+
+def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
+    """Where a target is seen: the axis of a zone, or the target of a terminal.
+
+    Args:
+        target: what is looked at.
+        epoch: UTC.
+        observer: who looks.
+        times: (...) s after the epoch.
+
+    Returns:
+        (..., 3) unit vectors, GCRS; geometric, as the package says.
+
+    Raises:
+        ValueError: as `positions`, and if the two are in one place.
+    """
+    between, distance = _between(target, observer, epoch, times)
+    return between / distance[..., None]
+
+
+def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
+    """How fast the direction to a target turns: the derivative of `directions` by time.
+
+    The angular velocity of a line that follows the target, without spin about itself, is the cross product
+    of the direction and this.
+
+    Returns:
+        (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
+
+    Raises:
+        ValueError: as `directions`, and where either is a given position, whose motion is not known.
+    """
+    between, distance = _between(target, observer, epoch, times)
+    unit = between / distance[..., None]
+    moving = velocities(target, epoch=epoch, times=times) - velocities(observer, epoch=epoch, times=times)
+    across = moving - np.sum(moving * unit, axis=-1, keepdims=True) * unit
+    rates: np.ndarray = across / distance[..., None]
+    return rates
+
+
+def angular_radius(
+    body: str, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0, atmosphere_km: float = 0.0
+) -> np.ndarray:
+    """Angle between the centre of a body and its limb.
+
+    Args:
+        body: ``"sun"``, ``"moon"`` or ``"earth"``.
+        epoch: UTC.
+        observer: who looks.
+        times: (...) s after the epoch.
+        atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
+
+    Returns:
+        (...) rad, ``asin(radius / distance)``.
+
+    Raises:
+        ValueError: as `directions`, and if the observer is not outside the body.
+    """
+    _check_body(body)
+    if not 0 <= atmosphere_km <= 1000:
+        raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
+    radius = RADII[body] + (atmosphere_km if body == "earth" else 0.0)
+    _, distance = _between(body, observer, epoch, times)
+    if not np.all(distance > radius):
+        raise ValueError(
+            f"observer: {np.min(distance):.6g} km from the centre of the {body}, must be beyond {radius:.6g}"
+        )
+    return np.asarray(np.arcsin(radius / distance))
+
+
+def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> float:
+    """How far the direction to a target gets from where it was at the epoch.
+
+    Args:
+        target: what is looked at.
+        epoch: UTC.
+        observer: who looks, a satellite or a body.
+        duration_s: s, in [0, 86400].
+
+    Returns:
+        rad, the largest angle from the first direction, rounded up by what may happen between samples.
+
+    Raises:
+        ValueError: as `directions`.
+    """
+    times = drift_times(observer, duration_s)
+    seen = directions(target, epoch=epoch, observer=observer, times=times)
+    return float(np.max(angles(seen[0], seen)) + half_step(seen))
+
+
+def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
+    """(k,) s: samples over a duration, the middle and both ends among them; a single one for none.
+
+    Raises:
+        ValueError: if the duration is out of range, or not zero for an observer whose motion is not known.
+    """
+    if not 0 <= duration_s <= LONGEST_DRIFT:
+        raise ValueError(f"duration = {duration_s}: must lie in [0, {LONGEST_DRIFT:g}] s")
+    if duration_s == 0:
+        return np.zeros(1)
+    if not isinstance(observer, CircularOrbit | Tle | str):
+        raise ValueError(
+            f"observer: a given position says nothing of its motion over {duration_s:g} s; give a satellite"
+        )
+    intervals = max(DRIFT_SAMPLES, 2 * int(np.ceil(duration_s / _LONGEST_STEP / 2)))
+    return np.linspace(0.0, duration_s, intervals + 1)
+
+
+def angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(...) rad between directions (..., 3), exact near 0 and pi."""
+    across = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.asarray(np.arctan2(across, np.sum(first * second, axis=-1)))
+
+
+def half_step(seen: np.ndarray) -> float:
+    """Half of the largest angle between neighbours among (k, 3) directions: what lies between is nearer."""
+    return float(np.max(angles(seen[1:], seen[:-1]), initial=0.0)) / 2
+
+
+def _state(
+    thing: CircularOrbit | Tle | str, start: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    if isinstance(thing, CircularOrbit):
+        return orbit_state(thing, start, times)
+    if isinstance(thing, Tle):
+        return tle_state(thing, start, times)
+    _check_body(thing)
+    return body_state(thing, start, times)
+
+
+def _check_body(body: object) -> None:
+    if body not in BODIES:
+        raise ValueError(f"body = {body!r}: must be 'sun', 'moon' or 'earth'")
+
+
+def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Vector from observer to target (..., 3) and its length (...), km."""
+    between = positions(target, epoch=epoch, times=times) - positions(observer, epoch=epoch, times=times)
+    distance = np.linalg.norm(between, axis=-1)
+    if not np.all(distance > 0):
+        raise ValueError("target and observer are in one place, so that there is no direction")
+    return between, distance

@@ -1,0 +1,84 @@
+"""Keep-out zones from the sky: a cone about Sun, Moon or Earth that holds for as long as it says.
+
+A zone stands still while bodies and satellites move: over 80 s in low orbit the Earth's direction turns by
+5 deg. So a zone for a duration has its axis where the body is in the middle of it, and is wide enough to
+hold the body's cone of every instant.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxplan.sky.sights import Epoch, Thing, angles, angular_radius, directions, drift_times, half_step
+from jaxplan.zones import KeepOut
+
+_DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
+
+
+def keep_out(
+    body: str,
+    *,
+    epoch: Epoch,
+    observer: Thing,
+    half_angle_deg: float | None = None,
+    exclusion_deg: float | None = None,
+    atmosphere_km: float = 0.0,
+    for_duration_s: float = 0.0,
+    name: str | None = None,
+    devices: Sequence[str] = (),
+) -> KeepOut:
+    """A keep-out zone about a body.
+
+    Args:
+        body: ``"sun"``, ``"moon"`` or ``"earth"``.
+        epoch: UTC of the manoeuvre's start.
+        observer: the satellite; for a duration of zero also its position.
+        half_angle_deg: from the body's centre, in (0, 180); or
+        exclusion_deg: from its limb, in [0, 180): the half angle is this and the body's angular radius.
+        atmosphere_km: height that belongs to the Earth's limb, in [0, 1000].
+        for_duration_s: how long from the epoch on the zone shall hold, in [0, 86400]; it is widened by how
+            far the body's direction gets from that in the middle of this time, and with its angular radius.
+        name: of the zone, the body's unless given.
+        devices: names of those it binds; empty for all.
+
+    Returns:
+        The zone, its axis where the body is at half the duration, its half angle rounded up to 1e-9 deg.
+
+    Raises:
+        ValueError: if an argument is out of its range, both or none of the angles are given, or the
+            zone would be half a turn wide or more.
+        ImportError: if the extra ``orbit`` is needed and not installed.
+    """
+    if (half_angle_deg is None) == (exclusion_deg is None):
+        raise ValueError(
+            "give either half_angle_deg, from the body's centre, or exclusion_deg, from its limb"
+        )
+    if half_angle_deg is not None and not 0 < half_angle_deg < 180:
+        raise ValueError(f"half_angle_deg = {half_angle_deg}: must lie in (0, 180)")
+    if exclusion_deg is not None and not 0 <= exclusion_deg < 180:
+        raise ValueError(f"exclusion_deg = {exclusion_deg}: must lie in [0, 180)")
+    times = drift_times(observer, for_duration_s)
+    seen = directions(body, epoch=epoch, observer=observer, times=times)
+    axis = seen[len(times) // 2]
+    reach = angles(axis, seen)
+    slack = half_step(seen)
+    limb = angular_radius(body, epoch=epoch, observer=observer, times=times, atmosphere_km=atmosphere_km)
+    if exclusion_deg is None:
+        given, what = float(half_angle_deg or 0.0), f"half_angle_deg = {half_angle_deg}"
+    else:
+        given, what = float(exclusion_deg), f"exclusion_deg = {exclusion_deg}"
+        reach = reach + limb
+        slack += float(np.max(np.abs(np.diff(limb)), initial=0.0)) / 2
+    added = math.degrees(float(np.max(reach)) + slack)
+    half_angle = math.ceil((given + added) * _DIGITS - 1e-3) / _DIGITS  # what was given stays as it is
+    if not half_angle < 180:
+        raise ValueError(
+            f"{what}: with the {added:.4g} deg of the {body} itself and of its drift it must stay below 180"
+        )
+    return KeepOut(
+        name=body if name is None else name,
+        direction=axis,
+        half_angle=math.radians(half_angle),
+        devices=tuple(devices),
+    )
