@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jaxplan.scenario as sc
+from jaxplan.scenario.bodies import SKY
 from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import KEEP_IN, KEEP_OUT, SCENARIO, SEARCH, SPACECRAFT, TERMINAL, TRAJECTORY
 from jaxplan.scenario.states import STATE, TARGETS
@@ -243,13 +244,16 @@ def test_saving_replaces_the_file_whole_or_not_at_all(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("table", [SCENARIO, SPACECRAFT, TERMINAL, KEEP_OUT, KEEP_IN, SEARCH, TRAJECTORY])
+@pytest.mark.parametrize(
+    "table", [SCENARIO, SKY, SPACECRAFT, TERMINAL, KEEP_OUT, KEEP_IN, SEARCH, TRAJECTORY]
+)
 def test_the_layout_covers_the_model(table):
     needed = {f.name for f in fields(table.model) if f.default is MISSING and f.default_factory is MISSING}
     optional = {f.name for f in fields(table.model)} - needed
-    required = {entry.attribute for entry in table.fields if entry.required} - {"schema_version"}
+    read_only = {"schema_version", "sky"} if table is SCENARIO else set()
+    required = {entry.attribute for entry in table.fields if entry.required} - read_only
     assert required == needed
-    assert {entry.attribute for entry in table.fields} - required - {"schema_version"} == optional
+    assert {entry.attribute for entry in table.fields} - required - read_only == optional
 
 
 def test_the_example_file_uses_every_key():
@@ -258,12 +262,12 @@ def test_the_example_file_uses_every_key():
     def keys(table, *left_out):
         return {entry.key for entry in table.fields} - set(left_out)
 
-    assert keys(SCENARIO) == set(used)
+    assert keys(SCENARIO, "sky") == set(used)  # which is resolved when it is read, as a zone's body is
     assert keys(SPACECRAFT) == set(used["spacecraft"])
     assert keys(TERMINAL) == set(used["spacecraft"]["terminal"][0])
     assert keys(STATE, "quaternion_wxyz", "yaw_deg", "pitch_deg") == set(used["start"])
     assert keys(TARGETS) == set(used["goal"])
-    assert keys(KEEP_OUT) == set(used["keep_out"][0])
+    assert keys(KEEP_OUT, "body", "exclusion_deg") == set(used["keep_out"][0])
     assert keys(KEEP_IN) == set(used["keep_in"][0])
     # methods are written even where they are the default
     assert keys(SEARCH) == set(used["search"])

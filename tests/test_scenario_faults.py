@@ -266,9 +266,10 @@ def test_a_misspelt_key_is_answered_with_the_nearest_one():
 def test_a_key_like_none_is_answered_with_the_known_ones():
     found = faults_of(changed({"keep_out[0].colour": "red", "unit": 1}))
     assert found == (
-        "unit: unknown key, the keys are schema_version, name, spacecraft, start, goal, keep_out, keep_in, "
-        "search, trajectory",
-        "keep_out[0].colour: unknown key, the keys are name, direction, half_angle_deg, devices",
+        "unit: unknown key, the keys are schema_version, name, spacecraft, start, goal, sky, keep_out, "
+        "keep_in, search, trajectory",
+        "keep_out[0].colour: unknown key, the keys are name, direction, half_angle_deg, body, exclusion_deg, "
+        "devices",
     )
 
 
@@ -286,7 +287,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "start.attitude: missing (or quaternion_wxyz), must be 3 numbers",
         "start.yaw_rad: missing (or yaw_deg), must be numbers, one a terminal",
         "start.pitch_rad: missing (or pitch_deg), must be numbers, one a terminal",
-        "keep_out[1].half_angle_deg: missing, must be a number in (0, 180)",
+        "keep_out[1].half_angle_deg: missing (or exclusion_deg), must be a number in (0, 180)",
         "keep_in[0].devices: missing, must be an array of names of devices",
     ],
 )

@@ -11,7 +11,8 @@ from jaxplan import orbits, sky
 from jaxplan.sky.satellites import tle_state_teme
 from jaxplan.sky.tle import check_sum
 
-sgp4 = pytest.importorskip("sgp4", reason="sgp4 is not installed")
+api = pytest.importorskip("sgp4.api", reason="sgp4 is not installed")
+PUBLISHED = Path(api.__file__).parent
 pytest.importorskip("erfa", reason="pyerfa is not installed")
 
 ISS = """\
@@ -35,7 +36,7 @@ def put(line, column, text):
 def vectors():
     """The published answers by catalogue number: minutes, then position and velocity in TEME."""
     found, rows = {}, []
-    for line in (Path(sgp4.__file__).parent / "tcppver.out").read_text().splitlines():
+    for line in (PUBLISHED / "tcppver.out").read_text().splitlines():
         if line.endswith("xx"):
             rows = found.setdefault(line.split()[0], [])
         else:
@@ -45,7 +46,7 @@ def vectors():
 
 def published():
     """The pairs of lines of the published set, by catalogue number, without what stands behind column 69."""
-    text = (Path(sgp4.__file__).parent / "SGP4-VER.TLE").read_text()
+    text = (PUBLISHED / "SGP4-VER.TLE").read_text()
     lines = [line[:69] for line in text.splitlines() if line[:2] in ("1 ", "2 ")]
     return {
         one[2:7].strip().lstrip("0"): f"{one}\n{two}"
@@ -193,8 +194,8 @@ def test_a_decayed_satellite_is_an_error_with_its_time():
 def test_positions_are_those_of_sgp4_turned_by_the_handbooks_frames():
     tle = sky.parse_tle(ISS)
     utc = "2024-03-20T12:00:00"
-    record = sgp4.api.Satrec.twoline2rv(ONE, TWO)
-    code, position, velocity = record.sgp4(*sgp4.api.jday(2024, 3, 20, 12, 0, 0))
+    record = api.Satrec.twoline2rv(ONE, TWO)
+    code, position, velocity = record.sgp4(*api.jday(2024, 3, 20, 12, 0, 0))
     assert code == 0
     turned = teme_to_j2000(utc) @ np.array([position, velocity]).T
     np.testing.assert_allclose(sky.positions(tle, epoch=utc), turned[:, 0], atol=0.05)

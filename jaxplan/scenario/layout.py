@@ -11,11 +11,13 @@ from typing import Any
 
 from jaxplan.scenario import model
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
+from jaxplan.scenario.bodies import SKY
 from jaxplan.scenario.devices import DeviceList, TerminalFactors
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text
 from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.sky import BODIES
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -28,6 +30,7 @@ _rate_limit = Number(Interval("[1e-6, 1e6]"), degrees=True)
 _acceleration_limit = Number(Interval("[1e-9, 1e9]"), degrees=True)
 _jerk_limit = Number(Interval("[1e-12, 1e12]"), degrees=True)
 _half_angle = Number(Interval("(0, 180)"), degrees=True)
+_exclusion = Number(Interval("[0, 180)"), degrees=True)
 _step = Number(Interval("[1e-3, 3.14]"))  # a longer turn has a shorter way round
 _inflation = Number(Interval("[1, 1e6]"))
 
@@ -65,12 +68,18 @@ SPACECRAFT = Table(
     ),
 )
 
+_CONE = (
+    _required("name", Text(), "name", "unique among the zones"),
+    _required("direction", Direction(), "direction", "axis of the cone, inertial"),
+    _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
+)
+
 KEEP_OUT = Table(
     KeepOut,
     (
-        _required("name", Text(), "name", "unique among the zones"),
-        _required("direction", Direction(), "direction", "axis of the cone, inertial"),
-        _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
+        *_CONE,
+        Field("body", Choice(BODIES), "direction", "the axis points to it, as [sky] has it"),
+        Field("exclusion_deg", _exclusion, "half_angle", "from the body's limb to the edge"),
         Field("devices", DeviceList(), "devices", "which it binds; all if absent"),
     ),
 )
@@ -78,7 +87,7 @@ KEEP_OUT = Table(
 KEEP_IN = Table(
     KeepIn,
     (
-        *KEEP_OUT.fields[:3],
+        *_CONE,
         _required("devices", DeviceList(), "devices", "which it binds, each by itself"),
         Field("any_of", Text(), "any_of", "name of a group, of which one zone must hold at every instant"),
     ),
@@ -135,7 +144,8 @@ TRAJECTORY = Table(
 )
 
 
-def _make_scenario(*, schema_version: int, **parts: Any) -> Scenario:
+def _make_scenario(*, schema_version: int, sky: object = None, **parts: Any) -> Scenario:
+    """The scenario; what the sky was asked for is in its zones."""
     return Scenario(**parts)
 
 
@@ -151,6 +161,7 @@ SCENARIO = Table(
         _required("spacecraft", SPACECRAFT, "spacecraft", "platform, terminals and instruments"),
         _required("start", STATE, "start", "the state the manoeuvre starts from"),
         _required("goal", Goal(), "goal", "directions to point at, or a given state"),
+        Field("sky", SKY, "sky", "whence and when zones about bodies are seen; resolved, never written"),
         Field("keep_out", Rows(KEEP_OUT), "keep_out", "cones to stay out of"),
         Field("keep_in", Rows(KEEP_IN), "keep_in", "cones to stay in"),
         _always("search", SEARCH, "search", "settings of step 2"),

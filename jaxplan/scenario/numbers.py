@@ -64,6 +64,8 @@ def find_number(scenario: Scenario, name: str) -> Place:
         key, row = _parsed(part, name)
         entry = _entry(table, key, name)
         path.append(entry.attribute)
+        if not hasattr(value, entry.attribute):
+            raise KeyError(f"{name}: {key} is used when a file is read, and is no part of a scenario")
         value, kind = getattr(value, entry.attribute), entry.kind
         if isinstance(kind, Rows):
             if row is None or not row < len(value):
@@ -78,6 +80,9 @@ def find_number(scenario: Scenario, name: str) -> Place:
             raise KeyError(f"{name}: {key} is no table with rows")
     key, row = _parsed(last, name)
     entry = _entry(table, key, name)
+    held = next(other.key for other in table.fields if other.attribute == entry.attribute)
+    if held != key:
+        raise KeyError(f"{name}: {key} is held as {held}")
     value = getattr(value, entry.attribute, None)
     if (
         row is not None
