@@ -8,7 +8,7 @@ import pytest
 
 import jaxplan
 
-HEAVY = ["matplotlib", "osqp", "scipy.spatial", "tqdm"]
+HEAVY = ["erfa", "matplotlib", "osqp", "scipy.spatial", "sgp4", "tqdm"]
 
 
 def fresh_python(code):

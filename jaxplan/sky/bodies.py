@@ -1,6 +1,6 @@
 """Sun, Moon and Earth: where they are, and how large.
 
-The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 5e-8 of the distance), the Moon's
+The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the Moon's
 ``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon (2015),
 equatorial of the Earth, so that the flattened Earth lies within the sphere.
 """
