@@ -106,19 +106,6 @@ def step_cost(
     return jnp.maximum(jnp.asarray(rotation) / attitude_step, joint_cost)
 
 
-def path_length(
-    attitudes: ArrayLike, joints: ArrayLike, attitude_step: ArrayLike, joint_steps: ArrayLike
-) -> Array:
-    """Cost in steps of the path through given nodes, as a function of the nodes.
-
-    Where platform and joints are equally slow its derivative is a mean of theirs; where an edge rests it is
-    finite. Attitudes are (m + 1, 3, 3), joints (m + 1, 2n); the rest is as for `step_cost`.
-    """
-    nodes, q = jnp.asarray(attitudes), jnp.asarray(joints)
-    rotations = so3.distance(nodes[:-1], nodes[1:])
-    return jnp.sum(step_cost(rotations, q[1:] - q[:-1], attitude_step, joint_steps))
-
-
 def motion(
     attitude: ArrayLike, joints: ArrayLike, turn: ArrayLike, joint_change: ArrayLike, fraction: ArrayLike
 ) -> tuple[Array, Array]:
@@ -222,26 +209,3 @@ def edge_margins(
     worst = interval_cosines(cones, mounts, fixed_boresights, attitude, joints, turn, joint_change, intervals)
     zone_margin = jnp.where(worst == -jnp.inf, jnp.inf, zones.margins_from_cosines(cones, worst))
     return jnp.min(zones.group_margins(cones, zone_margin), axis=0)
-
-
-def path_margins(
-    cones: zones.Cones,
-    mounts: ArrayLike,
-    fixed_boresights: ArrayLike,
-    attitudes: ArrayLike,
-    joints: ArrayLike,
-    intervals: int,
-) -> Array:
-    """Margins (m, Z) of `edge_margins` for each edge of the path through given nodes, rad.
-
-    Their derivatives by nodes, zones and devices are those of the interval nearest to a zone; where several
-    are as near, a mean of theirs. Attitudes are (m + 1, 3, 3), joints (m + 1, 2n); the rest is as for
-    `interval_cosines`.
-    """
-    nodes, q = jnp.asarray(attitudes), jnp.asarray(joints)
-    turns = so3.log(jnp.swapaxes(nodes[:-1], -1, -2) @ nodes[1:])
-
-    def margins(attitude: Array, angles: Array, turn: Array, change: Array) -> Array:
-        return edge_margins(cones, mounts, fixed_boresights, attitude, angles, turn, change, intervals)
-
-    return jax.vmap(margins)(nodes[:-1], q[:-1], turns, q[1:] - q[:-1])

@@ -1,14 +1,11 @@
 """The motion along an edge: its bounds hold at every instant, are sharp, and its cost counts steps."""
 
-from itertools import pairwise
-
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan import path, so3, spacecraft, zones
+from jaxplan import path, spacecraft, zones
 from jaxplan.path import Path
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -249,48 +246,3 @@ def test_the_length_of_a_path_is_the_cost_of_its_edges():
     assert (walked.length, walked.edges) == (3.5, 2)
     resting = Path(attitudes=np.eye(3)[None], joints=np.zeros((1, 4)), edge_costs=np.zeros(0))
     assert (resting.length, resting.edges) == (0.0, 0)
-
-
-def through_nodes(count=6, terminals=2):
-    """Nodes of a path: attitudes and joints, a resting edge at the end, and how both change along a line."""
-    rng = np.random.default_rng(11)
-    turns = Rotation.from_rotvec(0.2 * rng.normal(size=(count, 3)))
-    attitudes = [Rotation.random(rng=rng)]
-    for turn in turns:
-        attitudes.append(attitudes[-1] * turn)
-    attitudes = np.stack([attitude.as_matrix() for attitude in [*attitudes, attitudes[-1]]])
-    joints = np.cumsum(0.1 * rng.normal(size=(count + 1, 2 * terminals)), axis=0)
-    joints = np.concatenate([joints, joints[-1:]])
-    spins, rates = rng.normal(size=(count + 1, 3)), rng.normal(size=(count + 1, 2 * terminals))
-    return attitudes, joints, np.concatenate([spins, spins[-1:]]), np.concatenate([rates, rates[-1:]])
-
-
-def test_lengths_and_margins_of_a_path_have_the_derivatives_of_differences():
-    scene = Scene(2, 1)
-    steps = np.full(4, 0.08)
-    attitudes, joints, spins, rates = through_nodes()
-    real = np.isfinite(scene.sampled(scene.edges(1, 0.1), 2)[0])
-
-    def metrics(time):
-        q = joints + time * rates
-        nodes = attitudes @ so3.exp(time * spins)
-        margins = path.path_margins(scene.cones, scene.mounts, scene.fixed, nodes, q, INTERVALS)
-        return jnp.append(margins[:, real], path.path_length(nodes, q, 0.1, steps))
-
-    compiled = jax.jit(
-        lambda time: [way(time) for way in (metrics, jax.jacfwd(metrics), jax.jacrev(metrics))]
-    )
-    _, forward, backward = compiled(0.0)
-    central = [(compiled(step)[0] - compiled(-step)[0]) / (2 * step) for step in (1e-4, 5e-5)]
-    expected = np.asarray(4 * central[1] - central[0]) / 3
-    np.testing.assert_allclose(forward, expected, rtol=1e-6, atol=1e-7)
-    np.testing.assert_allclose(backward, forward, rtol=1e-9, atol=1e-12)
-
-
-def test_the_length_through_nodes_is_that_of_its_edges():
-    attitudes, joints, *_ = through_nodes()
-    steps = np.full(4, 0.08)
-    turns = [Rotation.from_matrix(first.T @ second).magnitude() for first, second in pairwise(attitudes)]
-    changes = np.abs(np.diff(joints, axis=0)).max(axis=1)
-    expected = np.sum(np.maximum(np.array(turns) / 0.1, changes / 0.08))
-    np.testing.assert_allclose(path.path_length(attitudes, joints, 0.1, steps), expected, rtol=1e-12)
