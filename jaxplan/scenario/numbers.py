@@ -23,7 +23,7 @@ _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 @dataclass(frozen=True)
-class Place:
+class NumberPlace:
     """Where a number stands.
 
     Attributes:
@@ -46,7 +46,7 @@ class Place:
         return value / self.factor
 
 
-def find_number(scenario: Scenario, name: str) -> Place:
+def find_number(scenario: Scenario, name: str) -> NumberPlace:
     """Where a number of a scenario stands.
 
     Args:
@@ -92,10 +92,10 @@ def find_number(scenario: Scenario, name: str) -> Place:
         number = "is not a number here" if isinstance(entry.kind, Number) else "is no single number"
         raise KeyError(f"{name}: {key} {number}" + (f" but {value}" if isinstance(value, str) else ""))
     factor = np.pi / 180 if entry.kind.degrees else 1.0
-    return Place(name, (*path, entry.attribute), factor, entry.kind.interval)
+    return NumberPlace(name, (*path, entry.attribute), factor, entry.kind.interval)
 
 
-def with_numbers(scenario: Scenario, numbers: Mapping[Place, Any]) -> Scenario:
+def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scenario:
     """The scenario with other numbers in some places, given in the file's units."""
     for place, number in numbers.items():
         scenario = _replaced(scenario, place.path, number * place.factor)

@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan.scenario import Scenario
-from jaxplan.scenario.numbers import Place, find_number
+from jaxplan.scenario.numbers import NumberPlace, find_number
 
 _FAR = 10.0  # ratio of bounds from which on the logarithm is taken
 _AROUND = 1e3  # bounds about the first value where the file has none
@@ -30,7 +30,7 @@ class Parameter:
         first: value to begin with.
     """
 
-    place: Place
+    place: NumberPlace
     low: float
     high: float
     first: float
@@ -87,7 +87,7 @@ def parameters(
     return tuple(found)
 
 
-def _usual(place: Place, first: float) -> tuple[float, float]:
+def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
     """Bounds where none are given."""
     interval = place.interval
     low, high = (-math.inf, math.inf) if interval is None else (interval.low, interval.high)
