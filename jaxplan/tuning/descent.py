@@ -16,7 +16,7 @@ import optax
 
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.scenario import Scenario
-from jaxplan.scenario.numbers import with_numbers
+from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow, hold, replan
 from jaxplan.tuning.objectives import Objective, make_objective
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
@@ -99,7 +99,8 @@ def tune(
     aim = make_objective(objective)
     tuned = parameters(given[0], over)
     for scenario in given[1:]:
-        parameters(scenario, {one.place.name: (one.low, one.high) for one in tuned})
+        for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
+            find_number(scenario, one.place.name)
     optimizer = optax.adam(0.1) if optimizer is None else optimizer
     with jax.enable_x64(True):
         if resume is None:
