@@ -22,12 +22,12 @@ from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
-from jaxplan.planner.chain import finish
+from jaxplan.planner.chain import finish, fit
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, Scenario
-from jaxplan.trajectory import METHODS, REFITS, Trajectory
+from jaxplan.trajectory import REFITS, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.zones import tabulate
 
@@ -66,26 +66,16 @@ def hold(plan: Plan) -> Held:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
-    scenario, path = plan.scenario, plan.path
-    start, goal = scenario.start, scenario.goal
-    fit = METHODS[scenario.trajectory.method](
-        path,
-        scenario.spacecraft,
-        scenario.trajectory,
-        cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
-        start_angular_velocity=start.angular_velocity,
-        start_joint_rates=start.joint_rates,
-        end_angular_velocity=goal.angular_velocity,
-        end_joint_rates=goal.joint_rates,
-    )
-    if fit.origin is None:
-        raise ValueError(f"the plan of {scenario.name} does not move, so nothing of it can be followed")
+    path = plan.path
+    origin = fit(plan.scenario, path).origin
+    if origin is None:
+        raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
     return Held(
         goal=plan.goal,
         attitudes=padded(path.attitudes, FEWEST_NODES),
         joints=padded(path.joints, FEWEST_NODES),
         last=np.array(len(path.attitudes) - 1),
-        fit=fit.origin.hold(),
+        fit=origin.hold(),
     )
 
 

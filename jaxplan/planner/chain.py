@@ -23,7 +23,7 @@ from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario, SearchSettings
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
-from jaxplan.trajectory import METHODS
+from jaxplan.trajectory import METHODS, Fit
 from jaxplan.zones import tabulate
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
@@ -138,22 +138,27 @@ def _settings(scenario: Scenario, factor: float, earlier: int, clock: Clock) -> 
     )
 
 
+def fit(scenario: Scenario, path: Path) -> Fit:
+    """Step 3 of a scenario through a path, by the method it asks for."""
+    start, end = scenario.start, scenario.goal
+    return METHODS[scenario.trajectory.method](
+        path,
+        scenario.spacecraft,
+        scenario.trajectory,
+        cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
+        start_angular_velocity=start.angular_velocity,
+        start_joint_rates=start.joint_rates,
+        end_angular_velocity=end.angular_velocity,
+        end_joint_rates=end.joint_rates,
+    )
+
+
 def finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
     """Fit and certify a trajectory through a path."""
     scenario, goal = so_far.scenario, so_far.goal
     assert goal is not None
-    start, end = scenario.start, scenario.goal
     with clock.step("trajectory"):
-        fitted = METHODS[scenario.trajectory.method](
-            path,
-            scenario.spacecraft,
-            scenario.trajectory,
-            cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
-            start_angular_velocity=start.angular_velocity,
-            start_joint_rates=start.joint_rates,
-            end_angular_velocity=end.angular_velocity,
-            end_joint_rates=end.joint_rates,
-        )
+        fitted = fit(scenario, path)
     message = fitted.note if fitted.status is Status.OK else fitted.message
     so_far = replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
     if fitted.trajectory is None:
