@@ -27,7 +27,7 @@ from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, 
 from jaxplan.decomposition.quadratic import MET
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
-from jaxplan.spacecraft import Spacecraft, joints_toward
+from jaxplan.spacecraft import Spacecraft, joints_toward, stacked
 
 
 def differentiable_goal(
@@ -76,7 +76,7 @@ def differentiable_goal(
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
     directions = jnp.asarray(targets.directions, found.dtype)
-    joints = joints_toward(_devices(spacecraft, found.dtype)[0], attitude, directions)
+    joints = joints_toward(spacecraft.mounts, attitude, directions)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
     return Goal(**arrays)  # for once of jax's arrays
 
@@ -125,7 +125,8 @@ def _inverse(derivative: Array) -> Array:
 
 def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.Cones) -> _Caps:
     dtype = start.dtype
-    mounts, boresights = _devices(spacecraft, dtype)
+    mounts = jnp.asarray(spacecraft.mounts, dtype)
+    boresights = jnp.asarray(spacecraft.fixed_boresights, dtype)
     yaw, pitch = jnp.split(_limits(spacecraft, targets, dtype), 2)
     edges = jnp.stack([mounts + yaw + jnp.pi / 2, mounts - yaw - jnp.pi / 2])
     of_yaw = jnp.stack([jnp.cos(edges), jnp.sin(edges), jnp.zeros_like(edges)], axis=-1)  # (2, n, 3)
@@ -155,9 +156,9 @@ def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.C
 
 def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: zones.Cones) -> Array:
     """Which caps (m,) must be kept: of a joint's two limits the nearer, of a group its best zone."""
-    mounts, boresights = _devices(spacecraft, attitude.dtype)
+    boresights = jnp.asarray(spacecraft.fixed_boresights, attitude.dtype)
     directions = jnp.asarray(targets.directions, attitude.dtype)
-    above = joints_toward(mounts, attitude, directions) >= 0
+    above = joints_toward(spacecraft.mounts, attitude, directions) >= 0
     limited = _limits(spacecraft, targets, attitude.dtype) < jnp.pi
 
     seen = jnp.concatenate([directions, boresights @ attitude.T])
@@ -165,29 +166,16 @@ def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: zo
     same_group = jnp.asarray(cones.group)[:, None] == cones.group
     as_good_before = (worst == worst[:, None]) & jnp.tri(len(worst), k=-1, dtype=bool)
     beaten = jnp.any(same_group & ((worst > worst[:, None]) | as_good_before), axis=-1)
-    of_zones = cones.bound[:, len(mounts) :] & ~beaten[:, None]
+    of_zones = cones.bound[:, len(directions) :] & ~beaten[:, None]
     return jnp.concatenate([above & limited, ~above & limited, of_zones.ravel(), jnp.zeros(1, bool)])
 
 
 def _limits(spacecraft: Spacecraft, targets: Targets, dtype: jnp.dtype) -> Array:
     """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
-    terminals = spacecraft.terminals
-    own = _array([t.yaw_limit for t in terminals] + [t.pitch_limit for t in terminals], dtype)
+    own = jnp.asarray(spacecraft.joint_limits, dtype)
     given = [jnp.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
-    at_goal = jnp.repeat(_array(given, dtype), len(terminals))
+    at_goal = jnp.repeat(jnp.asarray(stacked(given), dtype), len(spacecraft.terminals))
     return jnp.where(at_goal < own, at_goal, own)
-
-
-def _devices(spacecraft: Spacecraft, dtype: jnp.dtype) -> tuple[Array, Array]:
-    """Mounting angles (n,) of the terminals and boresights (i, 3) of the instruments."""
-    mounts = _array([terminal.mount for terminal in spacecraft.terminals], dtype)
-    boresights = _array([instrument.boresight for instrument in spacecraft.instruments], dtype)
-    return mounts, boresights.reshape(-1, 3)
-
-
-def _array(values: list[Any], dtype: jnp.dtype) -> Array:
-    """What may be tracers as one array."""
-    return jnp.stack([jnp.asarray(value, dtype) for value in values]) if values else jnp.zeros(0, dtype)
 
 
 def _unit(vectors: Array) -> Array:
