@@ -2,7 +2,8 @@
 
 Extremes are over continuous time: the highest of many samples is followed by ever finer ones about it. Its
 time, as a share of the duration, is held, so derivatives are those of the quantity at that time (the envelope
-theorem); where two peaks are equally high it is that of one of them.
+theorem); where two peaks are equally high it is that of one of them. A peak narrower than the samples may be
+missed: that a trajectory is safe is for the certificate to say, not for these numbers.
 """
 
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
@@ -22,39 +24,45 @@ Quantity = Callable[[Samples], Array]
 
 _EACH, _ALL = 12, 600  # samples on a piece, and at least on a trajectory
 _GAUSS = 12  # likewise of an integral
-_FINER, _LOOKS = 17, 8  # samples about an extreme, each look eight times as fine
+_LOOKS = 4  # the first over the whole trajectory, each next one with as many samples about the extreme
 
 
-def shares_of_limits(samples: Samples, craft: Spacecraft) -> tuple[Array, np.ndarray]:
-    """What a motion takes of each limit.
+def time_factors(samples: Samples, craft: Spacecraft) -> Array:
+    """How many times as long a motion has to take for the limit that it leans on most.
 
     Args:
         samples: at (k,) times.
         craft: its limits.
 
     Returns:
-        Magnitudes (k, Q) over limits: of the platform's rate, acceleration, jerk, torque and momentum, as far
-        as they are limited, then of the joints' rates and accelerations; and (Q,) powers of the time scaling
-        by which each falls.
+        (k,): of the platform's rate, acceleration, jerk, torque and momentum, as far as they are limited, and
+        of the joints' rates and accelerations, magnitudes over limits, each to one over the power of the time
+        scaling by which it falls; the largest of all components. NaN where one of them is NaN.
     """
-    rate, acceleration = jnp.asarray(samples.angular_velocity), jnp.asarray(samples.angular_acceleration)
-    found: list[tuple[Array, Any, int]] = [
+    rate = jnp.asarray(samples.angular_velocity)
+    found: list[tuple[ArrayLike, Any, int]] = [
         (rate, craft.rate_limit, 1),
-        (acceleration, craft.acceleration_limit, 2),
+        (samples.angular_acceleration, craft.acceleration_limit, 2),
     ]
     if craft.jerk_limit is not None:
-        found.append((jnp.asarray(samples.angular_jerk), craft.jerk_limit, 3))
+        found.append((samples.angular_jerk, craft.jerk_limit, 3))
     if craft.inertia is not None:
-        momentum = rate @ jnp.asarray(craft.inertia).T
         if craft.torque_limit is not None:
             found.append((torque(samples, craft), craft.torque_limit, 2))
         if craft.wheel_momentum_limit is not None:
-            found.append((momentum, craft.wheel_momentum_limit, 1))
-    found.append((jnp.asarray(samples.joint_rates), craft.joint_rate_limits, 1))
-    found.append((jnp.asarray(samples.joint_accelerations), craft.joint_acceleration_limits, 2))
-    shares = [jnp.abs(values) / limit for values, limit, _ in found]
-    powers = [np.full(values.shape[-1], power) for values, _, power in found]
-    return jnp.concatenate(shares, axis=-1), np.concatenate(powers)
+            found.append((rate @ jnp.asarray(craft.inertia).T, craft.wheel_momentum_limit, 1))
+    found.append((samples.joint_rates, craft.joint_rate_limits, 1))
+    found.append((samples.joint_accelerations, craft.joint_acceleration_limits, 2))
+    factors = [_root(jnp.abs(values) / limit, power) for values, limit, power in found]
+    return _largest_of(jnp.concatenate(factors, axis=-1))
+
+
+def _root(share: Array, power: int) -> Array:
+    """``share ** (1 / power)`` with a finite derivative at zero, where that of the root is none."""
+    if power == 1:
+        return share
+    zero = share == 0
+    return jnp.where(zero, 0, jnp.where(zero, 1, share) ** (1 / power))
 
 
 def torque(samples: Samples, craft: Spacecraft) -> Array:
@@ -64,34 +72,32 @@ def torque(samples: Samples, craft: Spacecraft) -> Array:
 
 
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
-    """Largest values over all time.
+    """Largest value over all time.
 
     Args:
         trajectory: its arrays may be traced.
-        quantity: of samples at (k,) times, (k, Q) values.
+        quantity: of samples at times (k,) or (), values of that shape.
 
     Returns:
-        (Q,).
+        A number; NaN where one of the values looked at is NaN.
     """
     held = jax.lax.stop_gradient(trajectory)
-    times = _times(held)
-    values = quantity(evaluate(held, times))
-    best = times[jnp.argmax(values, axis=0)]  # (Q,)
-    width = jnp.max(jnp.diff(jnp.sort(times)))
-    steps = jnp.linspace(-1, 1, _FINER)
+    first = _times(held)
+    count = len(first)
+    shares = (jnp.arange(count) - count // 2) / (count // 2)  # of the window, whose middle is the best so far
 
-    def closer(look: int, best: Array) -> Array:
-        reach = 2 * width / (_FINER // 2) ** look
-        near = jnp.clip(best[:, None] + reach * steps, 0, jnp.asarray(held.breaks)[-1])  # (Q, F)
-        near = near.at[:, _FINER // 2].set(best)
-        own = quantity(evaluate(held, near.ravel())).reshape(*near.shape, -1)
-        own = jnp.einsum("qfq->qf", own)
-        return jnp.take_along_axis(near, jnp.argmax(own, axis=1)[:, None], axis=1)[:, 0]
+    def look(_: int, state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        times, spacing, _earlier, sound = state
+        values = quantity(evaluate(held, times))
+        best = times[jnp.argmax(values)]
+        near = jnp.clip(best + 2 * spacing * shares, 0, duration(held))
+        return near, 2 * spacing / (count // 2), best, sound & ~jnp.any(jnp.isnan(values))
 
-    best = jax.lax.fori_loop(0, _LOOKS, closer, best)
-    # As shares of the duration they are held, for a peak at a break moves with it.
+    state = first, jnp.max(jnp.diff(jnp.sort(first))), first[0], jnp.array(True)
+    _, _, best, sound = jax.lax.fori_loop(0, _LOOKS, look, state)
+    # As a share of the duration it is held, for a peak at a break moves with it.
     moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
-    return jnp.diagonal(quantity(evaluate(trajectory, moving)))
+    return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
 
 def peak(trajectory: Trajectory, field: str) -> Array:
@@ -104,9 +110,7 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     Returns:
         In the field's unit, such as rad/s^2; zero where there is no component.
     """
-    if not np.shape(getattr(evaluate(jax.lax.stop_gradient(trajectory), 0.0), field))[-1]:
-        return jnp.zeros(())
-    return jnp.max(largest(trajectory, lambda samples: jnp.abs(getattr(samples, field))))
+    return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
 
 
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
@@ -140,7 +144,7 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
         In the quantity's unit times s.
     """
     nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
-    breaks = jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
+    breaks = _breaks(trajectory)
     half = jnp.diff(breaks)[:, None] / 2
     times = breaks[:-1, None] + half * (nodes + 1)
     return jnp.sum((half * weights).ravel() * quantity(evaluate(trajectory, times.ravel())))
@@ -186,27 +190,20 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Cones) -> Arr
         margins = constraint_margins(
             cones, device_margins(cones, craft.boresights(samples.attitude, samples.joints))
         )
-        return -jnp.min(margins, axis=-1, initial=jnp.inf, keepdims=True)
+        least = jnp.min(margins, axis=-1, initial=jnp.inf)
+        return -jnp.where(jnp.any(jnp.isnan(margins), axis=-1), jnp.nan, least)
 
-    return -largest(trajectory, short)[0]
+    return -largest(trajectory, short)
 
 
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
-    return jnp.max(largest(trajectory, lambda samples: jnp.abs(torque(samples, craft))))
+    return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft))))
 
 
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Factor on time at which the first limit is just met."""
-    powers: list[np.ndarray] = []
-
-    def shares(samples: Samples) -> Array:
-        found, own = shares_of_limits(samples, craft)
-        powers[:] = [own]
-        return found
-
-    peaks = largest(trajectory, shares)
-    return jnp.max(peaks ** (1 / powers[0]))
+    return largest(trajectory, lambda samples: time_factors(samples, craft))
 
 
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
@@ -215,9 +212,20 @@ def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
     return trajectory.scaled(factor)
 
 
+def _largest_of(magnitudes: Array) -> Array:
+    """Over the last axis, zero where that is empty; unlike that of `jnp.max` it is NaN where one is."""
+    sound = jnp.all(magnitudes >= 0, axis=-1)
+    return jnp.where(sound, jnp.max(magnitudes, axis=-1, initial=0.0), jnp.nan)
+
+
+def _breaks(trajectory: Trajectory) -> Array:
+    """Of the platform and the joints, in order."""
+    return jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
+
+
 def _times(trajectory: Trajectory) -> Array:
     """Many times, breaks from both sides among them."""
-    breaks = jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
+    breaks = _breaks(trajectory)
     each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
     steps = jnp.arange(each) / each
     inner = breaks[:-1, None] + jnp.diff(breaks)[:, None] * steps

@@ -1,0 +1,74 @@
+"""Numbers of a trajectory, of a turn about one axis in closed form."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory import Trajectory, measures
+
+ANGLE, DURATION = 1.2, 20.0
+CRAFT = Spacecraft(rate_limit=0.5, acceleration_limit=1e-3, jerk_limit=0.1)
+
+
+def turn_about_z():
+    """``ANGLE (3 s^2 - 2 s^3)`` in ``s = t / duration``: one piece, and no joints."""
+    shape = np.outer([0.5, 0.6, 0.0, -0.1], [0.0, 0.0, 1.0])  # Legendre coefficients
+    return Trajectory(
+        breaks=np.array([0.0, DURATION]),
+        chart_attitude=np.eye(3)[None],
+        chart_start=np.zeros(1),
+        chart_rate=np.zeros((1, 3)),
+        coefficients=ANGLE * shape[None],
+        joint_breaks=np.array([0.0, DURATION]),
+        joint_coefficients=np.zeros((1, 4, 0)),
+        node_times=np.array([0.0, DURATION]),
+        smoothness=2,
+        method="test",
+    )
+
+
+@cache
+def kernel():
+    """Some numbers of a turn with given coefficients, and the stretch with its gradient in them."""
+
+    def numbers(coefficients, craft):
+        curve = replace(turn_about_z(), coefficients=coefficients)
+        stretch = jax.value_and_grad(lambda c: measures.stretch(replace(curve, coefficients=c), craft))
+        fields = ("angular_velocity", "angular_acceleration", "joint_rates")
+        return *stretch(coefficients), jnp.stack([measures.peak(curve, field) for field in fields])
+
+    return jax.jit(numbers, compiler_options={"xla_backend_optimization_level": 0})
+
+
+def test_peaks_are_those_of_the_closed_form():
+    *_, peaks = kernel()(turn_about_z().coefficients, CRAFT)
+    expected = [1.5 * ANGLE / DURATION, 6 * ANGLE / DURATION**2, 0]  # there are no joints
+    np.testing.assert_allclose(peaks, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "stretch", "power"),
+    [
+        ({"rate_limit": 1e-2}, 1.5 * ANGLE / DURATION / 1e-2, 1),
+        ({}, np.sqrt(6 * ANGLE / DURATION**2 / 1e-3), 2),
+        ({"jerk_limit": 1e-6}, np.cbrt(12 * ANGLE / DURATION**3 / 1e-6), 3),
+    ],
+)
+def test_the_stretch_is_differentiable_where_two_axes_rest(changes, stretch, power):
+    coefficients = turn_about_z().coefficients
+    value, slope, _ = kernel()(coefficients, replace(CRAFT, **changes))
+    assert float(value) == pytest.approx(stretch, rel=1e-9)
+    assert np.all(np.isfinite(slope))
+    assert np.sum(slope * coefficients) == pytest.approx(stretch / power, rel=1e-9)
+
+
+def test_what_is_not_a_number_is_not_lost():
+    broken = turn_about_z().coefficients * np.array([1.0, np.nan, 1.0])
+    stretch, _, peaks = kernel()(broken, CRAFT)
+    assert np.isnan(stretch)
+    assert np.all(np.isnan(peaks[:2]))
