@@ -5,8 +5,9 @@ such a curve, with the coefficients ``D c``; so derivatives of any order need no
 values. On [-1, 1] the quadratic programs are well conditioned; in raw seconds they would lose all digits.
 """
 
-from functools import cache
+from functools import cache, partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -23,11 +24,26 @@ def legendre(x: ArrayLike, order: int) -> Array:
     Returns:
         (..., l + 1).
     """
-    x = jnp.asarray(x)
-    values = [jnp.ones_like(x), x]
-    for n in range(1, order):
-        values.append(((2 * n + 1) * x * values[n] - n * values[n - 1]) / (n + 1))
-    return jnp.stack(values, axis=-1)
+    return _legendre(order, jnp.asarray(x))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _legendre(order: int, x: Array) -> Array:
+    def step(last: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
+        before, value = last
+        after = ((2 * n + 1) * x * value - n * before) / (n + 1)
+        return (value, after), after
+
+    first = jnp.ones_like(x), x
+    _, others = jax.lax.scan(step, first, jnp.arange(1, order, dtype=x.dtype))
+    return jnp.moveaxis(jnp.concatenate([jnp.stack(first), others]), 0, -1)
+
+
+@_legendre.defjvp
+def _(order: int, at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
+    # The derivative of a recurrence takes many times as long to compile as that of its values.
+    values = _legendre(order, *at)
+    return values, values @ jnp.asarray(derivative_matrix(order), values.dtype) * along[0][..., None]
 
 
 @cache

@@ -160,28 +160,34 @@ def _chain(
     backward = end_turns is not None
     near, far = (1, 0) if backward else (0, 1)
     near_rows, far_rows = end_derivatives(size - 1)[near], end_derivatives(size - 1)[far]
-    first = 0 if backward else count - 1  # the segment that closes the chain
-    found: list[Array] = []
-    derivatives, last = ends[0], ends[1]
-    for k in reversed(range(count)) if backward else range(count):
-        if end_turns is not None:
-            derivatives = derivatives @ end_turns[k]
-        half = (times[held.ends[k + 1]] - times[held.ends[k]]) / 2
+    last = ends[1]
+
+    def segment(derivatives: Array, own: tuple[Any, ...]) -> tuple[Array, Array]:
+        half, turn, node_rows, node_values, present, sides, closing = own
+        if backward:
+            derivatives = derivatives @ turn
         to_x = jnp.stack([half, half**2])[:, None]
         rate = weights[0] * half**2
         objective = (rate * energy(size - 1, 1) + weights[1] * energy(size - 1, 2)) / (rate + weights[1])
-        closing = k == first
-        rows = jnp.concatenate([node_rows[k], near_rows, far_rows])
-        far_values = last * to_x if closing else held.sides[k] * limits / SAFETY * to_x
-        values = jnp.concatenate([node_values[k], derivatives * to_x, far_values])
-        always = jnp.concatenate([held.present[k], jnp.ones(2, bool), jnp.full(2, closing)])
-        on = always[:, None] | jnp.concatenate(
-            [jnp.zeros((slots + 2, values.shape[1]), bool), held.sides[k] != 0]
-        )
-        x = jax.vmap(_minimiser, (None, None, 1, 1), 1)(objective, rows, values, on)
-        found.append(x)
-        derivatives = far_rows @ x / to_x
-    return jnp.stack(found[::-1] if backward else found)
+        rows = jnp.concatenate([node_rows, near_rows, far_rows])
+        far_values = jnp.where(closing, last, sides * limits / SAFETY)
+        values = jnp.concatenate([node_values, derivatives * to_x, far_values * to_x])
+        always = jnp.concatenate([present, jnp.ones(2, bool), jnp.full(2, closing)])
+        binds = jnp.concatenate([jnp.zeros((slots + 2, values.shape[1]), bool), sides != 0])
+        x = jax.vmap(_minimiser, (None, None, 1, 1), 1)(objective, rows, values, always[:, None] | binds)
+        return far_rows @ x / to_x, x
+
+    number = np.arange(count)
+    own = (
+        jnp.diff(times[held.ends]) / 2,
+        end_turns,
+        node_rows,
+        node_values,
+        held.present,
+        held.sides,
+        number == (0 if backward else count - 1),  # the one that closes the chain
+    )
+    return jax.lax.scan(segment, ends[0], own, reverse=backward)[1]
 
 
 def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
