@@ -21,9 +21,8 @@ from jax.typing import ArrayLike
 
 from jaxplan.trajectory import pieces
 
-# Times and pieces are padded to a few sizes, so that one compiled kernel serves many trajectories.
+# Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
 _CHUNKS = (8, 128, 1024, 16384)
-_FEWEST_PIECES = 8
 
 
 @jax.tree_util.register_dataclass
@@ -122,12 +121,14 @@ class Trajectory:
         chunk = next((size for size in _CHUNKS if size >= flat.size), _CHUNKS[-1])
         padded = np.zeros(max(1, -(-flat.size // chunk)) * chunk)
         padded[: flat.size] = flat
-        whole = self.padded()
-        parts = []
+        breaks, parts = self.joint_breaks, []
         with jax.enable_x64(True):
             for part in padded.reshape(-1, chunk):
-                values = _platform_kernel(whole.platform_pieces, part)
-                values |= _joint_kernel(whole.joint_breaks, whole.joint_coefficients, part)
+                on = np.searchsorted(self.breaks[:-1], part, side="right") - 1
+                own = jax.tree.map(lambda array, on=on: np.asarray(array)[on], self.platform_pieces)
+                values = _platform_kernel(own, part)
+                on = np.searchsorted(breaks[:-1], part, side="right") - 1
+                values |= _joint_kernel(self.joint_coefficients[on], breaks[on], breaks[on + 1], part)
                 parts.append({name: np.asarray(array) for name, array in values.items()})
 
         def joined(name: str) -> np.ndarray:
@@ -155,37 +156,6 @@ class Trajectory:
             node_times=self.node_times * factor,
         )
 
-    def padded(self) -> Self:
-        """The same trajectory with its number of pieces brought to a power of two.
-
-        The pieces added stand in front, have no length and rest, so no time falls on them. What only names
-        the trajectory is dropped, so that kernels are not compiled anew for it.
-        """
-
-        def extra(count: int) -> int:
-            size = _FEWEST_PIECES
-            while size < count:
-                size *= 2
-            return size - count
-
-        def front(array: np.ndarray, count: int, value: ArrayLike) -> np.ndarray:
-            return np.concatenate([np.broadcast_to(value, (count, *array.shape[1:])), array])
-
-        first, joint = extra(len(self.coefficients)), extra(len(self.joint_coefficients))
-        return replace(
-            self,
-            breaks=front(self.breaks, first, self.breaks[0]),
-            chart_attitude=front(self.chart_attitude, first, self.chart_attitude[0]),
-            chart_start=front(self.chart_start, first, self.breaks[0]),
-            chart_rate=front(self.chart_rate, first, 0),
-            coefficients=front(self.coefficients, first, 0),
-            joint_breaks=front(self.joint_breaks, joint, self.joint_breaks[0]),
-            joint_coefficients=front(self.joint_coefficients, joint, 0),
-            node_times=np.zeros(0),
-            smoothness=0,
-            method="",
-        )
-
 
 def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     """What `Trajectory.sample` computes, as a pure function that composes with jit, vmap and grad.
@@ -197,8 +167,15 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     Returns:
         JAX arrays with the leading axes of ``t``, in the dtype of the coefficients.
     """
-    platform: dict[str, Any] = _platform_at(trajectory.platform_pieces, t)
-    joints: dict[str, Any] = _joints_at(trajectory.joint_breaks, trajectory.joint_coefficients, t)
+    stacked = trajectory.platform_pieces
+    times = jnp.asarray(t, jnp.asarray(stacked.coefficients).dtype)
+    index = _begun(stacked.start, times)
+    own = jax.tree.map(lambda array: jnp.asarray(array)[index], stacked)
+    platform: dict[str, Any] = _platform_at(own, times)
+    breaks, coefficients = jnp.asarray(trajectory.joint_breaks), jnp.asarray(trajectory.joint_coefficients)
+    times = jnp.asarray(t, coefficients.dtype)
+    index = _begun(breaks[:-1], times)
+    joints: dict[str, Any] = _joints_at(coefficients[index], breaks[index], breaks[index + 1], times)
     return Samples(**platform, **joints)
 
 
@@ -207,21 +184,14 @@ def _begun(starts: ArrayLike, t: Array) -> Array:
     return jnp.maximum(jnp.searchsorted(jnp.asarray(starts), t, side="right") - 1, 0)
 
 
-def _platform_at(stacked: pieces.Piece, t: ArrayLike) -> dict[str, Array]:
-    t = jnp.asarray(t, jnp.asarray(stacked.coefficients).dtype)
-    index = _begun(stacked.start, t)
-    own = jax.tree.map(lambda array: jnp.asarray(array)[index], stacked)
+def _platform_at(piece: pieces.Piece, t: ArrayLike) -> dict[str, Array]:
     names = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
-    return dict(zip(names, pieces.platform(own, t), strict=True))
+    return dict(zip(names, pieces.platform(piece, t), strict=True))
 
 
-def _joints_at(breaks: ArrayLike, coefficients: ArrayLike, t: ArrayLike) -> dict[str, Array]:
-    breaks, coefficients = jnp.asarray(breaks), jnp.asarray(coefficients)
-    t = jnp.asarray(t, coefficients.dtype)
-    index = _begun(breaks[:-1], t)
+def _joints_at(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: ArrayLike) -> dict[str, Array]:
     names = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
-    curves = pieces.polynomial(coefficients[index], breaks[index], breaks[index + 1], t)
-    return dict(zip(names, curves, strict=True))
+    return dict(zip(names, pieces.polynomial(coefficients, start, end, t), strict=True))
 
 
 # Compiled apart, since the platform's kernel, by far the larger, does not depend on the number of joints.

@@ -10,8 +10,10 @@ function of ``theta = arccos(x)`` it is a cosine sum without edges: every maximu
 stationary point, and Newton's method finds it from the nearest point of a fine grid.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +27,7 @@ from jaxplan.trajectory.curve import Trajectory
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 
+_BLOCK = 16  # pieces that are looked at in one call
 _FINE = 4  # grid intervals in theta for each point; then a grid maximum is within 8 % of the true one
 _NEAR = 0.9  # grid maxima above this share of the highest are followed
 _NEWTON_STEPS = 12
@@ -78,12 +81,11 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
     }
     limited = {load: own for load, own in limited.items() if own[0] is not None}
     inertia = np.zeros((3, 3)) if spacecraft.inertia is None else np.asarray(spacecraft.inertia, float)
-    whole = trajectory.padded()
-    with jax.enable_x64(True):
-        loads = np.asarray(_platform_loads(whole.platform_pieces, inertia, tuple(limited)))
-        joint_loads = np.asarray(_joint_loads(whole.joint_breaks, whole.joint_coefficients))
-    loads = loads[-len(trajectory.coefficients) :]  # without the padding, which stands in front
-    joint_loads = joint_loads[-len(trajectory.joint_coefficients) :]
+    asked = tuple(limited)
+    loads = _in_blocks(lambda pieces: _platform_loads(pieces, inertia, asked), trajectory.platform_pieces)
+    breaks = trajectory.joint_breaks
+    joint_pieces = breaks[:-1], breaks[1:], trajectory.joint_coefficients
+    joint_loads = _in_blocks(lambda pieces: _joint_loads(*pieces), joint_pieces)
     names, ratios, powers = [], [], []
     platform_peaks = largest(loads.reshape(*loads.shape[:2], -1)).reshape(-1, 3)
     for (load, (limit, power)), highest in zip(limited.items(), platform_peaks, strict=True):
@@ -99,6 +101,19 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
     return Peaks(
         names=tuple(names), ratios=np.concatenate(ratios), powers=np.array(powers), in_range=in_range
     )
+
+
+def _in_blocks(kernel: Callable[[Any], Array], stacked: Any) -> np.ndarray:
+    """Answers of a kernel for all pieces, a block at a time, so that it is compiled once for any number."""
+    count = len(jax.tree.leaves(stacked)[0])
+    found = []
+    with jax.enable_x64(True):
+        for first in range(0, count, _BLOCK):
+            own = np.minimum(np.arange(first, first + _BLOCK), count - 1)
+            found.append(
+                np.asarray(kernel(jax.tree.map(lambda array, own=own: np.asarray(array)[own], stacked)))
+            )
+    return np.concatenate(found)[:count]
 
 
 def largest(values: np.ndarray) -> np.ndarray:
@@ -186,11 +201,11 @@ def _platform_loads(stacked: pieces.Piece, inertia: Array, wanted: tuple[str, ..
 
 
 @jax.jit
-def _joint_loads(breaks: Array, coefficients: Array) -> Array:
+def _joint_loads(starts: Array, ends: Array, coefficients: Array) -> Array:
     """(M, G, 6n) angles, rates and accelerations of joints at the Chebyshev points of every piece."""
     count, points, _ = coefficients.shape  # as many as the polynomials have coefficients
-    start, end, c = (jnp.repeat(array, points, axis=0) for array in (breaks[:-1], breaks[1:], coefficients))
-    t = _chebyshev_times(breaks[:-1], breaks[1:], points)
+    start, end, c = (jnp.repeat(array, points, axis=0) for array in (starts, ends, coefficients))
+    t = _chebyshev_times(starts, ends, points)
     curves = pieces.polynomial(c, start, end, t)
     return jnp.concatenate(curves[:3], axis=-1).reshape(count, points, -1)
 
