@@ -155,18 +155,24 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
     """
     k = np.arange(sums.shape[1])
     sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
-    lower, upper = theta - reach, theta + reach
+    first = sums * k
+    second = first * k
+    theta, lower, upper = theta.copy(), theta - reach, theta + reach
+    moving = np.arange(len(theta))
     for _ in range(_NEWTON_STEPS):
-        angle = np.outer(theta, k)
-        slope = -np.sum(sums * k * np.sin(angle), axis=1)
-        curvature = -np.sum(sums * k**2 * np.cos(angle), axis=1)
-        lower, upper = np.where(slope > 0, theta, lower), np.where(slope > 0, upper, theta)
-        ahead = theta - slope / np.where(curvature < 0, curvature, -1)
-        sound = (curvature < 0) & (lower <= ahead) & (ahead <= upper)
-        before, theta = theta, np.where(sound, ahead, (lower + upper) / 2)
-        if np.all(np.abs(theta - before) <= _STILL):
+        at = theta[moving]
+        angle = np.outer(at, k)
+        slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
+        curvature = -np.einsum("ck,ck->c", second[moving], np.cos(angle))
+        lower[moving] = np.where(slope > 0, at, lower[moving])
+        upper[moving] = np.where(slope > 0, upper[moving], at)
+        ahead = at - slope / np.where(curvature < 0, curvature, -1)
+        sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
+        theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
+        moving = moving[np.abs(theta[moving] - at) > _STILL]
+        if not len(moving):
             break
-    return np.abs(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))
+    return np.abs(np.einsum("ck,ck->c", sums, np.cos(np.outer(theta, k))))
 
 
 @cache
