@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
+    from jaxplan.report import report_html
     from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
     from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.status import Status
@@ -55,6 +56,7 @@ _HOMES = {
     "plan_constellation": "jaxplan.constellation",
     "random_scenario": "jaxplan.cases",
     "replan": "jaxplan.sensitivity",
+    "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.scenario",
     "tune": "jaxplan.tuning",
@@ -91,6 +93,7 @@ __all__ = [
     "plot",
     "random_scenario",
     "replan",
+    "report_html",
     "run_study",
     "save_scenario",
     "sky",

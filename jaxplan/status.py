@@ -16,3 +16,64 @@ class Status(Enum):
     LIMITS_TOO_TIGHT = "the manoeuvre does not fit into trajectory.duration_s within the limits"
     INFEASIBLE = "a quadratic program of the trajectory has no solution"
     UNCERTIFIED = "a trajectory was found but could not be proved safe"
+
+    @property
+    def step(self) -> str:
+        """Where planning ended, one of `STEPS`; a certified plan went through all of them."""
+        return _STEP[self]
+
+    @property
+    def advice(self) -> str:
+        """What a user may change, in a sentence or two; empty of a certified plan."""
+        return _ADVICE[self]
+
+
+STEPS = ("start", "goal", "path", "trajectory", "certificate")
+"""What planning goes through, in order."""
+
+_STEP = {
+    Status.OK: "certificate",
+    Status.INVALID_START: "start",
+    Status.INVALID_GOAL: "goal",
+    Status.GOAL_UNREACHABLE: "goal",
+    Status.NO_PATH: "path",
+    Status.NODE_LIMIT: "path",
+    Status.TIME_LIMIT: "path",
+    Status.LIMITS_TOO_TIGHT: "trajectory",
+    Status.INFEASIBLE: "trajectory",
+    Status.UNCERTIFIED: "certificate",
+}
+
+_ADVICE = {
+    Status.OK: "",
+    Status.INVALID_START: "Correct the state in [start], or the zone or limit that it breaks.",
+    Status.INVALID_GOAL: (
+        "Correct [goal], or the zone or limit that it breaks. Of a goal with targets a larger "
+        "search.max_goals lets more attitudes be tried."
+    ),
+    Status.GOAL_UNREACHABLE: (
+        "Change goal.targets, widen spacecraft.terminal[i].yaw_limit_deg or pitch_limit_deg (or those of "
+        "[goal]), shrink the zone in the way, or allow more time."
+    ),
+    Status.NO_PATH: (
+        "No search can help: shrink or move a zone of the ring that the message names, do not bind the "
+        "device to it, or change the goal."
+    ),
+    Status.NODE_LIMIT: (
+        "Try another search.seed, raise search.max_expansions or search.max_goals, or take another "
+        'search.method; "rrt_connect" copes with narrow ways.'
+    ),
+    Status.TIME_LIMIT: "Raise search.time_limit_s, or search.heuristic_weight for a hastier search.",
+    Status.LIMITS_TOO_TIGHT: (
+        'Set a longer trajectory.duration_s, or "stretched" or "minimum" to have it found, or raise the '
+        "limits of rate and acceleration."
+    ),
+    Status.INFEASIBLE: (
+        'Set a longer trajectory.duration_s, take trajectory.method = "global", or smaller search steps; '
+        "with narrow joint ranges, keep start and goal farther inside."
+    ),
+    Status.UNCERTIFIED: (
+        "The message says what could not be proved. A larger search.clearance_deg or smaller search steps "
+        "help with margins, a longer trajectory.duration_s with limits."
+    ),
+}

@@ -19,7 +19,7 @@ from manoeuvres import (
 )
 from scipy.optimize import minimize_scalar
 
-from jaxplan.certificate import certify
+from jaxplan.certificate import certify, prove_margins
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 DEGREE = np.deg2rad(1)
@@ -63,6 +63,51 @@ def test_margin_bound_is_below_every_sample_and_near_the_least(terminals):
         alone = replace(named, devices=(report.worst_device,))
         there = zone_margins(trajectory, spacecraft, [alone], np.array([report.worst_time]))
         assert abs(there - least) <= 0.01 * abs(least) + 1e-5
+
+
+def test_every_margin_is_bound_below_its_samples_and_near_their_least():
+    spacecraft = craft(2, instruments=2)
+    for seed in range(6):
+        trajectory = manoeuvre(seed, terminals=2, pieces=1 + seed % 3, wiggle=0.5)
+        single = random_zones(np.random.default_rng(seed), 4, spacecraft.device_names)
+        grouped = [replace(zone, name=f"g{zone.name}", any_of="g") for zone in single[1::2]]
+        out = [zone for zone in single if isinstance(zone, KeepOut)]
+        inside = [zone for zone in single if isinstance(zone, KeepIn)] + grouped
+        names = [zone.name for zone in (*out, *inside)]
+        cones = tabulate(out, inside, spacecraft.device_names)
+        found = prove_margins(trajectory, spacecraft, cones, zone_names=names)
+        times = grid(trajectory)
+        expected = {
+            ((zone.name,), device): zone_margins(
+                trajectory, spacecraft, [replace(zone, devices=(device,))], times
+            ).min()
+            for zone in single
+            for device in zone.devices
+        }
+        best = zone_margins(trajectory, spacecraft, grouped, times).max(axis=0).min()
+        *alone, group = found
+        assert {(margin.zones, margin.device) for margin in alone} == set(expected)
+        for margin in alone:
+            least = expected[margin.zones, margin.device]
+            assert least - max(0.01 * abs(least), 1e-6) - 1e-5 <= margin.bound <= least + 1e-12
+            assert (margin.zone,) == margin.zones
+        assert set(group.zones) == {zone.name for zone in grouped}
+        assert group.zone in group.zones
+        assert best - max(0.01 * abs(best), 1e-6) - 1e-5 <= group.bound <= best + 1e-12
+        at = boresights_of(trajectory, spacecraft, np.array([alone[0].time]))[0]
+        zone = next(zone for zone in single if zone.name == alone[0].zone)
+        angle = np.arccos(at[spacecraft.device_names.index(alone[0].device)] @ zone.direction)
+        reached = (angle - zone.half_angle) * (1 if isinstance(zone, KeepOut) else -1)
+        assert abs(reached - alone[0].bound) < 0.02 * abs(reached) + 1e-4
+        assert (
+            prove_margins(
+                replace(trajectory, chart_rate=np.nan * trajectory.chart_rate),
+                spacecraft,
+                cones,
+                zone_names=names,
+            )
+            == ()
+        )
 
 
 def closest(trajectory, spacecraft, device, direction):

@@ -22,14 +22,22 @@ from jaxplan.certificate import errors, form, jets, joins, limits
 from jaxplan.certificate.errors import Errors
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion
-from jaxplan.certificate.report import EndState, Report
+from jaxplan.certificate.report import EndState, ProvedMargin, Report
 
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
     from jaxplan.zones import Cones
 
-__all__ = ["LIMIT_ALLOWANCE", "MARGIN_ALLOWANCE", "EndState", "Report", "certify"]
+__all__ = [
+    "LIMIT_ALLOWANCE",
+    "MARGIN_ALLOWANCE",
+    "EndState",
+    "ProvedMargin",
+    "Report",
+    "certify",
+    "prove_margins",
+]
 
 MARGIN_ALLOWANCE = 1e-9  # rad
 LIMIT_ALLOWANCE = 1e-9  # of the limit
@@ -104,6 +112,54 @@ def certify(
             worst_device=spacecraft.device_names[device],
             worst_zone=zone_names[zone],
         )
+
+
+def prove_margins(
+    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Cones", *, zone_names: Sequence[str]
+) -> tuple[ProvedMargin, ...]:
+    """Bounds the margin of every device to every zone that binds it, each as closely as the smallest of all.
+
+    `certify` bounds the larger margins only as far as its answer needs; this takes more work.
+
+    Args:
+        trajectory: the manoeuvre.
+        spacecraft: its devices and limits.
+        cones: all zones, padded or not.
+        zone_names: names of the zones in the order of the cones' rows.
+
+    Returns:
+        One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
+        groups last. None of a trajectory that cannot be evaluated.
+    """
+    with np.errstate(all="ignore"):
+        curve, zones = form.plain(trajectory), form.plain(cones)
+        if form.faults(curve, spacecraft, zones, len(zone_names), {}):
+            return ()
+        static = form.is_static(curve)
+        motion = Motion.of(form.held(curve) if static else curve, spacecraft)
+        together = Bindings.of(zones)
+        apart = replace(together.layout, quantity=np.arange(len(together.layout.quantity)))
+        bindings = replace(together, layout=apart)
+        evidence = errors.gather(motion, _negligible(spacecraft, bindings))
+        if not np.all(np.isfinite(evidence.samples.boresights)):
+            return ()
+        found = bindings.prove(evidence)
+        if static:
+            found.time[:] = 0
+        proved = []
+        for clause, (bound, time) in enumerate(zip(found.bound, found.time, strict=True)):
+            zone, device = bindings.deciding(clause, time, motion)
+            rows = np.unique(bindings.zone[bindings.layout.clause == clause])
+            proved.append(
+                ProvedMargin(
+                    zones=tuple(zone_names[row] for row in rows),
+                    bound=float(bound),
+                    time=float(time),
+                    zone=zone_names[zone],
+                    device=spacecraft.device_names[device],
+                )
+            )
+    return tuple(proved)
 
 
 def _negligible(spacecraft: "Spacecraft", bindings: Bindings) -> Errors:

@@ -23,6 +23,25 @@ class EndState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ProvedMargin:
+    """How far a device stays from breaking a zone, or from breaking the last zone of a group.
+
+    Attributes:
+        zones: names; several if they are a group, of which one must hold at every instant.
+        bound: rad, lower bound of the margin over all time.
+        time: s, when the margin is smallest, to the resolution of the proof.
+        zone: the one that decides then.
+        device: name of the device that decides then.
+    """
+
+    zones: tuple[str, ...]
+    bound: float
+    time: float
+    zone: str
+    device: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Report:
     """What is proved of a trajectory, for all times and not for samples alone.
 

@@ -1,4 +1,4 @@
-"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``export``, ``study`` and ``table4``.
+"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``report``, ``export``, ``study`` and ``table4``.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
 certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.

@@ -1,4 +1,4 @@
-"""The commands on one plan: ``plan``, ``check``, ``plot`` and ``export``."""
+"""The commands on one plan: ``plan``, ``check``, ``plot``, ``report`` and ``export``."""
 
 import argparse
 from pathlib import Path
@@ -43,6 +43,15 @@ def add_commands(commands: Any) -> None:
     plot.add_argument("plan", metavar="PLAN", help="a plan.json")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
+    report = commands.add_parser(
+        "report",
+        help="write a page on a plan file",
+        description="Certify a plan file anew and write a self-contained HTML page on it.",
+    )
+    report.add_argument("plan", metavar="PLAN", help="a plan.json")
+    report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
+    report.add_argument("--force", action="store_true", help="replace a file that is there")
+    report.set_defaults(run=_report)
     _export_parser(commands)
 
 
@@ -107,6 +116,16 @@ def _plot(options: argparse.Namespace) -> int:
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     common.keep_compiled_code()
     _draw(plan, folder)
+    return DONE if plan.ok else NO_PLAN
+
+
+def _report(options: argparse.Namespace) -> int:
+    from jaxplan.report import report_html
+
+    plan = load(options.plan)
+    path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
+    common.keep_compiled_code()
+    say(f"wrote {report_html(plan, path, overwrite=options.force)}")
     return DONE if plan.ok else NO_PLAN
 
 

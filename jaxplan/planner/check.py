@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import EndState, Report, certify
+from jaxplan.certificate import EndState, ProvedMargin, Report, certify, prove_margins
 from jaxplan.path import Goal
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import GivenState, Scenario
@@ -71,6 +71,24 @@ def check_plan(plan: Plan) -> Report:
     report = prove(plan.scenario, plan.goal, plan.trajectory)
     off = _goal_faults(plan.scenario, plan.goal)
     return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))
+
+
+def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
+    """Prove anew how far every device stays from every zone, see `jaxplan.certificate.prove_margins`.
+
+    Args:
+        plan: with a trajectory; the margins of another are none.
+    """
+    if plan.trajectory is None:
+        return ()
+    scenario, names = plan.scenario, plan.scenario.spacecraft.device_names
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    return prove_margins(
+        plan.trajectory,
+        scenario.spacecraft,
+        tabulate(scenario.keep_out, scenario.keep_in, names),
+        zone_names=[zone.name for zone in zones],
+    )
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:

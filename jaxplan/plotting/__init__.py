@@ -24,6 +24,7 @@ from jaxplan.plotting.sphere_map import sphere
 from jaxplan.plotting.study_figure import study, study_figure
 from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
 from jaxplan.plotting.tuning_panels import tuning
+from jaxplan.plotting.vector import vector_figures
 from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
 __all__ = [
@@ -50,4 +51,5 @@ __all__ = [
     "table4",
     "torque",
     "tuning",
+    "vector_figures",
 ]

@@ -1,0 +1,119 @@
+"""HTML in which text stays text: whatever is not `Markup` already is escaped when it is put into a tag."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+NONE = "\N{EN DASH}"
+_VOID = ("img", "meta")
+_NARROW = 3  # columns; a table of no more is not spread over the page
+Row = Sequence[Any]
+
+
+class Markup(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+
+def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
+    """An element.
+
+    Args:
+        name: of the tag.
+        content: what is in it, in order; all but `Markup` is escaped.
+        attributes: by name, escaped; those that are Python's words end in an underscore, and one that is None
+            is left out.
+    """
+    given = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    if name in _VOID:
+        return Markup(f"<{name}{given}>")
+    return Markup(f"<{name}{given}>{join(content)}</{name}>")
+
+
+def join(content: Iterable[Any]) -> Markup:
+    """Pieces one after the other; all but `Markup` is escaped."""
+    return Markup("".join(part if isinstance(part, Markup) else escape(str(part)) for part in content))
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A number with so many digits after the point, a dash for None; never a minus before zeros alone."""
+    if value is None:
+        return NONE
+    if not math.isfinite(value):
+        return "not finite"
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0 else text.replace("-", "\N{MINUS SIGN}")
+
+
+def share(value: float) -> str:
+    """A share of one in percent."""
+    return number(100 * value, 1)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+        title: over it.
+        unit: of its numbers, beside the title.
+        numeric: whether it stands to the right, digit under digit.
+    """
+
+    title: str
+    unit: str = ""
+    numeric: bool = False
+
+    @property
+    def look(self) -> str | None:
+        """Class of its cells."""
+        return "number" if self.numeric else None
+
+    def head(self) -> Markup:
+        """Its heading."""
+        unit = (tag("span", self.unit, class_="unit"),) if self.unit else ()
+        return tag("th", self.title, *unit, scope="col", class_=self.look)
+
+
+def numeric(title: str, unit: str = "") -> Column:
+    """A column of numbers."""
+    return Column(title, unit, numeric=True)
+
+
+def table(columns: Sequence[Column], rows: Iterable[Row], caption: str, marked: int | None = None) -> Markup:
+    """A table whose first column names its rows.
+
+    Args:
+        columns: from left to right.
+        rows: as many cells each.
+        caption: over it.
+        marked: number of a row to set off from the others.
+    """
+    lines = []
+    for index, row in enumerate(rows):
+        first, *others = zip(columns, row, strict=True)
+        cells = [tag("th", first[1], scope="row"), *(tag("td", cell, class_=c.look) for c, cell in others)]
+        lines.append(tag("tr", *cells, class_="marked" if index == marked else None))
+    head = tag("thead", tag("tr", *(column.head() for column in columns)))
+    look = "narrow" if len(columns) <= _NARROW else None
+    parts = (tag("caption", caption), head, tag("tbody", *lines))
+    return tag("div", tag("table", *parts, class_=look), class_="scroll")
+
+
+def facts(rows: Iterable[tuple[str, Any]], caption: str) -> Markup:
+    """A table of single values with their labels."""
+    lines = [tag("tr", tag("th", label, scope="row"), tag("td", value)) for label, value in rows]
+    body = tag("table", tag("caption", caption), tag("tbody", *lines), class_="facts")
+    return tag("div", body, class_="scroll")
+
+
+def section(name: str, title: str, *content: Any) -> Markup:
+    """A part of the page with its heading; `name` is what links go to."""
+    return tag("section", tag("h2", title), *content, id=name)

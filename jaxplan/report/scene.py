@@ -1,0 +1,176 @@
+"""What was asked: the spacecraft, its devices and limits, the zones, and the two ends of the manoeuvre.
+
+Angles in degrees. Directions are azimuth and elevation, as on the unfolded sphere: of zones and targets in
+the inertial frame, of instruments in body axes.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxplan.planner.check import start_attitude
+from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
+from jaxplan.scenario import Targets
+from jaxplan.zones import KeepIn, KeepOut
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+    from jaxplan.scenario import Scenario
+    from jaxplan.spacecraft import Spacecraft
+
+
+def spacecraft_tables(craft: "Spacecraft") -> Markup:
+    """The platform's limits, and the devices with theirs."""
+    parts = [facts(_platform(craft), "Platform, limits of each body axis")]
+    if craft.terminals:
+        columns = [
+            Column("Terminal"),
+            numeric("Mount", "deg"),
+            numeric("Yaw \N{PLUS-MINUS SIGN}", "deg"),
+            numeric("Pitch \N{PLUS-MINUS SIGN}", "deg"),
+            numeric("Rate", "deg/s"),
+            numeric("Acceleration", "deg/s\N{SUPERSCRIPT TWO}"),
+        ]
+        rows = [
+            [
+                terminal.name,
+                *(
+                    number(float(np.rad2deg(value)))
+                    for value in (
+                        terminal.mount,
+                        terminal.yaw_limit,
+                        terminal.pitch_limit,
+                        terminal.rate_limit,
+                        terminal.acceleration_limit,
+                    )
+                ),
+            ]
+            for terminal in craft.terminals
+        ]
+        parts.append(table(columns, rows, "Terminals, with the limits of their joints"))
+    if craft.instruments:
+        columns = [Column("Instrument"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
+        rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
+        parts.append(table(columns, rows, "Instruments, fixed to the body; boresights in body axes"))
+    return join(parts)
+
+
+def _platform(craft: "Spacecraft") -> list[tuple[str, str]]:
+    rows = [
+        ("Angular velocity", f"{number(float(np.rad2deg(craft.rate_limit)), 3)} deg/s"),
+        (
+            "Angular acceleration",
+            f"{number(float(np.rad2deg(craft.acceleration_limit)), 3)} deg/s\N{SUPERSCRIPT TWO}",
+        ),
+    ]
+    if craft.jerk_limit is not None:
+        rows.append(("Jerk", f"{number(float(np.rad2deg(craft.jerk_limit)), 3)} deg/s\N{SUPERSCRIPT THREE}"))
+    for label, limit, unit in (
+        ("Torque", craft.torque_limit, "N m"),
+        ("Wheel momentum", craft.wheel_momentum_limit, "N m s"),
+    ):
+        if limit is not None:
+            rows.append((label, f"{_span(limit)} {unit}"))
+    if craft.inertia is not None:
+        rows.append(("Moments of inertia", f"{_list(np.diagonal(craft.inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
+    return rows
+
+
+def _span(values: Any) -> str:
+    """One number where all are the same, else all of them."""
+    given = np.unique(values)
+    return f"{given[0]:.6g}" if len(given) == 1 else ", ".join(f"{value:.6g}" for value in values)
+
+
+def _list(values: Any, digits: int) -> str:
+    return ",\N{NO-BREAK SPACE} ".join(number(float(value), digits) for value in values)
+
+
+def _direction(vector: Any) -> tuple[str, str]:
+    """Azimuth and elevation, deg."""
+    x, y, z = (float(part) for part in vector)
+    azimuth, elevation = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(z, np.hypot(x, y)))
+    return number(float(azimuth)), number(float(elevation))
+
+
+def kind_of(zone: KeepOut | KeepIn) -> str:
+    """What a zone asks, in words."""
+    if isinstance(zone, KeepOut):
+        return "keep-out"
+    return "keep-in" if zone.any_of is None else f"keep-in, any of {zone.any_of}"
+
+
+def zones_table(scenario: "Scenario") -> Markup:
+    """The zones, or that there are none."""
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    if not zones:
+        return facts([("Zones", "none: devices may look anywhere")], "Zones")
+    columns = [
+        Column("Zone"),
+        Column("Kind"),
+        numeric("Azimuth", "deg"),
+        numeric("Elevation", "deg"),
+        numeric("Half angle", "deg"),
+        Column("Binds"),
+    ]
+    rows = [
+        [
+            zone.name,
+            kind_of(zone),
+            *_direction(zone.direction),
+            number(float(np.rad2deg(zone.half_angle))),
+            ", ".join(zone.devices) or "all devices",
+        ]
+        for zone in zones
+    ]
+    return table(columns, rows, "Zones, cones about inertial directions")
+
+
+def ends_tables(plan: "Plan") -> Markup:
+    """Start and goal: attitudes, joints, and the targets that were asked for."""
+    from scipy.spatial.transform import Rotation  # slow to import, so not at the top
+
+    scenario, goal = plan.scenario, plan.goal
+    start = start_attitude(scenario)
+    attitudes = [("Start", start), *([("Goal", goal.attitude)] if goal is not None else [])]
+    rows = []
+    for name, matrix in attitudes:
+        quaternion = Rotation.from_matrix(matrix).as_quat(canonical=True, scalar_first=True)
+        rows.append((f"{name}, quaternion w x y z", _list(quaternion, 6)))
+    if goal is not None:
+        turn = f"{number(float(np.rad2deg(goal.slew_angle)), 3)} deg, {number(goal.slew_angle, 4)} rad"
+        rows.append(("Platform turns by", turn))
+    parts = [facts(rows, "Attitude, body to inertial")]
+    if scenario.spacecraft.terminals:
+        parts.append(_joints_table(plan))
+    if isinstance(scenario.goal, Targets) and len(scenario.goal.directions):
+        columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
+        targets = [
+            [terminal.name, *_direction(direction)]
+            for terminal, direction in zip(
+                scenario.spacecraft.terminals, scenario.goal.directions, strict=True
+            )
+        ]
+        parts.append(table(columns, targets, "Targets asked for, inertial"))
+    return join(parts)
+
+
+def _joints_table(plan: "Plan") -> Markup:
+    craft, goal = plan.scenario.spacecraft, plan.goal
+    start = np.rad2deg(plan.scenario.start.joints)
+    end = None if goal is None else np.rad2deg(goal.joints)
+    columns = [
+        Column("Joint"),
+        *(numeric(title, "deg") for title in ("Start", "Goal", "Change", "Limit \N{PLUS-MINUS SIGN}")),
+    ]
+    rows = [
+        [
+            name,
+            number(float(start[i])),
+            NONE if end is None else number(float(end[i])),
+            NONE if end is None else number(float(end[i] - start[i])),
+            number(float(np.rad2deg(craft.joint_limits[i]))),
+        ]
+        for i, name in enumerate(craft.joint_names)
+    ]
+    return table(columns, rows, "Joints")

@@ -1,0 +1,292 @@
+"""The page on a plan: what it says, that it asks for nothing, and how a real browser shows it."""
+
+import base64
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exports import flown_plan
+from matplotlib import image
+
+import jaxplan as jp
+from jaxplan.cli import main
+from jaxplan.path import Path as Way
+from jaxplan.scenario import parse_scenario
+from jaxplan.search import SearchResult
+from jaxplan.status import STEPS, Status
+from jaxplan.zones import KeepIn, KeepOut
+
+NASTY = "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\"> & $x_1$"
+DRAW = "jaxplan.report.document._pictures"
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def whole_plan() -> jp.Plan:
+    """A plan with all its parts, in whose names stands what a page must not run."""
+    plan = flown_plan()
+    craft = plan.scenario.spacecraft
+    first, second = (replace(terminal, yaw_limit=3.1, pitch_limit=1.5) for terminal in craft.terminals)
+    craft = replace(
+        craft,
+        terminals=(replace(first, name=f"T {NASTY}"), second),
+        inertia=np.diag([20.0, 30.0, 40.0]),
+        torque_limit=np.array([90.0, 90.0, 99.0]),
+    )
+    times = plan.trajectory.node_times
+    motion = plan.trajectory.sample(times)
+    looks = np.asarray(craft.boresights(motion.attitude, motion.joints))
+    away = -looks[:, 1].mean(axis=0) / np.linalg.norm(looks[:, 1].mean(axis=0))
+    zones = [KeepOut(name=f"Z {NASTY}", direction=away, half_angle=0.2, devices=craft.device_names[1:2])]
+    zones.append(replace(zones[0], name="wide", half_angle=0.3))
+    held = [
+        KeepIn(
+            name=name, direction=-away, half_angle=half, devices=craft.device_names[1:2], any_of=f"G {NASTY}"
+        )
+        for name, half in (("near", 3.0), ("far", 2.9))
+    ]
+    scenario = replace(
+        plan.scenario, name=f"S {NASTY}", spacecraft=craft, keep_out=tuple(zones), keep_in=tuple(held)
+    )
+    way = Way(attitudes=motion.attitude, joints=motion.joints, edge_costs=np.full(3, 2.5))
+    found = SearchResult(status=Status.OK, path=way, expansions=7, queue_expansions=(7,))
+    timings = {"decompose": 0.25, "search": 1.5, "compile": 2.0, "total": 3.75}
+    plan = replace(plan, scenario=scenario, search=found, path=way, timings=timings)
+    report = jp.planner.check_plan(plan)
+    assert report.certified, report.faults
+    return replace(plan, report=report)
+
+
+class Page(HTMLParser):
+    """The structure of a page: a parser that notes what stands where, and that every tag is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self.rows: list[int] = []
+        self.tables: list[list[int]] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append(0)
+        if tag in ("td", "th"):
+            self.tables[-1][-1] += 1
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+            self.texts.setdefault(tag, []).append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        for tag in self.open:
+            self.texts[tag][-1] += data
+
+    def attributes(self, name: str) -> list[str]:
+        return [found[name] for _, found in self.tags if name in found]
+
+
+@pytest.fixture(scope="module")
+def plan() -> jp.Plan:
+    return whole_plan()
+
+
+@pytest.fixture(scope="module")
+def file(plan: jp.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return jp.report_html(plan, tmp_path_factory.mktemp("page") / "new" / "slew.html")
+
+
+@pytest.fixture(scope="module")
+def page(file: Path) -> Page:
+    return Page(file.read_text(encoding="utf-8"))
+
+
+def test_the_page_is_well_formed_and_its_tables_are_rectangular(page):
+    assert [tag for tag, _ in page.tags if tag in ("html", "head", "body", "h1")] == [
+        "html",
+        "head",
+        "body",
+        "h1",
+    ]
+    names = page.attributes("id")
+    assert len(names) == len(set(names))
+    assert all(len(set(rows)) == 1 for rows in page.tables)
+    assert len(page.tables) >= 9
+    assert all(found.get("alt") for tag, found in page.tags if tag == "img")
+
+
+def test_the_page_asks_for_no_other_file(page):
+    text = page.texts["style"][0]
+    assert not re.search(r"url\(|@import|https?:", text)
+    assert page.attributes("href") == []
+    sources = page.attributes("src")
+    assert len(sources) == 7
+    for source in sources:
+        kind, _, data = source.partition(",")
+        assert kind == "data:image/svg+xml;base64"
+        picture = base64.b64decode(data, validate=True).decode()
+        assert "<script" not in picture
+        assert all(place.startswith("#") for place in re.findall(r'href="([^"]*)"', picture))
+    policy = next(found["content"] for _, found in page.tags if "http-equiv" in found)
+    assert "default-src 'none'" in policy
+
+
+def test_names_are_text_and_nothing_else(page):
+    assert not {"script", "iframe", "link", "object"} & {tag for tag, _ in page.tags}
+    assert all(not name.startswith("on") for _, found in page.tags for name in found)
+    assert page.texts["h1"] == [f"S {NASTY}"]
+    for name in (f"T {NASTY}", f"Z {NASTY}"):
+        assert name in page.texts["th"]
+    assert f"keep-in, any of G {NASTY}" in page.texts["td"]
+
+
+def test_the_page_says_what_is_proved(page, plan):
+    assert page.texts["strong"] == ["Certified"]
+    (margins,) = [table for table in page.texts["table"] if "Margins over all time" in table]
+    bound = f"{np.rad2deg(plan.report.min_margin):.3f}"
+    assert bound in margins
+    assert margins.index(bound) < margins.index("wide") or "wide" in margins.split(bound)[0]
+    (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
+    for peak in plan.report.peaks.values():
+        assert f"{100 * peak:.1f}" in peaks
+    limit = np.rad2deg(plan.scenario.spacecraft.rate_limit)
+    assert f"{plan.report.peaks['angular_velocity'] * limit:.3f}{limit:.3f}deg/s" in peaks
+    assert any("7 of at most" in table and "7.50 steps" in table for table in page.texts["table"])
+    assert any("compiling2.000" in table for table in page.texts["table"])
+
+
+def test_the_scenario_on_the_page_is_the_one_that_was_planned(page, plan):
+    assert parse_scenario(page.texts["pre"][0]) == plan.scenario
+
+
+def test_the_same_plan_gives_the_same_page(plan, file, tmp_path):
+    again = jp.report_html(plan, tmp_path / "again.html")
+    assert again.read_bytes() == file.read_bytes()
+
+
+@pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
+def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, monkeypatch):
+    monkeypatch.setattr(DRAW, lambda plan: [])
+    came = STEPS.index(status.step)
+    known = {
+        "goal": came >= 2,
+        "search": came >= 2,
+        "path": came >= 3,
+        "trajectory": status is Status.UNCERTIFIED,
+        "report": status is Status.UNCERTIFIED,
+    }
+    parts = {name: getattr(plan, name) if there else None for name, there in known.items()}
+    failed = replace(plan, status=status, message=f"so & so: {NASTY}", timings={}, **parts)
+    page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
+    assert page.texts["strong"] == [status.name.replace("_", " ").capitalize()]
+    assert f"What happened: so & so: {NASTY}" in page.texts["p"]
+    assert f"What to change: {status.advice}" in page.texts["p"]
+    looks = [found["class"] for tag, found in page.tags if tag == "li" and "class" in found]
+    assert looks == ["done"] * came + ["failed"] + ["left"] * (4 - came)
+    assert parse_scenario(page.texts["pre"][0]) == plan.scenario
+
+
+def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
+    failed = replace(plan, status=Status.NODE_LIMIT, path=None, trajectory=None, report=None)
+    page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
+    assert [name for name in page.attributes("id") if "figure" in name] == ["figure-globe", "figure-sphere"]
+
+
+def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(DRAW, lambda plan: [])
+    craft = replace(plan.scenario.spacecraft, rate_limit=1e-4)
+    lying = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
+    page = Page(jp.report_html(lying, tmp_path / "lie.html").read_text(encoding="utf-8"))
+    assert page.texts["strong"] == ["Uncertified"]
+    assert any("made anew, fails: angular velocity" in text for text in page.texts["p"])
+
+
+def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
+    bare = flown_plan(terminals=0)
+    craft = replace(bare.scenario.spacecraft, instruments=())
+    bare = replace(bare, scenario=replace(bare.scenario, spacecraft=craft))
+    page = Page(jp.report_html(bare, tmp_path / "bare.html").read_text(encoding="utf-8"))
+    assert any("none: devices may look anywhere" in table for table in page.texts["table"])
+
+
+def test_an_old_file_stays_unless_it_may_go(plan, tmp_path, monkeypatch):
+    place = tmp_path / "slew.html"
+    place.write_text("mine")
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        jp.report_html(plan, place)
+    with pytest.raises(ValueError, match="is a folder"):
+        jp.report_html(plan, tmp_path, overwrite=True)
+    with pytest.raises(ValueError, match="path is empty"):
+        jp.report_html(plan, "")
+
+    def fail(*_: object) -> str:
+        raise RuntimeError("no picture")
+
+    monkeypatch.setattr(DRAW, fail)
+    with pytest.raises(RuntimeError, match="no picture"):
+        jp.report_html(plan, place, overwrite=True)
+    assert place.read_text() == "mine"
+    assert [p.name for p in tmp_path.iterdir()] == ["slew.html"]
+
+
+def test_the_command_writes_beside_the_plan_and_replaces_only_with_force(plan, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
+    monkeypatch.setattr(DRAW, lambda plan: [])
+    plan.save(tmp_path / "plan.json")
+    assert main(["report", str(tmp_path / "plan.json")]) == 0
+    first = (tmp_path / "plan.html").read_bytes()
+    (tmp_path / "plan.html").write_text("mine")
+    assert main(["report", str(tmp_path / "plan.json")]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert (tmp_path / "plan.html").read_text() == "mine"
+    assert main(["report", str(tmp_path / "plan.json"), "--force"]) == 0
+    assert (tmp_path / "plan.html").read_bytes() == first
+    failed = jp.Plan(scenario=plan.scenario, status=Status.INVALID_START, message="no")
+    failed.save(tmp_path / "failed.json")
+    assert main(["report", str(tmp_path / "failed.json"), "-o", str(tmp_path / "page.html")]) == 1
+    assert "failed here" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def browse(page: Path, folder: Path, *wishes: str) -> str:
+    """Open a page in a browser with a profile of its own; returns what it prints."""
+    quiet = ("no-first-run", "disable-background-networking", "disable-component-update", "disable-sync")
+    switches = ("headless", "no-sandbox", "disable-gpu", "hide-scrollbars", "window-size=1100,2400", *quiet)
+    words = [BROWSER, *(f"--{switch}" for switch in switches), f"--user-data-dir={folder / 'profile'}"]
+    done = subprocess.run(
+        [*words, *wishes, page.as_uri()], capture_output=True, text=True, check=True, timeout=120
+    )
+    return done.stdout
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no browser: apt-get install chromium")
+class TestBrowser:
+    def test_the_browser_runs_nothing_and_keeps_every_name(self, file, tmp_path):
+        seen = Page(browse(file, tmp_path, "--dump-dom"))
+        assert seen.texts["title"] == [f"S {NASTY} \N{EN DASH} Certified"]
+        assert seen.texts["h1"] == [f"S {NASTY}"]
+        assert seen.attributes("onerror") == []
+
+    @pytest.mark.parametrize(("scheme", "ground"), [(1, 0.98), (0, 0.09)], ids=["light", "dark"])
+    def test_the_browser_shows_the_figures_on_a_light_or_a_dark_ground(self, file, tmp_path, scheme, ground):
+        shot = tmp_path / "shot.png"
+        browse(file, tmp_path, f"--screenshot={shot}", f"--blink-settings=preferredColorScheme={scheme}")
+        seen = image.imread(shot)[..., :3]
+        assert seen.shape[0] == 2400
+        assert abs(float(np.median(seen)) - ground) < 0.03
+        strips = seen.reshape(24, 100, -1)
+        assert np.count_nonzero(np.ptp(strips, axis=(1, 2)) > 0.3) > 18  # the page is full
+        blue = np.array([0x00, 0x72, 0xB2]) / 255  # of the first device, in the figures alone
+        if scheme == 1:
+            assert np.count_nonzero(np.all(np.abs(seen - blue) < 0.02, axis=-1)) > 200
