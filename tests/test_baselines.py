@@ -71,7 +71,7 @@ def assert_flyable(scene: Scene, result: SearchResult, *, edges: bool = True) ->
 
 
 def test_the_reader_takes_every_planner_and_no_other():
-    assert tuple(PLANNERS) == SEARCH_METHODS
+    assert list(PLANNERS) == SEARCH_METHODS
 
 
 @pytest.mark.paper

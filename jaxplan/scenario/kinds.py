@@ -22,6 +22,11 @@ class Kind(ABC):
     def wanted(self) -> str:
         """What the value must be, to stand after "must be"."""
 
+    @property
+    def range(self) -> str | None:
+        """Where its numbers must lie, in the file's units; None where that is no matter."""
+        return None
+
     @abstractmethod
     def read(self, value: object, place: Place) -> Any:
         """The value in the model's units, or None after noting its faults."""
@@ -103,7 +108,7 @@ class Choice(Kind):
         options: there are.
     """
 
-    options: tuple[str | int, ...]
+    options: Sequence[str | int]
 
     @property
     def wanted(self) -> str:
@@ -150,6 +155,11 @@ class Number(Kind):
     words: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def range(self) -> str | None:
+        """The interval."""
+        return self.interval.text if self.interval else None
+
+    @property
     def wanted(self) -> str:
         """A number, the words, and the range."""
         number = f"a number in {self.interval.text}" if self.interval else "a number"
@@ -186,6 +196,11 @@ class Integer(Kind):
     """A whole number in an interval."""
 
     interval: Interval
+
+    @property
+    def range(self) -> str:
+        """The interval."""
+        return self.interval.text
 
     @property
     def wanted(self) -> str:

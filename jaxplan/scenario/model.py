@@ -15,7 +15,8 @@ import numpy as np
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepIn, KeepOut
 
-SEARCH_METHODS = ("mha", "mha-paper", "wastar", "rrt_star", "rrt_connect")
+# `search.add_planner` adds to them.
+SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
 

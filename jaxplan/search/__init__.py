@@ -1,20 +1,21 @@
 """Step 2: a sequence of clear states from start to goal. Every planner has the same call and result."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.scenario.model import SEARCH_METHODS, SearchSettings
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.lockstep import Steps, alone, together
 from jaxplan.search.problem import Scene, SearchResult, alone_and_grouped, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
+Search = Callable[[Scene, SearchSettings], Steps[SearchResult]]
 
-_SEARCHES: Mapping[str, Callable[[Scene, SearchSettings], Steps[SearchResult]]] = {
+_SEARCHES: dict[str, Search] = {
     "mha": mha.search,
     "mha-paper": mha_paper.search,
     "wastar": wastar.search,
@@ -27,8 +28,31 @@ def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult
     return alone(scene, _SEARCHES[method](scene, settings))
 
 
-PLANNERS: Mapping[str, Planner] = {method: partial(_search, method) for method in _SEARCHES}
+PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _SEARCHES}
 """By name; a planner searches a scene with some settings, of which `method` does not count."""
+
+
+def add_planner(method: str, search: Search) -> None:
+    """Let scenarios of this process name a planner of one's own in ``search.method``.
+
+    Args:
+        method: its name.
+        search: a generator; from a scene and settings it yields a `lockstep.Call` wherever it needs a kernel,
+            is sent the answer, and returns the result.
+
+    Raises:
+        ValueError: if there is a planner of that name.
+    """
+    if method in PLANNERS:
+        raise ValueError(f"method = {method!r}: there is a planner of that name")
+    _SEARCHES[method], PLANNERS[method] = search, partial(_search, method)
+    SEARCH_METHODS.append(method)
+
+
+def remove_planner(method: str) -> None:
+    """Forget a planner that `add_planner` added."""
+    del _SEARCHES[method], PLANNERS[method]
+    SEARCH_METHODS.remove(method)
 
 
 def search_batch(
@@ -61,10 +85,12 @@ __all__ = [
     "Planner",
     "Scene",
     "SearchResult",
+    "add_planner",
     "alone_and_grouped",
     "derived_seed",
     "find_barrier",
     "make_scene",
     "most_obstructive",
+    "remove_planner",
     "search_batch",
 ]
