@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup plan test lint format types units bench trust mutants clean
+.PHONY: help setup plan test lint format types units docs bench trust mutants clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -38,6 +38,10 @@ types: $(READY) ## type hints
 units: $(READY) ## tests and notebooks; one file stays on one worker, which compiles its kernels once
 	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --durations 10
 
+docs: $(READY) ## the manual as pages in build/docs
+	$(BIN)/sphinx-build -q -W --keep-going docs build/docs
+	@echo 'open build/docs/index.html'
+
 bench: $(READY) ## measure speed, one script after the other; leave the machine alone meanwhile
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench,openscvx]'
 	@set -e; for script in bench/[a-z]*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
@@ -51,7 +55,7 @@ mutants: $(READY) ## change the sources one operator at a time, and see whether 
 	@$(BIN)/python tests/trust_mutants.py
 
 clean: ## remove all that was made, .venv too
-	rm -rf $(VENV) out build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) out build dist docs/generated .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew when the dependencies change, or the extras below. Debian splits venv from Python, hence the second question.
@@ -61,5 +65,5 @@ $(READY): pyproject.toml Makefile
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	    echo '$(PYTHON) cannot make virtual environments; on Debian: apt-get install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,notebooks,spice,study,dask,orbit]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,notebooks,spice,study,dask,orbit,docs]'
 	@touch $@

@@ -15,6 +15,9 @@ from jaxplan.scenario.kinds import Interval, Kind, Number, finite
 
 UNIT_TOLERANCE = 1e-3
 
+_POSITIVE = Number(Interval("[1e-12, 1e12]"))
+_MOMENT = Number(Interval("[-1e12, 1e12]"))
+
 
 def _read_entries(
     kind: Kind, count: int | None, wanted: str, value: object, place: Place
@@ -49,6 +52,11 @@ class Vector(Kind):
     of: Number = field(default_factory=Number)
 
     @property
+    def range(self) -> str | None:
+        """That of each."""
+        return self.of.range
+
+    @property
     def wanted(self) -> str:
         """How many."""
         return f"{self.length} numbers"
@@ -74,6 +82,11 @@ class Each(Kind):
 
     of: Kind
     per: str = "terminal"
+
+    @property
+    def range(self) -> str | None:
+        """That of each."""
+        return self.of.range
 
     @property
     def wanted(self) -> str:
@@ -152,16 +165,16 @@ class PerAxis(Kind):
     """A positive number for all body axes, or three."""
 
     wanted = "a number, or 3 numbers, one a body axis"
+    range = _POSITIVE.range
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(3,)."""
-        positive = Number(Interval("[1e-12, 1e12]"))
         if isinstance(value, list):
-            read = _read_entries(positive, 3, "numbers, one a body axis", value, place)
+            read = _read_entries(_POSITIVE, 3, "numbers, one a body axis", value, place)
             return None if read is None else np.array(read)
         if finite(value, place, self.wanted) is None:
             return None
-        number = positive.read(value, place)
+        number = _POSITIVE.read(value, place)
         return None if number is None else np.full(3, number)
 
     def write(self, value: Any) -> float | list[float]:
@@ -175,12 +188,11 @@ class Inertia(Kind):
     """A matrix of inertia that a body can have."""
 
     wanted = "3 rows of 3 numbers"
+    range = _MOMENT.range
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(3, 3)."""
-        rows = _read_entries(
-            Vector(3, Number(Interval("[-1e12, 1e12]"))), 3, "rows of 3 numbers", value, place
-        )
+        rows = _read_entries(Vector(3, _MOMENT), 3, "rows of 3 numbers", value, place)
         if rows is None:
             return None
         matrix = np.array(rows)

@@ -6,6 +6,8 @@ from typing import Any
 from jaxplan.scenario.faults import Place, nearest
 from jaxplan.scenario.kinds import Interval, Kind, Number
 
+_FACTOR = Number(Interval("[1e-3, 1e3]"))
+
 
 @dataclass(frozen=True)
 class DeviceList(Kind):
@@ -42,6 +44,7 @@ class TerminalFactors(Kind):
     """A positive factor for some of the terminals."""
 
     wanted = "a table from names of terminals to numbers"
+    range = _FACTOR.range
 
     def read(self, value: object, place: Place) -> dict[str, float] | None:
         """The factors by name."""
@@ -53,8 +56,7 @@ class TerminalFactors(Kind):
         for name in value:
             if known is not None and name not in known:
                 place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
-        factor = Number(Interval("[1e-3, 1e3]"))
-        read = {name: factor.read(number, place.key(name)) for name, number in value.items()}
+        read = {name: _FACTOR.read(number, place.key(name)) for name, number in value.items()}
         return read if len(place.faults) == before else None
 
     def write(self, value: Any) -> dict[str, float]:

@@ -97,16 +97,31 @@ SEARCH = Table(
     SearchSettings,
     (
         _always("method", Choice(model.SEARCH_METHODS), "method", "the planner"),
-        Field("attitude_step_rad", _step, "attitude_step", "turn of the platform in a step"),
-        Field("joint_step_rad", _step, "joint_step", "change of a joint in a step"),
-        Field("terminal_step_scale", TerminalFactors(), "terminal_step_scale", "on the joint step"),
+        Field(
+            "attitude_step_rad",
+            _step,
+            "attitude_step",
+            "turn of the platform in a step, delta_SO(3) of the paper",
+        ),
+        Field("joint_step_rad", _step, "joint_step", "change of a joint in a step, delta_h of the paper"),
+        Field("terminal_step_scale", TerminalFactors(), "terminal_step_scale", "factors on the joint step"),
         Field("heuristic_weight", _inflation, "heuristic_weight", "w1 of the paper"),
         Field("anchor_weight", _inflation, "anchor_weight", "w2 of the paper"),
-        Field("attitude_moves", Integer(Interval("[1, 256]")), "attitude_moves", "random ones an expansion"),
-        Field("clearance_deg", Number(Interval("[0, 90)"), degrees=True), "clearance", "wanted beyond zones"),
-        Field("max_expansions", Integer(Interval("[1, inf)")), "max_expansions", "after which it gives up"),
+        Field("attitude_moves", Integer(Interval("[1, 256]")), "attitude_moves", "random turns an expansion"),
         Field(
-            "time_limit_s", Number(Interval("(0, inf)"), words={"off": math.inf}), "time_limit", "likewise"
+            "clearance_deg",
+            Number(Interval("[0, 90)"), degrees=True),
+            "clearance",
+            "wanted beyond zones, tapering to zero at both ends",
+        ),
+        Field(
+            "max_expansions", Integer(Interval("[1, inf)")), "max_expansions", "a search gives up after them"
+        ),
+        Field(
+            "time_limit_s",
+            Number(Interval("(0, inf)"), words={"off": math.inf}),
+            "time_limit",
+            "what a plan may take, compiling aside",
         ),
         Field("max_goals", Integer(Interval("[1, 100]")), "max_goals", "goals of step 1 that may be tried"),
         Field("improvements", Integer(Interval("[0, 10000]")), "improvements", "searches for shorter paths"),
@@ -122,7 +137,12 @@ TRAJECTORY = Table(
     (
         _always("method", Choice(model.TRAJECTORY_METHODS), "method", "the method"),
         Field("duration_s", _DURATION, "duration", "or as short as scaling the time, or any motion, allows"),
-        Field("segments", Integer(Interval("[1, 1000]")), "segments", "of paper, at least"),
+        Field(
+            "segments",
+            Integer(Interval("[1, 1000]")),
+            "segments",
+            "of paper, at least; if absent as few as the path allows",
+        ),
         # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
         Field("order", Integer(Interval("[5, 24]")), "order", "of paper, degree of the polynomials"),
         Field("rate_weight", Number(Interval("[0, 1e6]")), "rate_weight", "lambda_1 of the paper"),
@@ -133,7 +153,12 @@ TRAJECTORY = Table(
             "lambda_2 of the paper",
         ),
         Field("jerk_weight", Number(Interval("[0, 1e6]")), "jerk_weight", "of global"),
-        Field("node_tube_deg", _TUBE, "node_tube", "of global, how far off a node may be passed"),
+        Field(
+            "node_tube_deg",
+            _TUBE,
+            "node_tube",
+            'of global, how far off a node may be passed; if absent 1, and for "minimum" inf',
+        ),
         Field(
             "end_acceleration",
             Choice(model.END_ACCELERATIONS),

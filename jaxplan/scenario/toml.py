@@ -99,7 +99,7 @@ def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
         if rows or (isinstance(value, dict) and not path):
             inner.append((key, value))
         else:
-            lines.append(f"{spell_key(key)} = {_value(value)}")
+            lines.append(f"{spell_key(key)} = {value_text(value)}")
     yield "\n".join(lines)
     for key, value in inner:
         name = f"{path}.{spell_key(key)}".lstrip(".")
@@ -110,14 +110,15 @@ def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
                 yield from _blocks(row, name, f"[[{name}]]")
 
 
-def _value(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """A value as the right side of a line says it."""
     if isinstance(value, str):
         return quote(value)
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{spell_key(key)} = {_value(item)}' for key, item in value.items())} }}"
+        return f"{{ {', '.join(f'{spell_key(key)} = {value_text(item)}' for key, item in value.items())} }}"
     if not isinstance(value, list):
         return repr(value)
-    items = [_value(item) for item in value]
+    items = [value_text(item) for item in value]
     line = f"[{', '.join(items)}]"
     if len(line) <= _WIDEST_LINE and not any(isinstance(item, list) for item in value):
         return line

@@ -1,0 +1,40 @@
+"""A planner of one's own: fly straight, or by way of one random state."""
+
+import numpy as np
+
+import jaxplan as jp
+from jaxplan.scenario import with_settings
+from jaxplan.search import add_planner
+from jaxplan.search.rrt import Space
+
+TRIES = 16  # random states that are looked at together
+
+
+def search(scene, settings):
+    """Search a path that bends at most once."""
+    space = Space(scene, settings)
+    straight = yield from space.straight()
+    if straight is not None:
+        return straight
+    while (limit := space.spent()) is None:
+        via = space.draw(min(TRIES, space.left))
+        space.extensions += len(via)
+        start, goal = np.tile(space.start, (len(via), 1)), np.tile(space.goal, (len(via), 1))
+        # Steps from start and goal to both ends of the motions, which say how much clearance is wanted there.
+        near, far = np.zeros(len(via)), space.distance(start, goal)
+        out, back = space.distance(start, via), space.distance(via, goal)
+        there = yield from space.reach(start, via, np.stack([near, out]), np.stack([far, back]))
+        onward = yield from space.reach(via, goal, np.stack([out, far]), np.stack([back, near]))
+        clear = (there == 1) & (onward == 1)
+        if np.any(clear):
+            best = np.argmin(np.where(clear, out + back, np.inf))
+            return (yield from space.found(np.stack([space.start, via[best], space.goal])))
+    return space.result(limit)
+
+
+add_planner("by-way-of", search)
+
+scenario = jp.paper_case(2)
+settings = {"search.method": "by-way-of", "search.max_expansions": 20000}
+plan = jp.plan(with_settings(scenario, settings))
+print(plan)

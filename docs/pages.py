@@ -1,0 +1,193 @@
+"""Pages that follow from the code, so that they cannot rot: text in Markdown, each by a function of its own.
+
+``front`` and ``guide`` are the README's, ``scenario_file`` comes from the layout by which files are read,
+``command_line`` from the parser, ``statuses`` from the outcomes of planning. Nothing here needs Sphinx.
+"""
+
+import argparse
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from jaxplan.cli import _parser
+from jaxplan.scenario import toml
+from jaxplan.scenario.kinds import Kind
+from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.states import GIVEN_GOAL, TARGETS, Goal
+from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.status import Status
+
+ROOT = Path(__file__).parent.parent
+NOTEBOOKS = ROOT / "notebooks"
+NONE = "\N{EN DASH}"
+
+_UNITS = {
+    "_deg_s3": "deg/s³",
+    "_deg_s2": "deg/s²",
+    "_deg_s": "deg/s",
+    "_deg": "deg",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_kg_m2": "kg m²",
+    "_nms": "N m s",
+    "_nm": "N m",
+    "_s": "s",
+}
+
+
+def write(folder: Path) -> None:
+    """Make all pages, and copies of the notebooks beside them."""
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "notebooks").mkdir(parents=True)
+    for name, make in PAGES.items():
+        (folder / f"{name}.md").write_text(make(), encoding="utf-8")
+    for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
+        shutil.copy(notebook, folder / "notebooks")
+
+
+def front() -> str:
+    """The beginning of the README, until it turns to other tools, for the page above this folder."""
+    return _readme("", "generated/").partition("\n## Into your other tools")[0] + "\n"
+
+
+def guide() -> str:
+    """The README from there to what else there is to read."""
+    text = _readme("../", "")
+    begin, end = text.index("## Into your other tools"), text.index("## Read on")
+    return f"# Guide\n\n{text[begin:end].rstrip()}\n"
+
+
+def _readme(docs: str, generated: str) -> str:
+    """The README with its links as the manual has them; of a file that is not a page the name is left.
+
+    Args:
+        docs: way to the manual's folder.
+        generated: way to the folder that is written.
+    """
+
+    def link(found: re.Match[str]) -> str:
+        mark, text, target = found.groups()
+        if "://" in target or target.startswith("#"):
+            return found[0]
+        if target.startswith("docs/"):
+            return f"{mark}[{text}]({docs}{target.removeprefix('docs/')})"
+        return f"{mark}[{text}]({generated}{target})" if target.startswith("notebooks/") else text
+
+    return re.sub(r"(!?)\[([^]]*)\]\(([^)\s]+)\)", link, (ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def scenario_file() -> str:
+    """Every key of a scenario file with its unit, range, default and meaning."""
+    head = (
+        "# Scenario file\n\n"
+        "A scenario is a TOML file in UTF-8. Units are in the keys; an unknown key, a missing one and a "
+        "value out of range are faults, and all of a file are reported at once. Arrays list terminals in "
+        "the file's order. Directions and quaternions are normalised silently when they are within 1e-3 of "
+        "unit length, and refused beyond. *Required* in the column of defaults means that there is none; a "
+        "dash, that the key may be absent. `jp.save_scenario` writes such files, and the settings of "
+        "`[search]` and `[trajectory]` go by their names in `jp.run_study(settings=...)`, `jp.tune` and "
+        "`jaxplan study --set`.\n"
+    )
+    tables = "\n".join(_table_page(path, table) for path, table in _tables(SCENARIO, ""))
+    example = (
+        "## Example\n\nCase 3 of the paper, as it ships:\n\n"
+        "```{literalinclude} ../../jaxplan/cases/case-3.toml\n:language: toml\n```\n"
+    )
+    return f"{head}\n{tables}\n{example}"
+
+
+def _tables(table: Table, path: str) -> Iterator[tuple[str, Table]]:
+    """The tables of a file in the order of writing, with their headers."""
+    inner = {field.key: field.kind for field in table.fields if isinstance(field.kind, Table | Rows | Goal)}
+    yield path, replace(table, fields=tuple(field for field in table.fields if field.key not in inner))
+    for key, kind in inner.items():
+        name = f"{path.strip('[]')}.{key}".lstrip(".")
+        if isinstance(kind, Rows):
+            yield from _tables(kind.table, f"[[{name}]]")
+        elif isinstance(kind, Goal):
+            yield f"[{name}] with targets", TARGETS
+            yield f"[{name}] as a given state", GIVEN_GOAL
+        else:
+            assert isinstance(kind, Table)
+            yield from _tables(kind, f"[{name}]")
+
+
+def _table_page(path: str, table: Table) -> str:
+    """A table's keys."""
+    header, _, rest = path.partition("] ")
+    title = f"`{header}{']' if rest else ''}` {rest}".strip() if path else "Top of the file"
+    lines = ["| key | value | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
+    meaning = ""
+    for field in table.fields:
+        meaning = meaning if field.meaning == "likewise" else field.meaning
+        cells = [
+            f"`{field.key}`",
+            field.kind.wanted.replace(f" in {field.kind.range}", ""),
+            unit(field),
+            _code(field.kind.range),
+            _default(table, field),
+            meaning,
+        ]
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join([f"## {title}", "", *lines, ""])
+
+
+def unit(field: Field) -> str:
+    """The unit that stands in a key, or a dash."""
+    return next((unit for ending, unit in _UNITS.items() if field.key.endswith(ending)), NONE)
+
+
+def _code(text: str | None) -> str:
+    return f"`{text}`" if text else NONE
+
+
+def _default(table: Table, field: Field) -> str:
+    """What an absent key stands for, as a file would say it."""
+    if field.required:
+        others = [f"`{f.key}`" for f in table.fields if f.attribute == field.attribute and f is not field]
+        return ", or ".join(["required", *others])
+    default = table.defaults().get(field.attribute)
+    return NONE if default is None or default in ((), {}) else _code(_as_file(field.kind, default))
+
+
+def _as_file(kind: Kind, value: object) -> str:
+    return toml.value_text(kind.write(value))
+
+
+def command_line() -> str:
+    """Every command with its arguments."""
+    parser = _parser()
+    (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    parts = [
+        "# Command line",
+        f"{parser.description} Results go to stdout, messages and progress to stderr. {parser.epilog}",
+    ]
+    for name, command in commands.choices.items():
+        usage = re.sub(r"\s+", " ", command.format_usage().removeprefix("usage: ")).strip()
+        lines = ["| argument | meaning |", "|---|---|"]
+        for action in command._actions:
+            spelled = ", ".join(f"`{word}`" for word in action.option_strings) or f"`{action.metavar}`"
+            value = f" `{action.metavar}`" if action.option_strings and action.metavar else ""
+            lines.append(f"| {spelled}{value} | {action.help} |")
+        parts += [f"## jaxplan {name}", str(command.description), f"```sh\n{usage}\n```", "\n".join(lines)]
+    return "\n\n".join(parts) + "\n"
+
+
+def statuses() -> str:
+    """The outcomes of planning, for the page on results."""
+    lines = ["| status | meaning | ends at | what to change |", "|---|---|---|---|"]
+    for status in Status:
+        lines.append(f"| `{status.name}` | {status.value} | {status.step} | {status.advice or NONE} |")
+    return "\n".join(lines) + "\n"
+
+
+# Of these, `front` and `statuses` are parts of other pages.
+PAGES = {
+    "front": front,
+    "guide": guide,
+    "scenario_file": scenario_file,
+    "command_line": command_line,
+    "statuses": statuses,
+}

@@ -1,0 +1,280 @@
+"""The manual: its pages from the code are whole and true, its example runs, and it builds without a fault."""
+
+import importlib
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+from dataclasses import fields, is_dataclass
+from html.parser import HTMLParser
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pytest
+
+from jaxplan.cli import main
+from jaxplan.scenario.faults import DeviceNames, Place
+from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.states import GIVEN_GOAL, TARGETS, Goal
+from jaxplan.scenario.tables import Rows, Table
+from jaxplan.search import PLANNERS, remove_planner
+from jaxplan.status import Status
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
+UNITS = {
+    "deg": "deg",
+    "rad": "rad",
+    "s": "s",
+    "nm": "N m",
+    "nms": "N m s",
+    "m2": "kg m²",
+    "s2": "deg/s²",
+    "s3": "deg/s³",
+}
+
+
+@pytest.fixture(scope="module")
+def pages():
+    sys.path.insert(0, str(DOCS))
+    try:
+        yield importlib.import_module("pages")
+    finally:
+        sys.path.remove(str(DOCS))
+
+
+@pytest.fixture(scope="module")
+def rows(pages):
+    """(table, key) to its cells, of the reference of the scenario file."""
+    found, title = {}, ""
+    for line in pages.scenario_file().splitlines():
+        if line.startswith("## "):
+            title = line.removeprefix("## ").replace("`", "")
+        elif line.startswith("| `"):
+            key, *cells = (cell.strip() for cell in line.strip("|").split(" | "))
+            found[title, key.strip("` ")] = cells
+    return found
+
+
+def tables(table=SCENARIO, title="Top of the file"):
+    """Every table that files are read by, with its heading."""
+    yield title, table
+    path = "" if title == "Top of the file" else title.strip("[]") + "."
+    for field in table.fields:
+        if isinstance(field.kind, Rows):
+            yield from tables(field.kind.table, f"[[{path}{field.key}]]")
+        elif isinstance(field.kind, Goal):
+            yield f"[{path}{field.key}] with targets", TARGETS
+            yield f"[{path}{field.key}] as a given state", GIVEN_GOAL
+        elif isinstance(field.kind, Table):
+            yield from tables(field.kind, f"[{path}{field.key}]")
+
+
+def expected_unit(key: str) -> str:
+    """The unit that a key ends in, spelled out."""
+    ending = re.search(r"_(deg_s3|deg_s2|deg_s|rad_s|kg_m2|deg|rad|nms|nm|s)$", key)
+    if ending is None:
+        return "\N{EN DASH}"
+    parts = ending[1].split("_")
+    if len(parts) == 2 and parts[1] == "s":
+        return f"{parts[0]}/s"
+    return UNITS[parts[-1]]
+
+
+def test_every_key_that_is_read_is_in_the_reference_with_unit_range_and_default(rows):
+    there = set()
+    for title, table in tables():
+        for field in table.fields:
+            if isinstance(field.kind, Table | Rows | Goal):
+                continue
+            there.add((title, field.key))
+            value, unit, interval, default, meaning = rows[title, field.key]
+            assert value
+            assert meaning
+            assert meaning != "likewise"
+            assert unit == expected_unit(field.key)
+            own = table.defaults().get(field.attribute)
+            if field.required:
+                assert default.startswith("required")
+            elif own in (None, (), {}):
+                assert default == "\N{EN DASH}"
+            else:
+                read = tomllib.loads(f"v = {default.strip('`')}")["v"]
+                place = Place(faults=[], devices=DeviceNames((), ()))
+                assert field.kind.read(read, place) == own
+                assert place.faults == []
+            assert ("[" in interval or "(" in interval) == (field.kind.range is not None)
+    assert set(rows) == there
+    assert len(there) > 60
+
+
+def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
+    place = Place(faults=[], devices=DeviceNames((), ()))
+    tried = 0
+    for title, table in tables():
+        for field in table.fields:
+            interval = getattr(field.kind, "interval", None)
+            if interval is None:
+                continue
+            text = rows[title, field.key][2].strip("`")
+            low, high = (float(end) for end in text[1:-1].split(","))
+            whole = type(field.kind).__name__ == "Integer"
+            for end, closed in ((low, text[0] == "["), (high, text[-1] == "]")):
+                if abs(end) == float("inf"):
+                    continue
+                read = field.kind.read(int(end) if whole else end, place)
+                assert (read is not None) == closed, (title, field.key)
+            beyond = low - max(abs(low) * 1e-6, 1e-9)
+            assert field.kind.read(int(low) - 1 if whole else beyond, place) is None
+            tried += 1
+    assert tried > 25
+
+
+def test_every_key_of_the_example_is_in_the_reference(rows):
+    keys = {key for _, key in rows}
+
+    def walk(table):
+        for key, value in table.items():
+            inner = value if isinstance(value, list) else [value]
+            if isinstance(inner[0], dict) and key != "terminal_step_scale":
+                for row in inner:
+                    yield from walk(row)
+            else:
+                yield key
+
+    assert set(walk(tomllib.loads(EVERY_KEY.read_text()))) <= keys
+
+
+def test_the_command_line_page_has_every_command_and_option(pages, capsys):
+    text = pages.command_line()
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    commands = re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE)
+    assert len(commands) >= 7
+    for command in commands:
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        told = capsys.readouterr().out
+        section = text.split(f"## jaxplan {command}\n")[1].partition("\n## ")[0]
+        spelled = re.findall(r"^  (-\S.*?)(?:  |$)", told.partition("\noptions:")[2], re.MULTILINE)
+        options = [option for line in spelled for option in re.findall(r"(?<!\S)--?[a-z-]+", line)]
+        assert {"-h", "--help"} < set(options)
+        assert all(f"`{option}`" in section for option in options)
+
+
+def test_the_statuses_are_all_told(pages):
+    text = pages.statuses()
+    for status in Status:
+        assert f"| `{status.name}` | {status.value} | {status.step} |" in text
+        assert status.advice in text
+        assert bool(status.advice) == (status is not Status.OK)
+
+
+def test_the_readme_is_the_source_of_the_front_and_the_guide(pages):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## .*", readme, re.MULTILINE)
+    shown = re.findall(r"^## .*", pages.front() + pages.guide(), re.MULTILINE)
+    assert shown == [heading for heading in headings if heading != "## Read on"]
+
+
+def test_the_names_beside_the_symbols_exist(rows):
+    import jaxplan as jp
+    from jaxplan import so3, spacecraft, trajectory, zones
+    from jaxplan.path import Goal as PathGoal
+    from jaxplan.path import Path as Way
+    from jaxplan.scenario import SearchSettings, Targets, TrajectorySettings
+    from jaxplan.trajectory import Samples, basis
+
+    homes = {
+        "goal": PathGoal, "Path": Way, "so3": so3, "spacecraft": spacecraft, "trajectory": trajectory,
+        "Samples": Samples, "SearchSettings": SearchSettings, "Targets": Targets, "Trajectory": jp.Trajectory,
+        "TrajectorySettings": TrajectorySettings, "KeepIn": zones.KeepIn, "KeepOut": zones.KeepOut,
+        "Terminal": spacecraft.Terminal, "Spacecraft": spacecraft.Spacecraft,
+    }  # fmt: skip
+    assert basis is trajectory.basis
+    known = {key for _, key in rows}
+    table = (DOCS / "method.md").read_text(encoding="utf-8").split("## Symbols")[1].partition("\n## ")[0]
+    names = keys = 0
+    for line in table.splitlines()[4:]:
+        if not line.startswith("|"):
+            continue
+        code, file = line.split("|")[3:5]
+        home = ""
+        for name in re.findall(r"`([A-Za-z0-9_.]+)(?:\[k\])?`", code):
+            first, _, last = name.rpartition(".")
+            home = first or home
+            if home:
+                own = homes[home]
+                has = {f.name for f in fields(own)} if is_dataclass(own) else set()
+                assert last in has or hasattr(own, last), name
+                names += 1
+        for key in re.findall(r"`([a-z0-9_.]+)`", file):
+            assert key.rpartition(".")[2] in known | {"keep_out", "keep_in"}, key
+            keys += 1
+    assert names > 25
+    assert keys > 20
+
+
+def test_the_planner_of_the_example_finds_a_certified_plan(capsys):
+    try:
+        ran = runpy.run_path(str(DOCS / "examples" / "by_way_of.py"))
+        plan = ran["plan"]
+        assert plan.ok
+        assert plan.scenario.search.method == "by-way-of"
+        assert plan.search.expansions > 0  # the straight motion is not clear
+        assert "certified" in capsys.readouterr().out
+        with pytest.raises(ValueError, match="there is a planner of that name"):
+            ran["add_planner"]("mha", ran["search"])
+    finally:
+        if "by-way-of" in PLANNERS:
+            remove_planner("by-way-of")
+    assert "by-way-of" not in PLANNERS
+
+
+class Links(HTMLParser):
+    """The places that a page links to, and those that links may go to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.names: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for key, value in attrs:
+            if key in ("href", "src") and value is not None:
+                self.targets.append(value)
+            if key == "id" and value is not None:
+                self.names.add(value)
+
+
+def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(tmp_path):
+    absent = [module for module in ("sphinx", "furo", "myst_nb") if find_spec(module) is None]
+    if absent:
+        pytest.skip(f"{', '.join(absent)} not installed: pip install 'jaxplan[docs]'")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", tmp_path / "trees", DOCS]
+    built = subprocess.run([*command, tmp_path / "pages"], capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    assert built.stderr == ""
+    files = sorted((tmp_path / "pages").rglob("*.html"))
+    parsed = {file: Links(file.read_text(encoding="utf-8")) for file in files}
+    names = {file.relative_to(tmp_path / "pages").as_posix() for file in files}
+    assert {"index.html", "method.html", "api.html", "planner.html", "results.html"} <= names
+    assert sum("notebooks" in name for name in names) == len(list((ROOT / "notebooks").glob("*.ipynb")))
+    broken, checked = [], 0
+    for file, page in parsed.items():
+        for target in page.targets:
+            place, name = urldefrag(target)
+            if "://" in place or place.startswith(("data:", "mailto:")):
+                continue
+            goal = (file.parent / unquote(place.partition("?")[0])).resolve() if place else file
+            checked += 1
+            whole = goal.is_file() and (not name or goal not in parsed or unquote(name) in parsed[goal].names)
+            if not whole:
+                broken.append(f"{file.name}: {target}")
+    assert broken == []
+    assert checked > 200
+    assert "<math" in (tmp_path / "pages" / "method.html").read_text(encoding="utf-8")
