@@ -15,8 +15,7 @@ from jaxplan.cli import _parser
 from jaxplan.scenario import toml
 from jaxplan.scenario.kinds import Kind
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.states import GIVEN_GOAL, TARGETS, Goal
-from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.scenario.tables import Either, Field, Rows, Table
 from jaxplan.status import Status
 
 ROOT = Path(__file__).parent.parent
@@ -31,6 +30,7 @@ _UNITS = {
     "_rad_s": "rad/s",
     "_rad": "rad",
     "_kg_m2": "kg m²",
+    "_km": "km",
     "_nms": "N m s",
     "_nm": "N m",
     "_s": "s",
@@ -100,15 +100,15 @@ def scenario_file() -> str:
 
 def _tables(table: Table, path: str) -> Iterator[tuple[str, Table]]:
     """The tables of a file in the order of writing, with their headers."""
-    inner = {field.key: field.kind for field in table.fields if isinstance(field.kind, Table | Rows | Goal)}
+    inner = {field.key: field.kind for field in table.fields if isinstance(field.kind, Table | Rows | Either)}
     yield path, replace(table, fields=tuple(field for field in table.fields if field.key not in inner))
     for key, kind in inner.items():
         name = f"{path.strip('[]')}.{key}".lstrip(".")
         if isinstance(kind, Rows):
             yield from _tables(kind.table, f"[[{name}]]")
-        elif isinstance(kind, Goal):
-            yield f"[{name}] with targets", TARGETS
-            yield f"[{name}] as a given state", GIVEN_GOAL
+        elif isinstance(kind, Either):
+            for words, one in kind.tables.items():
+                yield f"[{name}] {words}", one
         else:
             assert isinstance(kind, Table)
             yield from _tables(kind, f"[{name}]")

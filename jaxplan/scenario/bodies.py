@@ -15,7 +15,7 @@ from jaxplan import sky
 from jaxplan.epochs import parse_epoch
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, shortest_degrees
-from jaxplan.scenario.tables import Field, Table
+from jaxplan.scenario.tables import Either, Field, Table
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 
@@ -99,10 +99,15 @@ _TWO_LINES = Table(
 
 
 @dataclass(frozen=True)
-class Observer(Kind):
+class Observer(Either):
     """A satellite: a table with two-line elements, or one with a circular orbit."""
 
     wanted = f"a table with tle, or with {', '.join(field.key for field in _ORBIT.fields)}"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """By what tells them apart."""
+        return {"by two-line elements": _TWO_LINES, "on a circular orbit": _ORBIT}
 
     def read(self, value: object, place: Place) -> sky.CircularOrbit | sky.Tle | None:
         """The satellite, None if anything about it is wrong."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from jaxplan.scenario.arrays import Direction, Each, Quaternion, Vector
 from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Interval, Kind, Number
+from jaxplan.scenario.kinds import Interval, Number
 from jaxplan.scenario.model import GivenState, Targets
-from jaxplan.scenario.tables import Field, Table
+from jaxplan.scenario.tables import Either, Field, Table
 
 YAW_LIMIT = Number(Interval("(0, 180]"), degrees=True)  # beyond half a turn an angle would have two values
 ANGLE = Number(Interval("[-1e3, 1e3]"))  # rad, or rad/s: any number of turns that a file may mean
@@ -113,10 +113,15 @@ _UNDECIDED = Table(
 
 
 @dataclass(frozen=True)
-class Goal(Kind):
+class Goal(Either):
     """A goal: a table with targets, or one with a state."""
 
     wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """By what tells them apart."""
+        return {"with targets": TARGETS, "as a given state": GIVEN_GOAL}
 
     def read(self, value: object, place: Place) -> dict[str, Any] | None:
         """What could be read, by attribute; it has ``directions`` only if the goal has targets."""

@@ -4,6 +4,7 @@ A table is described once, as a list of fields. Reading, writing and the referen
 from that description: unknown and missing keys are found by it, and a default is that of the model's class.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
@@ -120,6 +121,15 @@ class Table(Kind):
         given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
         made = {f.name: f.default_factory() for f in fields(self.model) if f.default_factory is not MISSING}
         return given | made
+
+
+class Either(Kind):
+    """One of several tables, told apart by their keys."""
+
+    @property
+    @abstractmethod
+    def tables(self) -> Mapping[str, Table]:
+        """The tables by words that tell them apart, for the reference."""
 
 
 @dataclass(frozen=True)
