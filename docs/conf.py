@@ -28,6 +28,8 @@ exclude_patterns = ["examples", "generated/front.md", "generated/statuses.md"]
 templates_path: list[str] = []
 default_role = "py:obj"  # what stands between single backticks in docstrings
 
+smartquotes = False  # keys and values are there to be copied
+
 html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["manual.css"]

@@ -61,7 +61,7 @@ _ADVICE = {
     ),
     Status.NODE_LIMIT: (
         "Try another search.seed, raise search.max_expansions or search.max_goals, or take another "
-        'search.method; "rrt_connect" copes with narrow ways.'
+        "search.method."
     ),
     Status.TIME_LIMIT: "Raise search.time_limit_s, or search.heuristic_weight for a hastier search.",
     Status.LIMITS_TOO_TIGHT: (

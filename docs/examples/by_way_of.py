@@ -19,16 +19,18 @@ def search(scene, settings):
     while (limit := space.spent()) is None:
         via = space.draw(min(TRIES, space.left))
         space.extensions += len(via)
-        start, goal = np.tile(space.start, (len(via), 1)), np.tile(space.goal, (len(via), 1))
-        # Steps from start and goal to both ends of the motions, which say how much clearance is wanted there.
-        near, far = np.zeros(len(via)), space.distance(start, goal)
+        start = np.tile(space.start, (len(via), 1))
+        goal = np.tile(space.goal, (len(via), 1))
+        # In steps; they say how much clearance is wanted along the motions.
+        none, whole = np.zeros(len(via)), space.distance(start, goal)
         out, back = space.distance(start, via), space.distance(via, goal)
-        there = yield from space.reach(start, via, np.stack([near, out]), np.stack([far, back]))
-        onward = yield from space.reach(via, goal, np.stack([out, far]), np.stack([back, near]))
+        there = yield from space.reach(start, via, (none, out), (whole, back))
+        onward = yield from space.reach(via, goal, (out, whole), (back, none))
         clear = (there == 1) & (onward == 1)
         if np.any(clear):
             best = np.argmin(np.where(clear, out + back, np.inf))
-            return (yield from space.found(np.stack([space.start, via[best], space.goal])))
+            corners = np.stack([space.start, via[best], space.goal])
+            return (yield from space.found(corners))
     return space.result(limit)
 
 

@@ -17,6 +17,7 @@ from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.duration_panel import durations
 from jaxplan.plotting.film import animate
 from jaxplan.plotting.globe_map import globe
+from jaxplan.plotting.inline import inline_figures
 from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.side_by_side import compare, segments
@@ -24,7 +25,6 @@ from jaxplan.plotting.sphere_map import sphere
 from jaxplan.plotting.study_figure import study, study_figure
 from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
 from jaxplan.plotting.tuning_panels import tuning
-from jaxplan.plotting.vector import vector_figures
 from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "durations",
     "figures",
     "globe",
+    "inline_figures",
     "margins",
     "outcomes",
     "overview",
@@ -51,5 +52,4 @@ __all__ = [
     "table4",
     "torque",
     "tuning",
-    "vector_figures",
 ]

@@ -1,6 +1,5 @@
 """The page as a whole: head, verdict, and the parts in the order of planning."""
 
-import base64
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Self
@@ -188,13 +187,12 @@ def _tile(label: str, value: str, unit: str) -> Markup:
 
 def _pictures(plan: "Plan") -> list[tuple[str, Markup]]:
     """Every figure of the plan by its name, inside the page."""
-    from jaxplan.plotting import vector_figures  # only here: the rest does without matplotlib
+    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
 
     found = []
-    for name, svg in vector_figures(plan):
-        data = base64.b64encode(svg.encode()).decode()
+    for name, address in inline_figures(plan):
         caption = _CAPTIONS.get(name, name)
-        image = tag("img", src=f"data:image/svg+xml;base64,{data}", alt=caption)
+        image = tag("img", src=address, alt=caption)
         found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))
     return found
 
