@@ -21,11 +21,6 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the first of all processes; the o
 import jax
 import pytest
 
-# Kernels compile in half the time with XLA's older emitters, and compute the same but for rounding. A flag
-# that XLA does not know ends the process, so it is only given to releases that are known to have it.
-if jax.__version_info__ < (0, 11) and "XLA_FLAGS" not in os.environ:
-    os.environ["XLA_FLAGS"] = "--xla_cpu_use_fusion_emitters=false"
-
 jax.config.update("jax_enable_x64", True)
 
 _compilations: list[str] = []
