@@ -166,21 +166,24 @@ def _free(job: Job, radius: float) -> Fit:
     # Scaling the time would change the rates at the ends: the curve is fitted again where it is too quick.
     duration = best.trajectory.duration
     for look in range(LOOKS):
-        if best.peaks.stretch <= 1:
+        if best.peaks.stretch <= 1 and best.sound:
             return _success(job, best, radius)
-        tighter = TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1)
-        duration *= np.clip(best.peaks.stretch, 1 + TIGHTER[0], _MOST_LONGER) ** (2**look)
+        tighter = min(TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1), TIGHTER[1])
+        # Tighter limits alone take longer by as much.
+        duration *= np.clip(best.peaks.stretch, 1 + tighter, _MOST_LONGER) ** (2**look)
         again = attempt_at(
             job,
             job.request(job.quickest(), best.radius, 1, graded=True),
             duration,
             limited=True,
             free_time=False,
-            tighter=min(tighter, TIGHTER[1]),
+            tighter=tighter,
         )
         if again is None:
             break
         best = again
+    if best.peaks.stretch <= 1:
+        return _success(job, best, radius)
     curve = best.trajectory
     message = too_tight(curve.duration, best.peaks, None, "lower the rates at start and end")
     return Fit(trajectory=curve, status=Status.LIMITS_TOO_TIGHT, message=message)
