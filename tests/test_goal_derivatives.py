@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 from pointing import Problem, make_problem, random_problem
+from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -177,11 +178,6 @@ def value_and_derivatives(goal: Goal, problem: dict, inputs: Inputs) -> tuple[ja
     return value, forward, reverse
 
 
-def compiled(function: Callable) -> Callable:
-    """Compiled quickly rather than well."""
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Group:
     problems: list[Problem]
@@ -205,7 +201,7 @@ def solved(name: str) -> Group:
     problems = GROUPS[name]()
     rows = [arguments_of(problem) for problem in problems]
     stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *rows)
-    value, forward, reverse = jax.tree.map(np.asarray, compiled(jax.vmap(value_and_derivatives))(*stacked))
+    value, forward, reverse = jax.tree.map(np.asarray, quick_jit(jax.vmap(value_and_derivatives))(*stacked))
     goals = [goal for goal, *_ in rows]
     return Group(problems=problems, goals=goals, value=value, forward=forward, reverse=reverse)
 
@@ -284,7 +280,7 @@ def test_without_a_slew_the_goal_follows_the_start(name):
 def test_one_problem_by_itself():
     group = solved("three terminals")
     goal, problem, inputs = arguments_of(group.problems[1])
-    slope = compiled(jax.grad(lambda changes: as_function(goal, problem, changes)[-1]))(inputs)
+    slope = quick_jit(jax.grad(lambda changes: as_function(goal, problem, changes)[-1]))(inputs)
     for name, part in slope.items():
         np.testing.assert_allclose(part, group.forward[name][1, -1], atol=1e-12)
 
@@ -304,7 +300,7 @@ def test_without_the_curvature_of_caps_derivatives_are_wrong(monkeypatch):
         lambda *leaf: np.stack(leaf), *[(*row, way) for row, way in zip(rows, directions, strict=True)]
     )
     monkeypatch.setattr(sensitivity, "active_terms", flat)
-    without = np.asarray(compiled(jax.vmap(slope))(*stacked))
+    without = np.asarray(quick_jit(jax.vmap(slope))(*stacked))
     right = np.stack([along(group.forward, row, way) for row, way in enumerate(directions)])
     errors = np.abs(without - right).max(axis=1) / np.abs(right).max(axis=1)
     assert np.sum(errors > 1e4 * TOLERANCE) >= 3

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from node_paths import load
+from quick import quick_jit
 from scenes import make_scenario
 
 import jaxplan as jp
@@ -60,14 +61,14 @@ def metric(trajectory):
 def kernel(case):
     """Value and gradient in every number of the scenario, at what is held of a plan."""
     function = jax.value_and_grad(lambda scenario, held: metric(replan(held, scenario)), allow_int=True)
-    compiled = jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
+    compiled = quick_jit(function)
     # Numbers of Python, of numpy and of both would be compiled for anew.
     return lambda scenario, held: compiled(jax.tree.map(np.asarray, scenario), held)
 
 
 @cache
 def number():
-    return jax.jit(metric, compiler_options={"xla_backend_optimization_level": 0})
+    return quick_jit(metric)
 
 
 @cache

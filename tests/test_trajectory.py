@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
+from quick import quick_jit
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
@@ -269,7 +270,7 @@ def test_values_and_gradients_are_finite_at_rest(dtype):
         parts = (s.attitude, s.angular_velocity, s.angular_acceleration)
         return sum(jnp.sum(array**2) + jnp.sum(array) for array in parts)
 
-    @jax.jit
+    @quick_jit
     def both(trajectory, times):
         leaves = (trajectory.chart_rate, trajectory.coefficients, times)
         return evaluate(trajectory, times), jax.grad(total, argnums=(0, 1, 2))(*leaves)
@@ -286,7 +287,7 @@ def test_derivatives_in_the_coefficients_are_those_of_differences():
     t = jnp.linspace(1.0, 79.0, 8)
     direction = np.random.default_rng(3).normal(size=trajectory.coefficients.shape)
 
-    @jax.jit
+    @quick_jit
     def jerk(coefficients):
         return evaluate(replace(trajectory, coefficients=coefficients), t).angular_jerk
 
@@ -299,7 +300,7 @@ def test_derivatives_in_the_coefficients_are_those_of_differences():
 def test_evaluation_composes_with_vmap():
     trajectory = stored("astar_c3", 3)
     t = np.linspace(0, 80, 8)
-    one_by_one = jax.jit(jax.vmap(lambda time: evaluate(trajectory, time)))(t)
+    one_by_one = quick_jit(jax.vmap(lambda time: evaluate(trajectory, time)))(t)
     together = trajectory.sample(t)
     for field in ("attitude", "angular_jerk", "joint_jerks"):
         np.testing.assert_allclose(getattr(one_by_one, field), getattr(together, field), atol=1e-13)

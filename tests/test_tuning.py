@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from quick import quick_jit
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
@@ -115,10 +115,7 @@ def test_ready_made_objectives_are_those_of_dense_samples():
     }
     asked = {name: OBJECTIVES[name] for name in expected}
     asked["weighted"] = make_objective({"duration": 2.0, "effort": 0.5})
-    quick = {"xla_backend_optimization_level": 0}
-    kernel = jax.jit(
-        lambda curve: {name: one(curve, plan.scenario) for name, one in asked.items()}, compiler_options=quick
-    )
+    kernel = quick_jit(lambda curve: {name: one(curve, plan.scenario) for name, one in asked.items()})
     found = {name: float(value) for name, value in kernel(plan.trajectory).items()}
     weighted = found.pop("weighted")
     assert found == pytest.approx(expected, rel=2e-3)
