@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import jaxplan.scenario as sc
@@ -411,6 +411,7 @@ anything = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from(PLACES), anything, min_size=1, max_size=3))
+@example({"keep_out": True})
 def test_no_value_anywhere_raises_anything_but_the_scenario_error(changes):
     try:
         tables = changed(dict(sorted(changes.items(), reverse=True)))

@@ -145,9 +145,10 @@ def resolve_bodies(tables: Mapping[str, Any], read: Mapping[str, Any], root: Pla
         root: the place of the file.
     """
     rows = tables.get("keep_out")
+    rows = rows if isinstance(rows, list) else []  # whatever else it is has been noted
     zones = [
         (row, zone, root.key("keep_out").item(i))
-        for i, (row, zone) in enumerate(zip(rows or [], read.get("keep_out") or [], strict=False))
+        for i, (row, zone) in enumerate(zip(rows, read.get("keep_out") or [], strict=False))
         if isinstance(row, dict) and zone is not None
     ]
     for row, _, place in zones:
