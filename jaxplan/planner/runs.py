@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -95,6 +95,7 @@ def plan_batch(
         _expect_scenario(f"scenarios[{number}]", scenario)
     if executor is not None:
         check_executor(executor)
+    if executor is not None and scenarios:
         return _by_workers(scenarios, executor, progress)
     plans: list[Plan] = []
     with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
@@ -122,15 +123,20 @@ def _by_workers(scenarios: Sequence[Scenario], executor: Executor | int, progres
     size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * crew.workers))))
     parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]
     plans: list[Plan] = []
+    futures: list[Future[list[Plan]]] = []
     try:
         with _bar("planning", " plans", len(scenarios), progress) as bar:
-            for future in [crew.submit(_plan_part, part) for part in parts]:
+            for part in parts:
+                futures.append(crew.submit(_plan_part, part))
+            for future in futures:
                 plans += future.result()
                 bar.update(len(plans) - bar.n)
     except BrokenExecutor as error:
         crew.dismiss(at_once=True)
         raise RuntimeError("a worker process died while it planned; jp.run_study outlives that") from error
     except BaseException:  # Ctrl-C among others
+        for future in futures:  # somebody's executor goes on, but not with these
+            future.cancel()
         crew.dismiss(at_once=True)
         raise
     crew.dismiss(at_once=False)

@@ -34,16 +34,13 @@ class Answer(NamedTuple):
     residual: float
 
 
-def solve_box_qp(
-    matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray, *, tolerance: float = TOLERANCE
-) -> Answer:
+def solve_box_qp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> Answer:
     """Solve one program.
 
     Args:
         matrix: (R, R) ``M``, with a positive diagonal.
         linear: (R,) ``d``.
         penalty: (R,) positive and finite.
-        tolerance: of the residual, at which the iteration ends.
     """
     if not len(linear):
         return Answer(multipliers=np.zeros(0), iterations=0, residual=0.0)
@@ -54,7 +51,7 @@ def solve_box_qp(
     size = max(float(np.sqrt(np.mean(d * d))), _TINY)
     values, residual, iterations = _first(d, top, size), np.inf, 0
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        while iterations < MOST_ITERATIONS and residual > tolerance:
+        while iterations < MOST_ITERATIONS and residual > TOLERANCE:
             ahead, left = _iterate(m, d, top, size, values)
             if not np.isfinite(left):  # as near as rounding allows
                 break
