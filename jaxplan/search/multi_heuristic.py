@@ -87,7 +87,8 @@ class Search:
     """One run: the queues, what has been expanded, and the best way to the goal so far.
 
     Attributes:
-        counts: expansions that each queue has asked for, the anchor's first.
+        expanded: the nodes, one after the other.
+        asked: the queue that asked for each, the anchor being 0.
     """
 
     def __init__(self, scene: Scene, settings: SearchSettings, rules: Rules) -> None:
@@ -96,7 +97,7 @@ class Search:
         self.queues = [LazyQueue(row) for row in range(rules.queues)]
         self.best_costs: list[dict[bytes, float]] = [{} for _ in self.queues]
         self.expanded: list[Node] = []
-        self.counts = [0] * rules.queues
+        self.asked: list[int] = []
         self.exploration = ExplorationQueue()
         self.fields = no_fields(scene)
         self.goal_cost = float("inf")
@@ -131,13 +132,19 @@ class Search:
             if node is not None:
                 yield from self._expand(node, queue)
 
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Expansions that each queue has asked for, the anchor's first."""
+        return tuple(self.asked.count(queue) for queue in range(len(self.queues)))
+
     def _spent(self) -> bool:
         """Whether all expansions have been made."""
-        return sum(self.counts) >= self.settings.max_expansions
+        return len(self.expanded) >= self.settings.max_expansions
 
     def _result(self, status: Status, path: Path | None = None) -> SearchResult:
-        counts = tuple(self.counts)
-        return SearchResult(status=status, path=path, expansions=sum(counts), queue_expansions=counts)
+        return SearchResult(
+            status=status, path=path, expansions=len(self.expanded), queue_expansions=self.counts
+        )
 
     def _any(self) -> Node | None:
         """An open node, whatever its key."""
@@ -176,7 +183,7 @@ class Search:
         children = Children(node, moves, expansion, node.cost + costs)
         ahead = expansion.heuristics[0]
         self.expanded.append(node)
-        self.counts[queue] += 1
+        self.asked.append(queue)
         valid = (expansion.slacks >= 0) & (expansion.steps > 0)  # staying altogether leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
