@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
 from jaxplan import so3
@@ -28,7 +29,7 @@ from jaxplan.trajectory.global_spline.motion import loads_at
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.zones import Cones, separation
 
-_STEPS = 3  # of Newton's method before the last one
+_STEPS, _LEFT = 5, 1e-9  # at most so many of Newton's steps, to such a residual, before the last one
 _SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
 
 
@@ -188,17 +189,23 @@ def _inputs(
 
 def _solve(held: Held, inputs: _Inputs) -> Traced:
     """The root ``z``, flat."""
-    fixed = jax.lax.stop_gradient(inputs)
-
-    def step(_: int, at: tuple[Traced, Traced]) -> tuple[Traced, Traced]:
-        matrix = _matrix(held, fixed, at[0])
-        return at[0] - jnp.linalg.solve(matrix, _residual(held, fixed, at[0])), matrix
-
+    fixed = jax.lax.stop_gradient((held, inputs))
     z = jnp.concatenate([held.x.ravel(), held.multipliers])
-    z, matrix = jax.lax.fori_loop(0, _STEPS, step, (z, jnp.zeros((len(z), len(z)), z.dtype)))
-    # The matrix is that of the step before, which at the root is the same.
-    z, matrix = jax.lax.stop_gradient((z, matrix))
-    return z - jnp.linalg.solve(matrix, _residual(held, inputs, z))
+
+    def far(at: tuple[Any, ...]) -> Traced:
+        count, _, left, _ = at
+        return (count < _STEPS) & ~jnp.all(jnp.abs(left) <= _LEFT)
+
+    def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
+        count, z, _, _ = at
+        left, factors = _residual(*fixed, z), lu_factor(_matrix(*fixed, z))
+        return count + 1, z - lu_solve(factors, left), left, factors
+
+    none = jnp.zeros((len(z), len(z)), z.dtype), jnp.zeros(len(z), jnp.int32)
+    start = jnp.array(0), z, jnp.full_like(z, jnp.inf), none
+    # The factors are those of the step before, which at the root are the same.
+    _, z, _, factors = jax.lax.stop_gradient(jax.lax.while_loop(far, ahead, jax.lax.stop_gradient(start)))
+    return z - lu_solve(factors, _residual(held, inputs, z))
 
 
 def _split(held: Held, z: Traced) -> tuple[Traced, Traced]:
