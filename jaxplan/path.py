@@ -38,6 +38,22 @@ class Goal:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
+class MovingGoal(Goal):
+    """Where and when a manoeuvre ends among targets or zones that move.
+
+    Attributes:
+        time: s, when the manoeuvre must end, since then the targets are where devices point.
+        angular_velocity: (3,) rad/s of the platform then, body axes.
+        joint_rates: (2n,) rad/s; with the platform's they let devices follow their targets.
+    """
+
+    time: float
+    angular_velocity: np.ndarray
+    joint_rates: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
     """A sequence of nodes from start to goal.
 

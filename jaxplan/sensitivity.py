@@ -26,7 +26,8 @@ from jaxplan.planner.chain import finish, fit
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
-from jaxplan.scenario import GivenState, Scenario
+from jaxplan.scenario import GivenState, MovingTargets, Scenario
+from jaxplan.scenario.moments import moves
 from jaxplan.trajectory import REFITS, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.zones import tabulate
@@ -60,14 +61,15 @@ def hold(plan: Plan) -> Held:
 
     Raises:
         ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
-            motion, or another limit is about to bind.
+            motion, a target or a zone moves, or another limit is about to bind.
     """
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     path = plan.path
-    origin = fit(plan.scenario, path).origin
+    _expect_still(plan.scenario)
+    origin = fit(plan.scenario, path, plan.goal).origin
     if origin is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
     return Held(
@@ -92,13 +94,15 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     Returns:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
-    craft = scenario.spacecraft
+    craft, asked = scenario.spacecraft, scenario.goal
+    if isinstance(asked, MovingTargets):
+        raise ValueError(f"{scenario.name} has targets that move: `hold` refuses them")
     cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
     start = so3.exp(scenario.start.rotation_vector)
-    if isinstance(scenario.goal, GivenState):
-        attitude, joints = so3.exp(scenario.goal.rotation_vector), jnp.asarray(scenario.goal.joints)
+    if isinstance(asked, GivenState):
+        attitude, joints = so3.exp(asked.rotation_vector), jnp.asarray(asked.joints)
     else:
-        goal: Any = differentiable_goal(held.goal, craft, start, scenario.goal, cones)
+        goal: Any = differentiable_goal(held.goal, craft, start, asked, cones)
         attitude, joints = goal.attitude, goal.joints
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
@@ -114,7 +118,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     )
     rates = [
         jnp.concatenate([jnp.asarray(end.angular_velocity), jnp.asarray(end.joint_rates)])
-        for end in (scenario.start, scenario.goal)
+        for end in (scenario.start, asked)
     ]
     # Time that is stretched starts and ends at rest: with a rate it would be another motion.
     ends = jnp.stack(rates) * (0.0 if held.fit.stretched else 1.0)
@@ -135,6 +139,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     """
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
+    _expect_still(scenario)
     clock = Clock(np.inf)
     attitude = start_attitude(scenario)
     goals = find_goals(scenario, attitude)
@@ -147,3 +152,11 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     joints[0], joints[-1] = scenario.start.joints, goal.joints
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     return finish(replace(plan, scenario=scenario, goal=goal, path=path), path, clock)
+
+
+def _expect_still(scenario: Scenario) -> None:
+    """Raise where something moves: the goal would depend on the duration, and zones on the time."""
+    if moves(scenario):
+        raise ValueError(
+            f"{scenario.name} has targets or zones that move: derivatives and tuning know fixed ones only"
+        )

@@ -14,6 +14,7 @@ class Status(Enum):
     NODE_LIMIT = "no path was found within search.max_expansions"
     TIME_LIMIT = "no path was found within search.time_limit_s"
     LIMITS_TOO_TIGHT = "the manoeuvre does not fit into trajectory.duration_s within the limits"
+    GOAL_MISSED = "no duration was found after which the motion meets the moving goal"
     INFEASIBLE = "a quadratic program of the trajectory has no solution"
     UNCERTIFIED = "a trajectory was found but could not be proved safe"
 
@@ -40,6 +41,7 @@ _STEP = {
     Status.NODE_LIMIT: "path",
     Status.TIME_LIMIT: "path",
     Status.LIMITS_TOO_TIGHT: "trajectory",
+    Status.GOAL_MISSED: "trajectory",
     Status.INFEASIBLE: "trajectory",
     Status.UNCERTIFIED: "certificate",
 }
@@ -67,6 +69,10 @@ _ADVICE = {
     Status.LIMITS_TOO_TIGHT: (
         'Set a longer trajectory.duration_s, or "stretched" or "minimum" to have it found, or raise the '
         "limits of rate and acceleration."
+    ),
+    Status.GOAL_MISSED: (
+        "Give a number for trajectory.duration_s, or directions over a longer time: more of times_s, or a "
+        "longer sky.for_duration_s."
     ),
     Status.INFEASIBLE: (
         'Set a longer trajectory.duration_s, take trajectory.method = "global", or smaller search steps; '

@@ -9,10 +9,14 @@ no digit is lost near 0 or half a turn. What is not a number counts as broken fr
 
 `Cones` is the same as plain arrays, for kernels. It is padded to a few fixed sizes with zones that bind
 no device (margin +inf), so that scenes of different size share one compiled kernel.
+
+The axis of a zone may move (`DirectionPath`). Its row has NaN for a direction, so that where somebody forgets
+about that, it counts as broken; `Cones.at` gives the zones as they are at an instant.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +25,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import stacked
 
 
@@ -31,13 +36,13 @@ class KeepOut:
 
     Attributes:
         name: unique among all zones.
-        direction: (3,) unit vector of the axis, inertial.
+        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves.
         half_angle: rad, in (0, pi).
         devices: names of the devices it binds; empty for all.
     """
 
     name: str = field(metadata={"static": True})
-    direction: np.ndarray
+    direction: np.ndarray | DirectionPath
     half_angle: float
     devices: tuple[str, ...] = field(default=(), metadata={"static": True})
 
@@ -49,14 +54,14 @@ class KeepIn:
 
     Attributes:
         name: unique among all zones.
-        direction: (3,) unit vector of the axis, inertial.
+        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves.
         half_angle: rad, in (0, pi).
         devices: names of the devices it binds, at least one.
         any_of: name of its group, None for a zone that must hold by itself.
     """
 
     name: str = field(metadata={"static": True})
-    direction: np.ndarray
+    direction: np.ndarray | DirectionPath
     half_angle: float
     devices: tuple[str, ...] = field(metadata={"static": True})
     any_of: str | None = field(default=None, metadata={"static": True})
@@ -68,11 +73,12 @@ class Cones:
     """All zones of a scene as arrays, keep-out first, padded to `capacity` rows.
 
     Attributes:
-        direction: (Z, 3) unit vectors.
+        direction: (Z, 3) unit vectors; NaN in the rows of axes that move.
         half_angle: (Z,) rad.
         side: (Z,) +1 for keep-out, -1 for keep-in.
         bound: (Z, D) bool, the devices each zone binds; none for padding.
         group: (Z,) int, zones with the same number form one constraint; a zone by itself has its own.
+        paths: of the axes that move, by row: None for one that does not; empty where none does.
     """
 
     direction: np.ndarray
@@ -80,6 +86,20 @@ class Cones:
     side: np.ndarray
     bound: np.ndarray
     group: np.ndarray
+    paths: tuple[DirectionPath | None, ...] = ()
+
+    def axes(self, times: ArrayLike) -> np.ndarray:
+        """Directions (..., Z, 3) of all axes at times (...), s."""
+        t = np.asarray(times, float)
+        found = np.broadcast_to(self.direction, (*t.shape, *self.direction.shape)).copy()
+        for row, path in enumerate(self.paths):
+            if path is not None:
+                found[..., row, :] = path.at(t)
+        return found
+
+    def at(self, time: float) -> Self:
+        """The zones as they are at an instant, s; none of them moves."""
+        return replace(self, direction=self.axes(time), paths=()) if self.paths else self
 
 
 def capacity(count: int) -> int:
@@ -98,7 +118,9 @@ def tabulate(keep_out: Sequence[KeepOut], keep_in: Sequence[KeepIn], device_name
     zones: list[KeepOut | KeepIn] = [*keep_out, *keep_in]
     size = capacity(len(zones))
     extra = size - len(zones)
-    direction = stacked([zone.direction for zone in zones] + [np.array([0.0, 0.0, 1.0])] * extra)
+    nowhere = np.full(3, np.nan)
+    given = [nowhere if isinstance(zone.direction, DirectionPath) else zone.direction for zone in zones]
+    direction = stacked(given + [np.array([0.0, 0.0, 1.0])] * extra)
     half_angle = stacked([zone.half_angle for zone in zones] + [0.5] * extra)
     side = np.ones(size)
     bound = np.zeros((size, len(device_names)), dtype=bool)
@@ -111,8 +133,14 @@ def tabulate(keep_out: Sequence[KeepOut], keep_in: Sequence[KeepIn], device_name
             side[row] = -1
             if zone.any_of is not None:
                 group[row] = first_of.setdefault(zone.any_of, row)
+    paths = [zone.direction if isinstance(zone.direction, DirectionPath) else None for zone in zones]
     return Cones(
-        direction=direction.reshape(-1, 3), half_angle=half_angle, side=side, bound=bound, group=group
+        direction=direction.reshape(-1, 3),
+        half_angle=half_angle,
+        side=side,
+        bound=bound,
+        group=group,
+        paths=tuple(paths) if any(path is not None for path in paths) else (),
     )
 
 

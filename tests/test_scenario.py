@@ -251,6 +251,7 @@ def test_the_layout_covers_the_model(table):
     needed = {f.name for f in fields(table.model) if f.default is MISSING and f.default_factory is MISSING}
     optional = {f.name for f in fields(table.model)} - needed
     read_only = {"schema_version", "sky"} if table is SCENARIO else set()
+    read_only |= {"moving", "times"} if table in (KEEP_OUT, KEEP_IN) else set()  # parts of a direction
     required = {entry.attribute for entry in table.fields if entry.required} - read_only
     assert required == needed
     assert {entry.attribute for entry in table.fields} - required - read_only == optional
@@ -267,8 +268,9 @@ def test_the_example_file_uses_every_key():
     assert keys(TERMINAL) == set(used["spacecraft"]["terminal"][0])
     assert keys(STATE, "quaternion_wxyz", "yaw_deg", "pitch_deg") == set(used["start"])
     assert keys(TARGETS) == set(used["goal"])
-    assert keys(KEEP_OUT, "body", "exclusion_deg") == set(used["keep_out"][0])
-    assert keys(KEEP_IN) == set(used["keep_in"][0])
+    moving = ("satellite", "direction_samples", "times_s")
+    assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *moving) == set(used["keep_out"][0])
+    assert keys(KEEP_IN, *moving) == set(used["keep_in"][0])
     # methods are written even where they are the default
     assert keys(SEARCH) == set(used["search"])
     assert keys(TRAJECTORY) == set(used["trajectory"])

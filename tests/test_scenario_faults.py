@@ -269,7 +269,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "unit: unknown key, the keys are schema_version, name, spacecraft, start, goal, sky, keep_out, "
         "keep_in, search, trajectory",
         "keep_out[0].colour: unknown key, the keys are name, direction, half_angle_deg, body, exclusion_deg, "
-        "devices",
+        "moving, satellite, direction_samples, times_s, devices",
     )
 
 

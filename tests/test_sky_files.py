@@ -161,7 +161,7 @@ EPOCH_FAULT = "must be a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2
         (
             ORBIT,
             f'tle = ["{ONE}", "{TWO}"], altitude_km = 9',
-            "sky.observer.altitude_km: the observer has a tle",
+            "sky.observer.altitude_km: the satellite has a tle",
         ),
         ('body = "moon"', 'body = "mars"', 'keep_out[3].body = "mars": must be "sun", "moon" or "earth"'),
         (
@@ -239,7 +239,7 @@ def test_what_was_resolved_is_no_number_to_tune():
 
 
 def test_the_readmes_examples_run(capsys):
-    chapter = README[README.index("## The real sky") : README.index("## Limits of the method")]
+    chapter = README[README.index("## The real sky") : README.index("## Moving targets and zones")]
     (code,) = re.findall(r"```python\n(.*?)```", chapter, re.DOTALL)
     exec(code, {"np": np, "jp": jp})
     printed = capsys.readouterr().out.split()

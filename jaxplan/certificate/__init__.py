@@ -4,7 +4,7 @@ It reads only what a trajectory is (charts, breaks, polynomial coefficients) and
 numpy, from the definition of the curve; it shares no code with the making of trajectories. On short
 intervals everything is replaced by polynomials through samples. Bounds of higher derivatives, taken from the
 coefficients, say how far those may be off (`errors`), and subdivision bounds the polynomials (`bounds`). So
-what is reported holds for all times and not for samples.
+what is reported holds for all times and not for samples. Zones that move are taken as they move (`axes`).
 
 Allowances. A margin is certified from -1e-9 rad on, a limit up to 1 + 1e-9 of it. What the polynomials leave
 out is kept to a hundredth of that (it is counted into the bounds, so that a margin of exactly zero reads as
@@ -76,8 +76,8 @@ def certify(
             return Report(certified=False, faults=tuple(refused))
         static = form.is_static(curve)
         motion = Motion.of(form.held(curve) if static else curve, spacecraft)
-        bindings = Bindings.of(zones)
-        evidence = errors.gather(motion, _negligible(spacecraft, bindings))
+        bindings = Bindings.of(zones.at(0.0) if static else zones)
+        evidence = errors.gather(motion, _negligible(spacecraft, bindings), list(bindings.ways.values()))
         samples = evidence.samples
         if not all(np.all(np.isfinite(x)) for x in (samples.boresights, samples.spin, samples.joints)):
             beyond = f"a chart turns by more than {jets.LARGEST_TURN:g} rad or a number overflows"
@@ -137,10 +137,10 @@ def prove_margins(
             return ()
         static = form.is_static(curve)
         motion = Motion.of(form.held(curve) if static else curve, spacecraft)
-        together = Bindings.of(zones)
+        together = Bindings.of(zones.at(0.0) if static else zones)
         apart = replace(together.layout, quantity=np.arange(len(together.layout.quantity)))
         bindings = replace(together, layout=apart)
-        evidence = errors.gather(motion, _negligible(spacecraft, bindings))
+        evidence = errors.gather(motion, _negligible(spacecraft, bindings), list(bindings.ways.values()))
         if not np.all(np.isfinite(evidence.samples.boresights)):
             return ()
         found = bindings.prove(evidence)

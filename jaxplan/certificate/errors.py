@@ -6,19 +6,21 @@ h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives ar
 the expansion around the constant every factor is a rotation, of norm one, or is bounded by ``g``. So with
 ``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular velocity, which is
 ``R^T R'``, the majorant ``exp(2 m) m'``. A boresight has the exponential of ``m`` and the majorants of its
-yaw and its pitch together.
+yaw and its pitch together. Where axes of zones move, it is the scalar product with an axis that is
+interpolated, so the majorant is multiplied by that of the axis.
 
 Rounding. Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
 the rest follows from the same majorants, to first order; other steps are taken to err by a few units too.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from math import comb, perm
+from math import perm
 
 import numpy as np
 
 from jaxplan.certificate import jets
+from jaxplan.certificate.axes import Way
 from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples
 from jaxplan.certificate.pieces import ROUNDING
 
@@ -34,7 +36,7 @@ class Errors:
     """Bounds of errors on intervals.
 
     Attributes:
-        direction: (D, n) of the boresights.
+        direction: (D, n) of the boresights, as seen from axes that may move.
         spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
         joints: (3, 2T, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
     """
@@ -50,7 +52,7 @@ class Majorants:
 
     Attributes:
         turning: (orders, n) ``m`` above, rad; zero at order zero.
-        direction: (orders, D, n) of the boresights.
+        direction: (orders, D, n) of the boresights, as seen from axes that may move.
         spin: (orders, n) of h times the angular velocity.
         joints: (orders, 2T, n) rad.
     """
@@ -80,24 +82,6 @@ class Evidence:
     rounding: Errors
 
 
-@lru_cache
-def _binomials(orders: int, length: int) -> np.ndarray:
-    return np.array([[comb(j, k) for j in range(length)] for k in range(orders)], dtype=float)
-
-
-def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
-    """Majorant of a polynomial from the sizes of its coefficients about the centre, in the unit h.
-
-    Args:
-        sizes: (p + 1, ...) lengths of the Taylor coefficients.
-        orders: how many orders to return.
-
-    Returns:
-        (orders, ...).
-    """
-    return np.einsum("kj,j...->k...", _binomials(orders, len(sizes)), sizes)
-
-
 def _of_devices(motion: Motion, joints: np.ndarray) -> np.ndarray:
     """Yaw and pitch added for each terminal, zero for an instrument: (..., 2T, n) to (..., D, n)."""
     yaw, pitch = np.split(joints, 2, axis=-2)
@@ -105,20 +89,23 @@ def _of_devices(motion: Motion, joints: np.ndarray) -> np.ndarray:
     return np.concatenate([yaw + pitch, still], axis=-2)
 
 
-def majorants(motion: Motion, on: Intervals) -> Majorants:
-    """Majorants of everything that moves, on some intervals."""
+def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majorants:
+    """Majorants of everything that moves, on some intervals, each within a piece of every way."""
     orders = DEGREE + 5
     centre = on.centre[:, None]
     unit = on.half ** np.arange(max(motion.platform.length, motion.joints.length, 2))[:, None]
     eta = motion.turn(on, centre, max(motion.platform.length, 2))[..., 0]
-    turning = majorant(np.linalg.norm(eta, axis=1) * unit[: len(eta)], orders)
+    turning = jets.majorant(np.linalg.norm(eta, axis=1) * unit[: len(eta)], orders)
     turning[1] += on.half * np.linalg.norm(motion.chart_rate[on.piece], axis=-1)
     turning[0] = 0
     joints = motion.joints.taylor(on.joint_piece, centre, motion.joints.length)[..., 0]
-    moving = majorant(np.abs(joints) * unit[: len(joints), None], orders)
+    moving = jets.majorant(np.abs(joints) * unit[: len(joints), None], orders)
     sweeping = turning[:, None] + _of_devices(motion, moving)
     sweeping[0] = 0
     direction = jets.exponential(sweeping)
+    if ways:
+        swiftest = np.max([way.majorant(on.centre, on.half, orders) for way in ways], axis=0)
+        direction = jets.product("dn,n->dn", direction, swiftest)
     spinning = jets.product("n,n->n", jets.exponential(2 * turning), jets.slope(turning))
     return Majorants(turning=turning, direction=direction, spin=spinning, joints=moving)
 
@@ -136,8 +123,8 @@ def interpolation(on: Intervals, bounds: Majorants) -> Errors:
     )
 
 
-def rounding(motion: Motion, on: Intervals, bounds: Majorants) -> Errors:
-    """Sizes of the rounding errors of samples."""
+def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Way] = ()) -> Errors:
+    """Sizes of the rounding errors of samples, those of axes included."""
     unit = on.half ** np.arange(4)[:, None]
     eta = np.linalg.norm(motion.platform.rounding(on.piece, 4), axis=1) * unit
     eta[0] += ROUNDING
@@ -145,25 +132,30 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants) -> Errors:
     spin = jets.product("n,n->n", jets.exponential(2 * bounds.turning[:3]), lever)
     joints = motion.joints.rounding(on.joint_piece, 3) + ROUNDING * bounds.joints[:3] / unit[:3, None]
     factorial = np.array([1, 1, 2])[:, None]
+    of_axes = [np.zeros(len(on.half)), *(way.rounding(on.centre, on.half) for way in ways)]
     return Errors(
-        direction=eta[0] + _of_devices(motion, joints[0]),
+        direction=eta[0] + _of_devices(motion, joints[0]) + np.max(of_axes, axis=0),
         spin=factorial * (spin + ROUNDING * bounds.spin[:3]) / (unit[:3] * on.half),
         joints=factorial[:, None] * joints,
     )
 
 
-def gather(motion: Motion, wanted: Errors) -> Evidence:
+def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence:
     """Samples a motion on intervals so short that the polynomials leave out at most as much as wanted.
 
     Args:
         motion: the motion.
         wanted: the errors that may remain, without the axis n. Where that takes too many intervals,
             larger ones do.
+        ways: of the axes that move; they must be known all the time.
     """
     edges = np.union1d(motion.platform.breaks, motion.joints.breaks)
+    for way in ways:
+        inner = (way.breaks > edges[0]) & (way.breaks < edges[-1])
+        edges = np.union1d(edges, way.breaks[inner])
     for _ in range(_ROUNDS):
         on = motion.between(edges)
-        bounds = majorants(motion, on)
+        bounds = majorants(motion, on, ways)
         left_out = interpolation(on, bounds)
         # An error shrinks with the interval's power DEGREE + 1 at the least, so this rarely cuts too finely.
         parts = np.ceil(np.minimum(_excess(left_out, wanted) ** (1 / (DEGREE + 1)), _MOST_PARTS)).astype(int)
@@ -178,7 +170,7 @@ def gather(motion: Motion, wanted: Errors) -> Evidence:
         samples=motion.sample(on),
         majorants=bounds,
         left_out=left_out,
-        rounding=rounding(motion, on, bounds),
+        rounding=rounding(motion, on, bounds, ways),
     )
 
 

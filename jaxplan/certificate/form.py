@@ -12,6 +12,7 @@ import numpy as np
 from jaxplan.certificate.report import EndState
 
 if TYPE_CHECKING:
+    from jaxplan.moving import DirectionPath
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
     from jaxplan.zones import Cones
@@ -25,6 +26,7 @@ Container = TypeVar("Container", "Trajectory", "Cones")
 
 def _arrays(container: Any) -> dict[str, np.ndarray]:
     fields = (f.name for f in dataclasses.fields(container) if not f.metadata.get("static"))
+    fields = (name for name in fields if name != "paths")  # of zones: `axes` reads them
     return {name: np.asarray(getattr(container, name), np.float64) for name in fields}
 
 
@@ -52,7 +54,9 @@ def faults(
         shapes += _end_shapes(name, end, joints)
     if shapes:
         return shapes
+    last = float(np.max(trajectory.breaks))
     found = [*_trajectory_numbers(trajectory), *_cone_numbers(cones, zones), *_spacecraft_numbers(spacecraft)]
+    found += [f for row, path in enumerate(cones.paths) if path is not None for f in _path(row, path, last)]
     for name, end in ends.items():
         found += _end_numbers(name, end)
     return found
@@ -147,15 +151,36 @@ def _cone_shapes(cones: "Cones", devices: int) -> Iterator[str]:
 
 
 def _cone_numbers(cones: "Cones", zones: int) -> Iterator[str]:
+    stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
+    still = np.ones(len(cones.direction), bool)
+    still[: len(stands)] = stands
     for name, array in _arrays(cones).items():
-        yield from _finite(f"cones.{name}", array)
-    yield from _unit("cones.direction", cones.direction)
+        yield from _finite(f"cones.{name}", array[still] if name == "direction" else array)
+    yield from _unit("cones.direction", cones.direction[still])
     if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi)):
         yield "cones.half_angle is not between 0 and 180 deg"
     if not np.all(np.abs(cones.side) == 1):
         yield "cones.side is neither +1 nor -1"
     if np.any(cones.bound[zones:] != 0):
         yield f"cones has zones that bind devices beyond the {zones} that have a name"
+
+
+def _path(row: int, path: "DirectionPath", last: float) -> Iterator[str]:
+    """Of an axis that moves, in a trajectory that ends at `last` s."""
+    name = f"cones.paths[{row}]"
+    times, arrays = np.asarray(path.times, np.float64), {"samples": path.samples, "slopes": path.slopes}
+    shapes = [f for part, array in arrays.items() for f in _shape(f"{name}.{part}", array, (times.size, 3))]
+    if times.ndim != 1 or times.size < 2:
+        shapes.append(f"{name}.times has the shape {times.shape} and not (samples,)")
+    unclear = [f for part in ("times", *arrays) for f in _finite(f"{name}.{part}", getattr(path, part))]
+    if shapes or unclear:
+        yield from (*shapes, *unclear)
+        return
+    yield from _unit(f"{name}.samples", path.samples)
+    if not np.all(np.diff(times) > 0):
+        yield f"{name}.times do not rise"
+    if not (times[0] <= 0 and last <= times[-1]):
+        yield f"{name} is known from {times[0]:g} to {times[-1]:g} s, and the trajectory ends at {last:g} s"
 
 
 def _spacecraft_numbers(spacecraft: "Spacecraft") -> Iterator[str]:

@@ -9,7 +9,7 @@ Quaternions are unit, scalar first; ``q v q*`` turns body into inertial coordina
 """
 
 from functools import lru_cache
-from math import factorial
+from math import comb, factorial
 
 import numpy as np
 
@@ -57,6 +57,24 @@ def exponential(jet: np.ndarray) -> np.ndarray:
     for k in range(1, len(jet)):
         result[k] = np.einsum("Z...,Z...->...", rate[:k], result[k - 1 :: -1]) / k
     return result
+
+
+@lru_cache
+def _binomials(orders: int, length: int) -> np.ndarray:
+    return np.array([[comb(j, k) for j in range(length)] for k in range(orders)], dtype=float)
+
+
+def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
+    """Majorant of a polynomial from the sizes of its coefficients about the centre, in the unit h.
+
+    Args:
+        sizes: (p + 1, ...) lengths of the Taylor coefficients.
+        orders: how many orders to return.
+
+    Returns:
+        (orders, ...).
+    """
+    return np.einsum("kj,j...->k...", _binomials(orders, len(sizes)), sizes)
 
 
 @lru_cache

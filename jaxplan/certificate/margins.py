@@ -8,6 +8,9 @@ taken from the square of the chord between boresight and axis,
 which is linear in p and loses no digit at small angles. A cone of more than a right angle is the complement
 of the opposite one.
 
+An axis that moves is taken where it is at each instant; how far polynomials in time may be off by its motion
+is in the evidence.
+
 A zone binds each of its devices by itself: each is a clause (see `bounds`). Zones of one group are one clause
 with an entry for each zone, which holds where all devices of the zone do.
 """
@@ -19,6 +22,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from jaxplan.certificate import bounds
+from jaxplan.certificate.axes import Way
 from jaxplan.certificate.bounds import LEBESGUE, Layout, Minima, Rows
 from jaxplan.certificate.errors import Evidence
 from jaxplan.certificate.motion import DEGREE, Motion
@@ -41,7 +45,9 @@ class Bindings:
         cones: the zones as they were given.
         zone: (pairs,) row of the zone.
         device: (pairs,) number of the device.
-        axis: (pairs, 3) unit vector, the zone's or its opposite.
+        axis: (pairs, 3) unit vector, the zone's or its opposite; NaN where it moves.
+        ways: of the axes that move, by the zone's row.
+        flip: (pairs,) -1 where the axis is the zone's opposite, else +1.
         angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis.
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside.
         layout: how pairs make up constraints.
@@ -51,6 +57,8 @@ class Bindings:
     zone: np.ndarray
     device: np.ndarray
     axis: np.ndarray
+    ways: dict[int, Way]
+    flip: np.ndarray
     angle: np.ndarray
     side: np.ndarray
     layout: Layout
@@ -80,10 +88,36 @@ class Bindings:
             zone=zone,
             device=device,
             axis=flip[:, None] * direction[zone],
+            ways={
+                row: Way.of(path)
+                for row, path in enumerate(cones.paths)
+                if path is not None and np.any(cones.bound[row])
+            },
+            flip=flip,
             angle=np.where(wide, np.pi - cones.half_angle[zone], cones.half_angle[zone]),
             side=flip * cones.side[zone],
             layout=layout,
         )
+
+    def axes(self, pair: np.ndarray, centre: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Axes of some pairs at some times.
+
+        Args:
+            pair: (rows,) int.
+            centre: (rows,) s, of the intervals that the times are of: it tells the piece of a path.
+            time: (rows, m) s.
+
+        Returns:
+            (rows, 3, m), or (rows, 3, 1) where none moves.
+        """
+        axes = self.axis[pair][..., None]
+        if self.ways:
+            axes = np.repeat(axes, time.shape[1], axis=2)
+        for zone, way in self.ways.items():
+            rows = np.flatnonzero(self.zone[pair] == zone)
+            seen = way.at(way.holding(centre[rows]), time[rows])
+            axes[rows] = self.flip[pair[rows], None, None] * np.moveaxis(seen, 0, 1)
+        return axes
 
     def margin(self, guarded: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """Margins in rad from ``side c``, with which they rise: (rows, ...), for pairs (rows,)."""
@@ -98,7 +132,12 @@ class Bindings:
             return minima
         # First a cap around the boresight at mid-interval, as wide as it may move: that settles nearly all.
         middle = evidence.samples.boresights[..., DEGREE // 2]
-        chord = np.linalg.norm(middle[self.device] - self.axis[..., None], axis=1)
+        axes, number = self.axis[..., None], len(evidence.on.centre)
+        if self.ways:
+            centre = np.tile(evidence.on.centre, len(pairs))
+            found = self.axes(np.repeat(pairs, number), centre, centre[:, None])
+            axes = np.moveaxis(found[..., 0].reshape(len(pairs), number, 3), 2, 1)
+        chord = np.linalg.norm(middle[self.device] - axes, axis=1)
         reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.device]
         side = self.side[:, None]
         near = np.clip(chord - side * reach, 0, 2)
@@ -120,7 +159,9 @@ class Bindings:
         within = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         pair, where = np.repeat(opening[clause], size) + within, np.repeat(interval, size)
         device = self.device[pair]
-        apart = evidence.samples.boresights[device, :, where] - self.axis[pair][..., None]
+        apart = evidence.samples.boresights[device, :, where] - self.axes(
+            pair, evidence.on.centre[where], evidence.samples.time[where]
+        )
         square = np.einsum("rim,rim->rm", apart, apart)
         largest = square.max(axis=1)
         # With |p| = 1 an error d of p changes c by 2 |p - e| d at most, but what is left out by 2 d.
@@ -139,7 +180,10 @@ class Bindings:
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
             instant = motion.sample(motion.between(np.array([time, time])), np.zeros(1))
-            chord = instant.boresights[self.device[pairs], :, 0, 0] - self.axis[pairs]
+            when = np.full((len(pairs), 1), time)
+            chord = (
+                instant.boresights[self.device[pairs], :, 0, 0] - self.axes(pairs, when[:, 0], when)[..., 0]
+            )
             margin = self.margin(self.side[pairs] * np.sum(chord**2, axis=1), pairs)
             pairs = pairs[margin == self.layout.fold(pairs, margin)]
         return int(self.zone[pairs[0]]), int(self.device[pairs[0]])

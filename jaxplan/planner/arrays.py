@@ -187,20 +187,6 @@ class Tables(Kind):
 
 
 @dataclass(frozen=True)
-class Flag(Kind):
-    """True or false."""
-
-    wanted = "true or false"
-
-    def read(self, value: object, place: Place) -> bool | None:
-        """The value itself."""
-        if isinstance(value, bool):
-            return value
-        place.fault(f"must be {self.wanted}", value)
-        return None
-
-
-@dataclass(frozen=True)
 class Words(Kind):
     """Text that prints, or none at all."""
 

@@ -5,6 +5,9 @@ the path as found, a new path with more clearance, and both with more nodes, so 
 closer to them. A search that finds no path with the wanted clearance is run again without.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
+Where targets or zones move, a goal is one at the end of the manoeuvre (`meeting`), the search sees what zones
+sweep (`sweeps`), and fit and certificate see them move.
+
 The chain is a generator that asks for its searches, so that those of many scenarios can run in lockstep.
 """
 
@@ -13,14 +16,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.path import Goal, Path, halve
+from jaxplan.path import Goal, MovingGoal, Path, halve
 from jaxplan.planner import messages
 from jaxplan.planner.check import prove, start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
-from jaxplan.planner.record import Plan
+from jaxplan.planner.meeting import guesses, meet
+from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.sweeps import always, swept
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario, SearchSettings
+from jaxplan.scenario.moments import at
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import METHODS, Fit
@@ -38,9 +44,12 @@ _TELLING = (
     Status.NODE_LIMIT,
     Status.INFEASIBLE,
     Status.UNCERTIFIED,
+    Status.GOAL_MISSED,
     Status.LIMITS_TOO_TIGHT,
     Status.OK,
 )
+# Another path to the same goal is not tried then.
+_FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,13 +75,21 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     """
     start = scenario.start
     attitude = start_attitude(scenario)
-    broken = breaches(scenario, attitude, start.joints, start.angular_velocity, start.joint_rates)
+    broken = breaches(at(scenario, 0.0), attitude, start.joints, start.angular_velocity, start.joint_rates)
     if broken:
         return Plan(scenario=scenario, status=Status.INVALID_START, message=messages.invalid(broken))
+    failed = None
     with clock.step("decompose"):
-        goals = find_goals(scenario, attitude)
-    if isinstance(goals, Plan):
-        return goals
+        times = guesses(scenario, attitude)
+    for time in times:
+        with clock.step("decompose"):
+            goals = find_goals(scenario, attitude, time)
+        if not isinstance(goals, Plan):
+            break
+        failed = failed or goals
+    else:
+        assert failed is not None  # there is at least one guess
+        return failed
     best = _Best()
     for goal in goals:
         yield from _climb(scenario, attitude, goal, clock, best)
@@ -99,11 +116,12 @@ def _climb(
     scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: Clock, best: _Best
 ) -> Generator[Query, SearchResult, None]:
     """Climb the ladder at one goal, until it is over."""
-    scene = make_scene(scenario, goal, attitude)
+    seen, proved = swept(scenario, goal, attitude), always(scenario, goal)
+    scene = make_scene(seen, goal, attitude)
     with clock.step("search"):
-        barrier = find_barrier(scene)
+        barrier = find_barrier(scene if proved is seen else make_scene(proved, goal, attitude))
     if barrier is not None:
-        message = messages.parted(scenario, barrier)
+        message = messages.parted(proved, barrier)
         best.add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return
     # It looks for the shortest motion before it says that a duration is too short.
@@ -123,7 +141,7 @@ def _climb(
             path = halve(path)
         attempt = finish(replace(so_far, path=path), path, clock)
         best.add(attempt)
-        if best.over or (attempt.status is Status.LIMITS_TOO_TIGHT and at_leisure):
+        if best.over or (attempt.status in _FOR_GOOD and at_leisure):
             return
 
 
@@ -138,9 +156,9 @@ def _settings(scenario: Scenario, factor: float, earlier: int, clock: Clock) -> 
     )
 
 
-def fit(scenario: Scenario, path: Path) -> Fit:
-    """Step 3 of a scenario through a path, by the method it asks for."""
-    start, end = scenario.start, scenario.goal
+def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
+    """Step 3 of a scenario through a path to a goal, by the method it asks for."""
+    start, end = scenario.start, end_rates(scenario, goal)
     return METHODS[scenario.trajectory.method](
         path,
         scenario.spacecraft,
@@ -148,8 +166,9 @@ def fit(scenario: Scenario, path: Path) -> Fit:
         cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
         start_angular_velocity=start.angular_velocity,
         start_joint_rates=start.joint_rates,
-        end_angular_velocity=end.angular_velocity,
-        end_joint_rates=end.joint_rates,
+        end_angular_velocity=end[0],
+        end_joint_rates=end[1],
+        horizon=goal.time if isinstance(goal, MovingGoal) else 0.0,
     )
 
 
@@ -158,7 +177,12 @@ def finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
     scenario, goal = so_far.scenario, so_far.goal
     assert goal is not None
     with clock.step("trajectory"):
-        fitted = fit(scenario, path)
+        if isinstance(goal, MovingGoal):
+            meeting = meet(scenario, start_attitude(scenario), goal, path, fit)
+            fitted, goal = meeting.fit, meeting.goal
+            so_far = replace(so_far, goal=goal, path=meeting.path)
+        else:
+            fitted = fit(scenario, path, goal)
     message = fitted.note if fitted.status is Status.OK else fitted.message
     so_far = replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
     if fitted.trajectory is None:

@@ -8,8 +8,9 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import EndState, ProvedMargin, Report, certify, prove_margins
 from jaxplan.path import Goal
-from jaxplan.planner.record import Plan
-from jaxplan.scenario import GivenState, Scenario
+from jaxplan.planner.arrival import arrival_faults
+from jaxplan.planner.record import Plan, end_rates
+from jaxplan.scenario import GivenState, Scenario, Targets
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -26,17 +27,17 @@ def start_attitude(scenario: Scenario) -> np.ndarray:
 
 
 def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
-    """Certify a trajectory against a scenario: zones, limits, start and goal.
+    """Certify a trajectory against a scenario: zones, limits, start and goal, also of targets that move.
 
     Args:
         scenario: what must hold.
         goal: where the trajectory must end.
         trajectory: the manoeuvre.
     """
-    start, end = scenario.start, scenario.goal
+    start, end = scenario.start, end_rates(scenario, goal)
     craft = scenario.spacecraft
     zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    return certify(
+    report = certify(
         trajectory,
         craft,
         tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
@@ -50,10 +51,12 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
         goal=EndState(
             attitude=goal.attitude,
             joints=goal.joints,
-            angular_velocity=end.angular_velocity,
-            joint_rates=end.joint_rates,
+            angular_velocity=end[0],
+            joint_rates=end[1],
         ),
     )
+    missed = arrival_faults(scenario, goal, trajectory)
+    return replace(report, certified=report.certified and not missed, faults=(*report.faults, *missed))
 
 
 def check_plan(plan: Plan) -> Report:
@@ -92,12 +95,17 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
-    """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes."""
+    """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
+
+    Of targets that move `prove` tells.
+    """
     asked, craft = scenario.goal, scenario.spacecraft
     if isinstance(asked, GivenState):
         with jax.enable_x64(True):
             attitude = np.asarray(exp(np.asarray(asked.rotation_vector, float)))
         joints = asked.joints
+    elif not isinstance(asked, Targets):
+        return ()
     else:
         attitude = goal.attitude
         with jax.enable_x64(True):

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, Path
+from jaxplan.path import Goal, MovingGoal, Path
 from jaxplan.planner.arrays import (
     Array,
     ByName,
-    Flag,
     Known,
     Lines,
     Nullable,
@@ -27,7 +26,8 @@ from jaxplan.planner.arrays import (
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text
+from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
+from jaxplan.scenario.moments import moves
 from jaxplan.scenario.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
@@ -47,6 +47,7 @@ _STEPS_OF = {
     Status.NODE_LIMIT: (2, 2),
     Status.TIME_LIMIT: (2, 2),
     Status.LIMITS_TOO_TIGHT: (3, 5),
+    Status.GOAL_MISSED: (3, 5),
     Status.INFEASIBLE: (3, 5),
     Status.UNCERTIFIED: (5, 5),
 }
@@ -112,7 +113,7 @@ def plan_table(scenario: Scenario) -> Table:
     )
     report = _table(
         Report,
-        certified=Flag(),
+        certified=YesNo(),
         min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
         worst_time=Nullable(_POSITIVE),
         worst_device=Nullable(Known("device", craft.device_names)),
@@ -123,12 +124,15 @@ def plan_table(scenario: Scenario) -> Table:
         faults=Lines(),
         evaluations=_COUNT,
     )
-    goal = _table(
-        Goal,
-        attitude=rotations((3, 3)),
-        joints=array(("joints",)),
-        slew_angle=Number(Interval("[0, 3.1416]")),
-    )
+    of_goal: dict[str, Kind] = {
+        "attitude": rotations((3, 3)),
+        "joints": array(("joints",)),
+        "slew_angle": Number(Interval("[0, 3.1416]")),
+    }
+    goal = _table(Goal, **of_goal)
+    if moves(scenario):
+        rates: dict[str, Kind] = {"angular_velocity": array((3,)), "joint_rates": array(("joints",))}
+        goal = _table(MovingGoal, **of_goal, time=_POSITIVE, **rates)
     steps = {
         "goal": goal,
         "search": search,

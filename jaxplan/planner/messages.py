@@ -7,9 +7,15 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.scenario import Scenario
+from jaxplan.scenario.moments import moves
 from jaxplan.search import Barrier, Scene, SearchResult, alone_and_grouped, most_obstructive
 from jaxplan.status import Status
 from jaxplan.zones import KeepIn, KeepOut
+
+
+def when(scenario: Scenario, time: float) -> str:
+    """When that is, to end a sentence on a goal; empty where nothing moves."""
+    return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
 
 
 def invalid(broken: Sequence[str]) -> str:

@@ -9,11 +9,21 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, Path
-from jaxplan.scenario import Scenario
+from jaxplan.path import Goal, MovingGoal, Path
+from jaxplan.scenario import MovingTargets, Scenario
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory, duration_bound, excess
+
+
+def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+    """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
+    if isinstance(goal, MovingGoal):
+        return goal.angular_velocity, goal.joint_rates
+    asked = scenario.goal
+    if isinstance(asked, MovingTargets):  # and yet a goal without rates, which no certificate lets pass
+        return np.zeros(3), np.zeros(len(goal.joints))
+    return asked.angular_velocity, asked.joint_rates
 
 
 def report_summary(report: Report | None) -> dict[str, Any]:
@@ -41,7 +51,7 @@ class Plan:
         scenario: what was asked.
         status: how it ended.
         message: for the user, what happened and what to change; empty when all is well.
-        goal: where the manoeuvre ends.
+        goal: where the manoeuvre ends; a `MovingGoal`, with time and rates, where something moves.
         search: the result of step 2.
         path: the nodes that the trajectory passes.
         trajectory: the manoeuvre as a function of time.
@@ -68,15 +78,15 @@ class Plan:
     @property
     def duration_bound(self) -> float | None:
         """No motion to the goal that keeps rates and accelerations is quicker, s; None without a path."""
-        if self.path is None:
+        if self.path is None or self.goal is None:
             return None
-        start, goal, ends = self.scenario.start, self.scenario.goal, [0, -1]
+        start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
         return duration_bound(
             self.scenario.spacecraft,
             self.path.attitudes[ends],
             self.path.joints[ends],
-            np.stack([start.angular_velocity, goal.angular_velocity]),
-            np.stack([start.joint_rates, goal.joint_rates]),
+            np.stack([start.angular_velocity, goal_rates[0]]),
+            np.stack([start.joint_rates, goal_rates[1]]),
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -91,7 +101,8 @@ class Plan:
         if self.message:
             rows.append(("", self.message))
         if self.goal is not None:
-            rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg"))
+            when = f", met at {self.goal.time:.2f} s" if isinstance(self.goal, MovingGoal) else ""
+            rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg{when}"))
         if self.search is not None:
             rows.append(("search", f"{self.scenario.search.method}, {self.search.expansions} expansions"))
         if self.path is not None:

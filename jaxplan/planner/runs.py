@@ -14,6 +14,7 @@ from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
+from jaxplan.scenario.moments import known_until, moves
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
 from jaxplan.threads import one_thread
@@ -40,7 +41,8 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
         TypeError: if it is no scenario.
-        ValueError: if a method that it names is not known.
+        ValueError: if a method that it names is not known, or something that moves is not known for its
+            duration.
 
     Example:
         >>> import jaxplan as jp
@@ -85,7 +87,8 @@ def plan_batch(
 
     Raises:
         TypeError: if one of them is no scenario, or the executor is none.
-        ValueError: if a method that one of them names is not known, or for less than one process.
+        ValueError: if a method that one of them names is not known, something that moves is not known for
+            its duration, or for less than one process.
         RuntimeError: if worker processes die; `run_study` outlives that.
     """
     if isinstance(scenarios, Scenario):
@@ -199,6 +202,15 @@ def _expect_scenario(name: str, given: object) -> None:
         if method not in methods:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
+    duration, (known_for, what) = given.trajectory.duration, known_until(given)
+    if isinstance(duration, str):
+        if moves(given) and given.trajectory.method == "paper":
+            raise ValueError(
+                f'{name}.trajectory.duration = "{duration}": must be a number with '
+                'trajectory.method = "paper", since something moves'
+            )
+    elif duration > known_for:
+        raise ValueError(f"{name}.trajectory.duration = {duration:g}: {what} is known until {known_for:g} s")
 
 
 @contextmanager

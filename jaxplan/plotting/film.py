@@ -76,7 +76,7 @@ class _Picture:
     def __init__(self, axes: Axes, plan: "Plan", motion: samples.Motion, view: View) -> None:
         self.motion, self.view = motion, view
         craft = plan.scenario.spacecraft
-        self.margins = [m.values for m in samples.margins(plan.scenario, motion.boresights)]
+        self.margins = [m.values for m in samples.margins(plan.scenario, motion.boresights, motion.times)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
         azimuths = craft.mounts
         rest = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)

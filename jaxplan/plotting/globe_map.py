@@ -14,12 +14,15 @@ from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import (
     NODE,
+    ZONE_WAY,
     boresight_ways,
     end_marks,
     end_style,
     zone_entries,
     zone_fill,
     zone_outline,
+    zone_ways,
+    zones_at_start,
 )
 from jaxplan.plotting.style import (
     GREY,
@@ -33,6 +36,7 @@ from jaxplan.plotting.style import (
     plain,
 )
 from jaxplan.plotting.view import PALE, View, circle, insides
+from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -98,9 +102,12 @@ def draw_sphere(axes: Axes, plan: "Plan", view: View) -> None:
     ]
     for line in [*meridians, *circle(poles, np.deg2rad(range(30, 180, 30)))]:
         draw_line(axes, view, line, {"color": "0.85", "linewidth": 0.5, "zorder": 0.7})
-    zones: list[KeepOut | KeepIn] = [*plan.scenario.keep_out, *plan.scenario.keep_in]
-    for zone in zones:
+    for zone in zones_at_start(plan.scenario):
         _draw_zone(axes, view, zone)
+    for last, way in zone_ways(plan):
+        edge: Look = zone_outline(last) | {"linewidth": 0.6, "zorder": 1.6}
+        draw_line(axes, view, circle(axis_at(last), last.half_angle), edge)
+        draw_line(axes, view, way, {"color": edge["color"], **ZONE_WAY})
     _name_zones(axes, view, plan.scenario)
     outcome = "" if plan.ok else f": {plan.status.name}"
     plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
@@ -116,7 +123,7 @@ def draw_line(axes: Axes, view: View, line: np.ndarray, look: Look) -> list[Line
 
 
 def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> None:
-    right, up, inside = insides(view, zone.direction, zone.half_angle)
+    right, up, inside = insides(view, axis_at(zone), zone.half_angle)
     fill = zone_fill(zone)
     colour, hatch = to_rgba(fill["facecolor"]), fill.get("hatch")
     limb = Circle((0, 0), 1, transform=axes.transData)
@@ -126,16 +133,15 @@ def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> None:
             area = axes.contourf(right, up, values, levels=[0, 3], zorder=1, **look)
             area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
     edge: Look = zone_outline(zone) | {"linewidth": 1.1, "zorder": 1.6}
-    draw_line(axes, view, circle(zone.direction, zone.half_angle), edge)
+    draw_line(axes, view, circle(axis_at(zone), zone.half_angle), edge)
 
 
 def _name_zones(axes: Axes, view: View, scenario: "Scenario") -> None:
     """Each zone's name in it, or above or below if a boresight must stay in; pale on the far side."""
     labels = Labels(np.zeros((0, 2)))
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    for zone in sorted(zones, key=lambda zone: -float(view.depth(zone.direction))):
-        centre = view.project(zone.direction)
-        near = view.depth(zone.direction) >= 0
+    for zone in sorted(zones_at_start(scenario), key=lambda zone: -float(view.depth(axis_at(zone)))):
+        centre = view.project(axis_at(zone))
+        near = view.depth(axis_at(zone)) >= 0
         size = (0.035 * len(zone.name), 0.07)
         away = np.sin(min(zone.half_angle, np.pi / 2)) + 0.05
         shifts = (away, -away) if isinstance(zone, KeepIn) else (0, 0.08, -0.08, 0.16, -0.16)

@@ -68,7 +68,7 @@ def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
     """Draw the panel; returns the legend entries of the devices, and of all else."""
-    found = samples.margins(plan.scenario, moves.boresights)
+    found = samples.margins(plan.scenario, moves.boresights, moves.times)
     alpha = 0.6 if len(found) <= _CROWD else 0.3
     for margin in found:
         style = device_style(margin.device)

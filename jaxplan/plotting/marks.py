@@ -1,14 +1,19 @@
 """What all views of the sphere share: looks of zones, starts and goals, and the ways of the boresights."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from jaxplan.moving import DirectionPath
+from jaxplan.path import MovingGoal
 from jaxplan.plotting import samples
-from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, Entries, Look, device_style
-from jaxplan.scenario import GivenState
+from jaxplan.plotting.style import GREY, KEEP_IN, KEEP_OUT, Entries, Look, device_style
+from jaxplan.scenario import GivenState, Targets
+from jaxplan.scenario.moments import at, axis_at, is_moving, zone_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -25,6 +30,8 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _TARGET: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
+ZONE_WAY: Look = {"linewidth": 1.1, "zorder": 1.7}
+_WAY = 33  # points of it
 NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 
 
@@ -40,6 +47,28 @@ def zone_fill(zone: KeepOut | KeepIn) -> Look:
     if isinstance(zone, KeepIn):
         return {"facecolor": to_rgba(KEEP_IN, 0.10), "edgecolor": "none"}
     return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
+
+
+def zones_at_start(scenario: "Scenario") -> list[KeepOut | KeepIn]:
+    """All zones, those that move where they are at first."""
+    zones: list[KeepOut | KeepIn] = [zone_at(zone, 0.0) for zone in scenario.keep_out]
+    return zones + [zone_at(zone, 0.0) for zone in scenario.keep_in]
+
+
+def zone_ways(plan: "Plan") -> list[tuple[KeepOut | KeepIn, np.ndarray]]:
+    """Zones that move where they are at last, and the ways of their axes (k, 3).
+
+    The last instant is that of the goal; of a plan without one, the last that is known.
+    """
+    zones: list[KeepOut | KeepIn] = [*plan.scenario.keep_out, *plan.scenario.keep_in]
+    ways: list[tuple[KeepOut | KeepIn, np.ndarray]] = []
+    for zone in zones:
+        if isinstance(zone.direction, DirectionPath):
+            goal = plan.goal
+            last = goal.time if isinstance(goal, MovingGoal) else float(zone.direction.times[-1])
+            there = replace(zone, direction=axis_at(zone, last))
+            ways.append((there, zone.direction.at(np.linspace(0.0, last, _WAY))))
+    return ways
 
 
 def boresight_ways(plan: "Plan") -> np.ndarray | None:
@@ -63,7 +92,9 @@ def end_marks(plan: "Plan") -> list[tuple[Look, str, np.ndarray]]:
     elif isinstance(goal, GivenState):
         ends.append((_END, "goal", _given(plan.scenario, goal)))
     else:
-        ends.append((_TARGET, "target", goal.directions))
+        first = at(plan.scenario, 0.0).goal
+        assert isinstance(first, Targets)
+        ends.append((_TARGET, "target", first.directions))
     return [end for end in ends if len(end[2])]
 
 
@@ -102,4 +133,8 @@ def zone_entries(scenario: "Scenario") -> Entries:
                 "linestyle": zone_outline(zones[0])["linestyle"],
             }
             entries.append((Patch(**look, linewidth=1), text))
+    if any(map(is_moving, scenario.keep_out)) or any(map(is_moving, scenario.keep_in)):
+        entries.append(
+            (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
+        )
     return entries

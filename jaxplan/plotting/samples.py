@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.moving import DirectionPath
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -118,42 +119,55 @@ def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
     return boresights(plan.scenario.spacecraft, attitudes, joints)
 
 
-def margins(scenario: "Scenario", directions: np.ndarray) -> list[Margin]:
+def margins(scenario: "Scenario", directions: np.ndarray, times: np.ndarray | None = None) -> list[Margin]:
     """Margins of every device to every constraint that binds it, equations (11) and (12).
 
     Zones of a group count as the best of them: at every instant the one whose worst device has most margin.
     So the smallest of all margins at an instant is that of the scene.
 
     Args:
-        scenario: whose zones are meant.
+        scenario: whose zones are meant; one that moves is taken where it is at each instant.
         directions: (k, D, 3) boresights.
+        times: (k,) s, of them; only zones that move ask for it.
     """
     names = scenario.spacecraft.device_names
-    result = [margin for zone in scenario.keep_out for margin in _zone_margins(zone, names, directions)]
+    result = [
+        margin for zone in scenario.keep_out for margin in _zone_margins(zone, names, directions, times)
+    ]
     groups: dict[str, list[KeepIn]] = {}
     for zone in scenario.keep_in:
         if zone.any_of is None:
-            result += _zone_margins(zone, names, directions)
+            result += _zone_margins(zone, names, directions, times)
         else:
             groups.setdefault(zone.any_of, []).append(zone)
     for name, zones in groups.items():
-        result += _group_margins(name, zones, names, directions)
+        result += _group_margins(name, zones, names, directions, times)
     return result
 
 
-def _zone_margins(zone: KeepOut | KeepIn, names: Sequence[str], directions: np.ndarray) -> list[Margin]:
-    angles = _separation(directions, zone.direction)
+def _zone_margins(
+    zone: KeepOut | KeepIn, names: Sequence[str], directions: np.ndarray, times: np.ndarray | None
+) -> list[Margin]:
+    axis = zone.direction
+    if isinstance(axis, DirectionPath):
+        assert times is not None
+        axis = axis.at(times)[:, None]
+    angles = _separation(directions, axis)
     values = zone.half_angle - angles if isinstance(zone, KeepIn) else angles - zone.half_angle
     bound = [number for number, name in enumerate(names) if not zone.devices or name in zone.devices]
     return [Margin(device=number, zone=zone.name, values=values[:, number]) for number in bound]
 
 
 def _group_margins(
-    group: str, zones: Sequence[KeepIn], names: Sequence[str], directions: np.ndarray
+    group: str,
+    zones: Sequence[KeepIn],
+    names: Sequence[str],
+    directions: np.ndarray,
+    times: np.ndarray | None,
 ) -> list[Margin]:
     table = np.full((len(zones), *directions.shape[:2]), np.nan)
     for row, zone in zip(table, zones, strict=True):
-        for margin in _zone_margins(zone, names, directions):
+        for margin in _zone_margins(zone, names, directions, times):
             row[:, margin.device] = margin.values
     worst = np.min(np.where(np.isnan(table), np.inf, table), axis=2)
     best = table[np.argmax(worst, axis=0), np.arange(table.shape[1])]
@@ -162,5 +176,6 @@ def _group_margins(
 
 
 def _separation(directions: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Angles between directions and an axis, rad; exact near 0 and pi."""
-    return np.arctan2(np.linalg.norm(np.cross(directions, axis), axis=-1), directions @ axis)
+    """Angles between directions (k, D, 3) and an axis, (3,) or (k, 1, 3), rad; exact near 0 and pi."""
+    along = directions @ axis if axis.ndim == 1 else np.sum(directions * axis, axis=-1)
+    return np.arctan2(np.linalg.norm(np.cross(directions, axis), axis=-1), along)

@@ -12,17 +12,21 @@ from jaxplan.plotting import samples, unfolded
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.marks import (
     NODE,
+    ZONE_WAY,
     boresight_ways,
     end_marks,
     end_style,
     zone_entries,
     zone_fill,
     zone_outline,
+    zone_ways,
+    zones_at_start,
 )
 from jaxplan.plotting.style import (
     GREY,
     TEXT,
     Entries,
+    Look,
     device_entries,
     device_style,
     legend_beside,
@@ -31,12 +35,14 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.plotting.zone_names import name_zones
+from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
 
 SIZE = (11.0, 4.9)  # inches
+_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}
 
 
 def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
@@ -44,8 +50,9 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
 
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
     are of a group of which any one holds; the small print under a zone's name says which devices it binds if
-    not all, and its group. A plan that failed is drawn as far as it came: the
-    path instead of the trajectory, start and goal without a path, and the targets where no goal was found.
+    not all, and its group. One that moves is drawn where it is at first, with the way of its axis and,
+    fainter, its edge at last. A plan that failed is drawn as far as it came: the path instead of the
+    trajectory, start and goal without a path, and the targets where no goal was found.
 
     Args:
         plan: of any status.
@@ -60,9 +67,12 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """
     (axes,) = panels(ax, 1, SIZE)
     scenario = plan.scenario
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    for zone in zones:
+    for zone in zones_at_start(scenario):
         _draw_zone(axes, zone)
+    for last, way in zone_ways(plan):
+        look = zone_outline(last)
+        axes.plot(*unfolded.outline(axis_at(last), last.half_angle).T, **look, **_FAINT)
+        axes.plot(*unfolded.cut(unfolded.unfold(way)).T, color=look["color"], **ZONE_WAY)
     outlines = len(axes.lines)
     marks = [*_draw_ways(axes, plan), *_draw_ends(axes, plan)]
     drawn = [np.zeros((0, 2)), *(line.get_xydata() for line in axes.lines[outlines:])]
@@ -77,12 +87,12 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 
 def _draw_zone(axes: Axes, zone: KeepOut | KeepIn) -> None:
-    rings = unfolded.region(zone.direction, zone.half_angle)
+    rings = unfolded.region(axis_at(zone), zone.half_angle)
     shape = Shape.make_compound_path(
         *(Shape(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings)
     )
     axes.add_artist(PathPatch(shape, **zone_fill(zone), zorder=1, linewidth=0))  # add_patch would be slow
-    line = unfolded.outline(zone.direction, zone.half_angle)
+    line = unfolded.outline(axis_at(zone), zone.half_angle)
     axes.plot(*line.T, **zone_outline(zone), linewidth=1.1, zorder=1.6)
 
 

@@ -34,6 +34,7 @@ _OUTCOMES = {
     Status.NODE_LIMIT.name: "#B2182B",
     Status.TIME_LIMIT.name: "#D6604D",
     Status.LIMITS_TOO_TIGHT.name: "#F4A582",
+    Status.GOAL_MISSED.name: "#E08214",
     Status.INFEASIBLE.name: "#FDDBC7",
     Status.UNCERTIFIED.name: "#762A83",
     "crashed": "black",

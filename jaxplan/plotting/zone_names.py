@@ -8,7 +8,9 @@ from matplotlib.patheffects import withStroke
 
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.labels import Labels
+from jaxplan.plotting.marks import zones_at_start
 from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, SMALL, plain
+from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray) -> None:
         scenario: whose zones are meant.
         ways: (k, 2) deg, points of what is drawn, which names should not cover.
     """
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    zones = zones_at_start(scenario)
     crowded = len(zones) > _CROWD
     labels = Labels(ways)
     for zone in zones:
@@ -55,7 +57,7 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
     That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
     one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
     """
-    azimuth, elevation = unfolded.unfold(zone.direction)
+    azimuth, elevation = unfolded.unfold(axis_at(zone))
     angle = float(np.rad2deg(zone.half_angle))
     wide = angle > 90
     inside = [(0.0, offset * min(angle, 90)) for offset in (0, 0.5, -0.5, 0.8, -0.8)]
@@ -83,7 +85,7 @@ def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> flo
     """Angle of a place on the map from a zone's axis, deg."""
     a, e = np.deg2rad((azimuth, elevation))
     direction = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    return float(np.rad2deg(np.arccos(np.clip(direction @ zone.direction, -1, 1))))
+    return float(np.rad2deg(np.arccos(np.clip(direction @ axis_at(zone), -1, 1))))
 
 
 def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:

@@ -106,7 +106,13 @@ def _parts(plan: "Plan", report: "Report | None", pictures: dict[str, Markup]) -
     craft = plan.scenario.spacecraft
     parts = [
         section("manoeuvre", "The manoeuvre", *shown("globe", "sphere")),
-        section("scenario", "Scenario", scene.spacecraft_tables(craft), scene.zones_table(plan.scenario)),
+        section(
+            "scenario",
+            "Scenario",
+            scene.spacecraft_tables(craft),
+            scene.zones_table(plan.scenario),
+            scene.motion_table(plan),
+        ),
         section("goal", "Start and goal", scene.ends_tables(plan)),
     ]
     if plan.search is not None:

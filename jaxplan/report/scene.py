@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan.path import MovingGoal
 from jaxplan.planner.check import start_attitude
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
 from jaxplan.scenario import Targets
+from jaxplan.scenario.moments import at, axis_at, is_moving, paths
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -95,9 +97,10 @@ def _direction(vector: Any) -> tuple[str, str]:
 
 def kind_of(zone: KeepOut | KeepIn) -> str:
     """What a zone asks, in words."""
+    moving = ", moving" if is_moving(zone) else ""
     if isinstance(zone, KeepOut):
-        return "keep-out"
-    return "keep-in" if zone.any_of is None else f"keep-in, any of {zone.any_of}"
+        return f"keep-out{moving}"
+    return f"keep-in{moving}" if zone.any_of is None else f"keep-in{moving}, any of {zone.any_of}"
 
 
 def zones_table(scenario: "Scenario") -> Markup:
@@ -117,13 +120,40 @@ def zones_table(scenario: "Scenario") -> Markup:
         [
             zone.name,
             kind_of(zone),
-            *_direction(zone.direction),
+            *_direction(axis_at(zone)),
             number(float(np.rad2deg(zone.half_angle))),
             ", ".join(zone.devices) or "all devices",
         ]
         for zone in zones
     ]
     return table(columns, rows, "Zones, cones about inertial directions")
+
+
+def motion_table(plan: "Plan") -> Markup:
+    """How zones and targets move between start and goal; nothing where none does."""
+    goal = plan.goal
+    moving = list(paths(plan.scenario))
+    if not moving:
+        return join(())
+    last = goal.time if isinstance(goal, MovingGoal) else min(float(path.times[-1]) for _, path in moving)
+    columns = [
+        Column("What moves"),
+        numeric("Azimuth at first", "deg"),
+        numeric("Elevation at first", "deg"),
+        numeric(f"Azimuth after {last:.2f} s", "deg"),
+        numeric("Elevation then", "deg"),
+        numeric("Turns at most at", "deg/s"),
+    ]
+    rows = [
+        [
+            name,
+            *_direction(path.at(0.0)),
+            *_direction(path.at(last)),
+            number(float(np.rad2deg(path.largest_rate(0.0, last))), 4),
+        ]
+        for name, path in moving
+    ]
+    return table(columns, rows, "Zones and targets that move, inertial")
 
 
 def ends_tables(plan: "Plan") -> Markup:
@@ -143,13 +173,12 @@ def ends_tables(plan: "Plan") -> Markup:
     parts = [facts(rows, "Attitude, body to inertial")]
     if scenario.spacecraft.terminals:
         parts.append(_joints_table(plan))
-    if isinstance(scenario.goal, Targets) and len(scenario.goal.directions):
+    asked = at(scenario, goal.time if isinstance(goal, MovingGoal) else 0.0).goal
+    if isinstance(asked, Targets) and len(asked.directions):
         columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
         targets = [
             [terminal.name, *_direction(direction)]
-            for terminal, direction in zip(
-                scenario.spacecraft.terminals, scenario.goal.directions, strict=True
-            )
+            for terminal, direction in zip(scenario.spacecraft.terminals, asked.directions, strict=True)
         ]
         parts.append(table(columns, targets, "Targets asked for, inertial"))
     return join(parts)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.moving import DirectionPath
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, finite
 
@@ -95,11 +96,15 @@ class Each(Kind):
         order = ", all yaws and then all pitches" if self.per == "joint" else ""
         return f"{noun}, one a {self.per}{order}"
 
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(count, ...); of any length where the file's terminals cannot be told."""
+    def entries(self, value: object, place: Place) -> list[Any] | None:
+        """The values, each by itself; of any number where the file's terminals cannot be told."""
         terminals = place.devices.terminals
         count = None if terminals is None else len(terminals) * (2 if self.per == "joint" else 1)
-        read = _read_entries(self.of, count, self.wanted, value, place)
+        return _read_entries(self.of, count, self.wanted, value, place)
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(count, ...)."""
+        read = self.entries(value, place)
         if read is None:
             return None
         return np.array(read).reshape(len(read), *([3] if isinstance(self.of, Direction) else []))
@@ -135,6 +140,10 @@ class Direction(Kind):
         """(3,)."""
         vector = Vector(3).read(value, place)
         return None if vector is None else _unit(vector, value, "a unit vector", place)
+
+    def holds(self, value: Any) -> bool:
+        """A direction, and no path."""
+        return not isinstance(value, DirectionPath)
 
     def write(self, value: Any) -> list[float]:
         """A list."""

@@ -1,21 +1,15 @@
-"""The table ``[sky]``, and keep-out zones about a body, which reading resolves to plain ones.
+"""The table ``[sky]``: who looks at the sky, when, and which satellites there are to be looked at."""
 
-A scenario holds directions and half angles only, so a file that is written, or a plan, has these and no
-``[sky]``: it means the same on every machine, whatever its version of pyerfa, and without the extra too.
-"""
-
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
 from jaxplan import sky
 from jaxplan.epochs import parse_epoch
 from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Interval, Kind, Number, shortest_degrees
-from jaxplan.scenario.tables import Either, Field, Table
+from jaxplan.scenario.kinds import Interval, Kind, Number, Text
+from jaxplan.scenario.tables import Either, Field, Rows, Table
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 
@@ -27,14 +21,30 @@ class View:
     Attributes:
         epoch: UTC of the manoeuvre's start.
         observer: the satellite.
-        for_duration: s, how long zones about bodies hold; None for the trajectory's duration.
+        for_duration: s, how long zones about bodies hold, and motion is known; None for the trajectory's
+            duration.
         atmosphere: km that belong to the Earth's limb.
+        satellites: others, that are looked at.
     """
 
     epoch: np.datetime64
     observer: sky.CircularOrbit | sky.Tle
     for_duration: float | None = None
     atmosphere: float = 0.0
+    satellites: tuple["Satellite", ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Satellite:
+    """A satellite that is looked at: a zone is about it, or a target.
+
+    Attributes:
+        name: unique.
+        orbit: of the satellite.
+    """
+
+    name: str
+    orbit: sky.CircularOrbit | sky.Tle
 
 
 @dataclass(frozen=True)
@@ -88,13 +98,13 @@ _ORBIT = Table(
             required=True,
         ),
     ),
-    refused={"tle": "the observer has an altitude_km; give either two-line elements or a circular orbit"},
+    refused={"tle": "the satellite has an altitude_km; give either two-line elements or a circular orbit"},
 )
 _TWO_LINES = Table(
     sky.Tle,
     (Field("tle", TwoLines(), "tle", "two-line elements", required=True),),
     make=lambda tle: tle,
-    refused={field.key: "the observer has a tle, which says all of its orbit" for field in _ORBIT.fields},
+    refused={field.key: "the satellite has a tle, which says all of its orbit" for field in _ORBIT.fields},
 )
 
 
@@ -120,6 +130,16 @@ class Observer(Either):
         return satellite
 
 
+SATELLITES = Rows(
+    Table(
+        Satellite,
+        (
+            Field("name", Text(), "name", "unique, and no body's", required=True),
+            Field("orbit", Observer(), "orbit", "of the satellite", required=True),
+        ),
+    )
+)
+
 SKY = Table(
     View,
     (
@@ -129,74 +149,9 @@ SKY = Table(
             "for_duration_s",
             Number(Interval("[0, 86400]")),
             "for_duration",
-            "how long zones about bodies hold; trajectory.duration_s if that is a number",
+            "how long zones about bodies hold and what moves is known; trajectory.duration_s if a number",
         ),
         Field("atmosphere_km", Number(Interval("[0, 1000]")), "atmosphere", "belongs to the Earth's limb"),
+        Field("satellite", SATELLITES, "satellites", "others, for zones and targets to follow"),
     ),
 )
-
-
-def resolve_bodies(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
-    """Put a direction and a half angle in the place of each body, or note why there are none.
-
-    Args:
-        tables: of the file.
-        read: what could be read of them; its keep-out zones are changed.
-        root: the place of the file.
-    """
-    rows = tables.get("keep_out")
-    rows = rows if isinstance(rows, list) else []  # whatever else it is has been noted
-    zones = [
-        (row, zone, root.key("keep_out").item(i))
-        for i, (row, zone) in enumerate(zip(rows, read.get("keep_out") or [], strict=False))
-        if isinstance(row, dict) and zone is not None
-    ]
-    for row, _, place in zones:
-        if "exclusion_deg" in row and "body" not in row:
-            place.key("exclusion_deg").fault("needs a body, from whose limb it counts", row["exclusion_deg"])
-        if "body" in row and "sky" not in tables:
-            place.key("body").fault("needs [sky], with epoch_utc and observer", row["body"])
-    about = [entry for entry in zones if "body" in entry[0]]
-    view = _view(tables, read, root) if about else None
-    for row, zone, place in about:
-        if view is None or not isinstance(zone.get("direction"), str) or "half_angle" not in zone:
-            continue  # noted before
-        angle, from_limb = shortest_degrees(zone["half_angle"]), "exclusion_deg" in row
-        try:
-            found = sky.keep_out(
-                zone["direction"],
-                epoch=view.epoch,
-                observer=view.observer,
-                half_angle_deg=None if from_limb else angle,
-                exclusion_deg=angle if from_limb else None,
-                atmosphere_km=view.atmosphere,
-                for_duration_s=view.for_duration or 0.0,
-            )
-        except (ValueError, ImportError) as error:
-            place.key("body").fault(str(error), row["body"])
-        else:
-            zone.update(direction=found.direction, half_angle=found.half_angle)
-
-
-def _view(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> View | None:
-    """The view with its duration, None if a part of it is wrong."""
-    given, place = tables.get("sky"), root.key("sky")
-    parts = read.get("sky") or {}
-    if not isinstance(given, dict) or len(parts) < len(given) or not {"epoch", "observer"} <= parts.keys():
-        return None  # noted before
-    duration = (read.get("trajectory") or {}).get("duration")
-    number = duration if isinstance(duration, float) else None
-    wanted = parts.get("for_duration", number)
-    if wanted is None:
-        complaint = "missing, must be a number of seconds, since trajectory.duration_s is not one"
-        place.key("for_duration_s").fault(complaint)
-        return None
-    if number is not None and wanted < number:
-        place.key("for_duration_s").fault(f"must be at least trajectory.duration_s = {number}", wanted)
-        return None
-    try:
-        sky.positions(parts["observer"], epoch=parts["epoch"], times=[0.0, wanted])
-    except (ValueError, ImportError) as error:
-        place.key("observer").fault(str(error))
-        return None
-    return View(**{**parts, "for_duration": wanted})

@@ -39,6 +39,10 @@ class Kind(ABC):
         """The part of the model that a value read without fault stands for."""
         return value
 
+    def holds(self, value: Any) -> bool:
+        """Whether the file says the model's value in this way, where there are several."""
+        return True
+
     def write(self, value: Any) -> Any:
         """The value as the file holds it."""
         return value
@@ -220,3 +224,17 @@ class Integer(Kind):
     def write(self, value: Any) -> int:
         """The number itself."""
         return int(value)
+
+
+@dataclass(frozen=True)
+class YesNo(Kind):
+    """True or false."""
+
+    wanted = "true or false"
+
+    def read(self, value: object, place: Place) -> bool | None:
+        """The value itself."""
+        if isinstance(value, bool):
+            return value
+        place.fault(f"must be {self.wanted}", value)
+        return None

@@ -13,8 +13,9 @@ from jaxplan.scenario import model
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
 from jaxplan.scenario.bodies import SKY
 from jaxplan.scenario.devices import DeviceList, TerminalFactors
-from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text
+from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
 from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
+from jaxplan.scenario.paths import SAMPLES, TIMES, split_zone
 from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
 from jaxplan.sky import BODIES
@@ -24,6 +25,7 @@ from jaxplan.zones import KeepIn, KeepOut
 SCHEMA_VERSION = 1
 
 _required = partial(Field, required=True)
+_resolved = partial(Field, resolved=True)
 _always = partial(Field, always=True)
 
 _rate_limit = Number(Interval("[1e-6, 1e6]"), degrees=True)
@@ -74,23 +76,39 @@ _CONE = (
     _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
 )
 
+_MOVING = (
+    _resolved("satellite", Text(), "direction", "the axis follows it; a name of [sky]"),
+    SAMPLES,
+    TIMES,
+)
+
 KEEP_OUT = Table(
     KeepOut,
     (
         *_CONE,
-        Field("body", Choice(BODIES), "direction", "the axis points to it, as [sky] has it"),
+        _resolved("body", Choice(BODIES), "direction", "the axis points to it, as [sky] has it"),
         Field("exclusion_deg", _exclusion, "half_angle", "from the body's limb to the edge"),
+        _resolved(
+            "moving",
+            YesNo(),
+            "moving",
+            "whether the axis follows the body; if false or absent, a wider zone stands still for as long",
+        ),
+        *_MOVING,
         Field("devices", DeviceList(), "devices", "which it binds; all if absent"),
     ),
+    split=split_zone,
 )
 
 KEEP_IN = Table(
     KeepIn,
     (
         *_CONE,
+        *_MOVING,
         _required("devices", DeviceList(), "devices", "which it binds, each by itself"),
         Field("any_of", Text(), "any_of", "name of a group, of which one zone must hold at every instant"),
     ),
+    split=split_zone,
 )
 
 SEARCH = Table(
@@ -186,7 +204,9 @@ SCENARIO = Table(
         _required("spacecraft", SPACECRAFT, "spacecraft", "platform, terminals and instruments"),
         _required("start", STATE, "start", "the state the manoeuvre starts from"),
         _required("goal", Goal(), "goal", "directions to point at, or a given state"),
-        Field("sky", SKY, "sky", "whence and when zones about bodies are seen; resolved, never written"),
+        _resolved(
+            "sky", SKY, "sky", "whence and when bodies and satellites are seen; resolved, never written"
+        ),
         Field("keep_out", Rows(KEEP_OUT), "keep_out", "cones to stay out of"),
         Field("keep_in", Rows(KEEP_IN), "keep_in", "cones to stay in"),
         _always("search", SEARCH, "search", "settings of step 2"),

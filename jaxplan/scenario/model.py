@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -72,6 +73,22 @@ class Targets:
     pitch_limit: float | None = None
     angular_velocity: np.ndarray
     joint_rates: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovingTargets:
+    """A goal given as directions of which some move: met where they are at the end, and at their rates.
+
+    Attributes:
+        directions: one a terminal: (3,) inertial unit vector, or the path of one that moves.
+        yaw_limit: rad, tighter than the joints' own at the goal; None for those.
+        pitch_limit: likewise.
+    """
+
+    directions: tuple[np.ndarray | DirectionPath, ...]
+    yaw_limit: float | None = None
+    pitch_limit: float | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -156,7 +173,7 @@ class Scenario:
         name: for titles and tables.
         spacecraft: platform, terminals and instruments.
         start: the state the manoeuvre starts from.
-        goal: directions to point at, or a given state.
+        goal: directions to point at, of which some may move, or a given state.
         keep_out: cones to stay out of.
         keep_in: cones to stay in.
         search: settings of step 2.
@@ -166,7 +183,7 @@ class Scenario:
     name: str = _static()
     spacecraft: Spacecraft
     start: GivenState
-    goal: Targets | GivenState
+    goal: Targets | MovingTargets | GivenState
     keep_out: tuple[KeepOut, ...] = ()
     keep_in: tuple[KeepIn, ...] = ()
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxplan.scenario.faults import nearest
 from jaxplan.scenario.kinds import Interval, Number
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.model import Scenario, Targets
+from jaxplan.scenario.model import GivenState, Scenario
 from jaxplan.scenario.states import STATE, TARGETS, Goal
 from jaxplan.scenario.tables import Rows, Table
 
@@ -73,7 +73,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
             path.append(row)
             value, table = value[row], kind.table
         elif isinstance(kind, Goal):
-            table = TARGETS if isinstance(value, Targets) else STATE
+            table = STATE if isinstance(value, GivenState) else TARGETS
         elif isinstance(kind, Table) and row is None:
             table = kind
         else:

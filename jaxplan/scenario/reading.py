@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from jaxplan.scenario import toml
-from jaxplan.scenario.bodies import resolve_bodies
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
 from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import MINIMUM, STRETCHED, Scenario
+from jaxplan.scenario.resolving import resolve_directions
 
 MOST_ZONES = 1000
 
@@ -82,7 +82,7 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
         _check_inertia(tables, root)
         _check_goal_limits(read, root)
         _check_duration(tables, read, root)
-        resolve_bodies(tables, read, root)
+        resolve_directions(tables, read, root)
     if root.faults:
         raise ScenarioError(root.faults)
     scenario: Scenario = SCENARIO.build(read)

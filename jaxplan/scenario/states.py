@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.scenario.arrays import Direction, Each, Quaternion, Vector
+from jaxplan.scenario.arrays import Each, Quaternion, Vector
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Number
-from jaxplan.scenario.model import GivenState, Targets
+from jaxplan.scenario.model import GivenState, MovingTargets, Targets
+from jaxplan.scenario.paths import TargetList
 from jaxplan.scenario.tables import Either, Field, Table
 
 YAW_LIMIT = Number(Interval("(0, 180]"), degrees=True)  # beyond half a turn an angle would have two values
@@ -57,8 +58,14 @@ def _split_state(state: GivenState) -> dict[str, Any]:
     return parts | ({"yaws": yaws, "pitches": pitches} if len(yaws) else {})
 
 
-def _make_targets(*, directions: np.ndarray, **parts: Any) -> Targets:
+def _make_targets(*, directions: Any, **parts: Any) -> Targets | MovingTargets:
+    if isinstance(directions, tuple):
+        return MovingTargets(directions=directions, **parts)
     return Targets(directions=directions, **_with_rates(2 * len(directions), parts))
+
+
+def _split_targets(goal: Targets | MovingTargets) -> Mapping[str, Any]:
+    return vars(goal) if isinstance(goal, MovingTargets) else _without_zero_rates(goal)
 
 
 STATE = Table(
@@ -84,7 +91,12 @@ STATE = Table(
 
 _TARGET_FIELDS = (
     Field(
-        "targets", Each(Direction()), "directions", "where each terminal shall point, inertial", required=True
+        "targets",
+        TargetList(),
+        "directions",
+        "where each terminal shall point, inertial; one that moves as { direction_samples, times_s }, or the "
+        "name of a satellite or body of [sky]",
+        required=True,
     ),
     Field("yaw_limit_deg", YAW_LIMIT, "yaw_limit", "tighter than the joints' own, at the goal"),
     Field("pitch_limit_deg", PITCH_LIMIT, "pitch_limit", "likewise"),
@@ -95,7 +107,7 @@ TARGETS = Table(
     Targets,
     (*_TARGET_FIELDS, *_RATES),
     make=_make_targets,
-    split=_without_zero_rates,
+    split=_split_targets,
     refused=dict.fromkeys(
         _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
@@ -129,14 +141,22 @@ class Goal(Either):
             place.fault(f"must be {self.wanted}")
             return _UNDECIDED.read(value, place)
         if isinstance(value, dict) and "targets" in value:
-            return TARGETS.read(value, place)
+            read = TARGETS.read(value, place) or {}
+            if isinstance(read.get("directions"), tuple):
+                for entry in _RATES:
+                    if entry.key in value:
+                        complaint = "follows from the targets, of which some move; leave it out"
+                        place.key(entry.key).fault(complaint, value[entry.key])
+            return read
         return GIVEN_GOAL.read(value, place)
 
-    def build(self, value: Any) -> Targets | GivenState:
+    def build(self, value: Any) -> Targets | MovingTargets | GivenState:
         """The targets or the state."""
-        goal: Targets | GivenState = (TARGETS if "directions" in value else STATE).build(value)
+        goal: Targets | MovingTargets | GivenState = (TARGETS if "directions" in value else STATE).build(
+            value
+        )
         return goal
 
     def write(self, value: Any) -> dict[str, Any]:
         """Its table."""
-        return (TARGETS if isinstance(value, Targets) else STATE).write(value)
+        return (STATE if isinstance(value, GivenState) else TARGETS).write(value)

@@ -21,10 +21,11 @@ class Field:
         key: as the file spells it, with the unit.
         kind: what its value may be.
         attribute: what the model calls it. Fields that share it are alternatives, of which a file gives one;
-            the first is the one that is written.
+            the first that can hold the value is the one that is written.
         meaning: one line for the reference.
         required: whether the key, or an alternative, must be there.
         always: whether it is written at its default too, because a later version may change that.
+        resolved: whether reading puts something else in its place, so that it is never written.
     """
 
     key: str
@@ -33,6 +34,7 @@ class Field:
     meaning: str
     required: bool = False
     always: bool = False
+    resolved: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,8 @@ class Table(Kind):
         done: set[str] = set()
         for entry in self.fields:
             content = values.get(entry.attribute)
-            if content is None or entry.attribute in done:
+            passed = content is None or entry.attribute in done or entry.resolved
+            if passed or not entry.kind.holds(content):
                 continue
             done.add(entry.attribute)
             text = entry.kind.write(content)

@@ -95,7 +95,7 @@ def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
     lines = [header] if header else []
     inner: list[tuple[str, Any]] = []
     for key, value in table.items():
-        rows = isinstance(value, list) and value and isinstance(value[0], dict)
+        rows = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)
         if rows or (isinstance(value, dict) and not path):
             inner.append((key, value))
         else:
@@ -120,6 +120,6 @@ def value_text(value: Any) -> str:
         return repr(value)
     items = [value_text(item) for item in value]
     line = f"[{', '.join(items)}]"
-    if len(line) <= _WIDEST_LINE and not any(isinstance(item, list) for item in value):
+    if len(line) <= _WIDEST_LINE and not any(isinstance(item, list | dict) for item in value):
         return line
     return "[\n" + "".join(f"    {item},\n" for item in items) + "]"

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Scenario
+from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn
 
 
@@ -31,7 +32,7 @@ def held_axes(scenario: Scenario, start_attitude: np.ndarray, goal: Goal) -> tup
         for terminal, looks in zip(scenario.spacecraft.terminals, seen, strict=True)
     ]
     held = np.array([zone is not None for zone in zones], dtype=bool)
-    axes = [np.array([0.0, 0.0, 1.0]) if zone is None else zone.direction for zone in zones]
+    axes = [np.array([0.0, 0.0, 1.0]) if zone is None else axis_at(zone) for zone in zones]
     return held, np.reshape(axes, (-1, 3))
 
 
@@ -41,7 +42,7 @@ def _zone(name: str, keep_in: tuple[KeepIn, ...], looks: np.ndarray) -> KeepIn |
     alone = [zone for zone in binding if zone.any_of is None]
     if alone:
         return alone[0]
-    return max(binding, key=lambda zone: float(np.max(looks @ zone.direction)), default=None)
+    return max(binding, key=lambda zone: float(np.max(looks @ axis_at(zone))), default=None)
 
 
 def _directions(mounts: np.ndarray, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:

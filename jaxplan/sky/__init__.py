@@ -3,6 +3,7 @@
     >>> from jaxplan import sky
     >>> here = sky.parse_tle(open("mine.tle").read())
     >>> zone = sky.keep_out("sun", epoch="2026-03-20T12:00:00", observer=here, exclusion_deg=30.0)
+    >>> sky.path("earth", epoch="2026-03-20T12:00:00", observer=here, duration_s=80.0)  # of a zone that moves
     >>> sky.directions("moon", epoch="2026-03-20T12:00:00", observer=here, times=[0.0, 40.0, 80.0])
 
 Conventions. Axes are those of the GCRS, which are those of J2000 (EME2000) to 1.2e-7 rad; positions are in km
@@ -19,6 +20,7 @@ It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line el
 """
 
 from jaxplan.sky.bodies import BODIES, RADII
+from jaxplan.sky.paths import path
 from jaxplan.sky.satellites import CircularOrbit
 from jaxplan.sky.sights import (
     angular_radius,
@@ -44,6 +46,7 @@ __all__ = [
     "drift",
     "keep_out",
     "parse_tle",
+    "path",
     "positions",
     "velocities",
 ]

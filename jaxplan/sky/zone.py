@@ -1,8 +1,8 @@
 """Keep-out zones from the sky: a cone about Sun, Moon or Earth that holds for as long as it says.
 
-A zone stands still while bodies and satellites move: over 80 s in low orbit the Earth's direction turns by
-5 deg. So a zone for a duration has its axis where the body is in the middle of it, and is wide enough to
-hold the body's cone of every instant.
+Over 80 s in low orbit the Earth's direction turns by 5 deg. So a zone that stands still has its axis where
+the body is in the middle of its time, and is wide enough to hold the body's cone of every instant. The axis
+of one that moves follows the body, and its half angle is that of the largest cone.
 """
 
 import math
@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxplan.moving import DirectionPath
+from jaxplan.sky.paths import path
 from jaxplan.sky.sights import Epoch, Thing, angles, angular_radius, directions, drift_times, half_step
 from jaxplan.zones import KeepOut
 
@@ -25,6 +27,7 @@ def keep_out(
     exclusion_deg: float | None = None,
     atmosphere_km: float = 0.0,
     for_duration_s: float = 0.0,
+    moving: bool = False,
     name: str | None = None,
     devices: Sequence[str] = (),
 ) -> KeepOut:
@@ -39,11 +42,13 @@ def keep_out(
         atmosphere_km: height that belongs to the Earth's limb, in [0, 1000].
         for_duration_s: how long from the epoch on the zone shall hold, in [0, 86400]; it is widened by how
             far the body's direction gets from that in the middle of this time, and with its angular radius.
+        moving: whether the axis follows the body for that long, so that the zone is not widened.
         name: of the zone, the body's unless given.
         devices: names of those it binds; empty for all.
 
     Returns:
-        The zone, its axis where the body is at half the duration, its half angle rounded up to 1e-9 deg.
+        The zone, its axis where the body is at half the duration, or its path of one that moves, its half
+        angle rounded up to 1e-9 deg.
 
     Raises:
         ValueError: if an argument is out of its range, both or none of the angles are given, or the
@@ -60,9 +65,14 @@ def keep_out(
         raise ValueError(f"exclusion_deg = {exclusion_deg}: must lie in [0, 180)")
     times = drift_times(observer, for_duration_s)
     seen = directions(body, epoch=epoch, observer=observer, times=times)
-    axis = seen[len(times) // 2]
-    reach = angles(axis, seen)
-    slack = half_step(seen)
+    if moving:
+        direction: np.ndarray | DirectionPath = path(
+            body, epoch=epoch, observer=observer, duration_s=for_duration_s
+        )
+        reach, slack = np.zeros(len(times)), 0.0
+    else:
+        direction = axis = seen[len(times) // 2]
+        reach, slack = angles(axis, seen), half_step(seen)
     limb = angular_radius(body, epoch=epoch, observer=observer, times=times, atmosphere_km=atmosphere_km)
     if exclusion_deg is None:
         given, what = float(half_angle_deg or 0.0), f"half_angle_deg = {half_angle_deg}"
@@ -78,7 +88,7 @@ def keep_out(
         )
     return KeepOut(
         name=body if name is None else name,
-        direction=axis,
+        direction=direction,
         half_angle=math.radians(half_angle),
         devices=tuple(devices),
     )

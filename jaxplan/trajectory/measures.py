@@ -183,8 +183,13 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Cones) -> Arr
     Args:
         trajectory: its arrays may be traced.
         craft: its mountings and boresights.
-        cones: the zones.
+        cones: the zones, none of which moves.
+
+    Raises:
+        ValueError: if one moves.
     """
+    if cones.paths:
+        raise ValueError("cones: zones that move have no margin here; plan.report has it")
 
     def short(samples: Samples) -> Array:
         margins = constraint_margins(

@@ -16,6 +16,7 @@ import optax
 
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.scenario import Scenario
+from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow, hold, replan
 from jaxplan.tuning.objectives import Objective, make_objective
@@ -96,6 +97,9 @@ def tune(
         raise ValueError("there are no scenarios to tune")
     if not (type(steps) is int and steps >= 1):
         raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
+    for scenario in given:
+        if moves(scenario):
+            raise ValueError(f"{scenario.name} has targets or zones that move: only fixed ones can be tuned")
     aim = make_objective(objective)
     tuned = parameters(given[0], over)
     for scenario in given[1:]:

@@ -70,6 +70,7 @@ def build(
     weights: tuple[float, float, float],
     limited: bool,
     free_time: bool,
+    horizon: float = 0.0,
 ) -> Built:
     """The task of a request.
 
@@ -81,6 +82,7 @@ def build(
         weights: of rate, acceleration and jerk.
         limited: whether limits are kept, or time will be stretched to them.
         free_time: whether the shortest duration is looked for.
+        horizon: of `Problem`.
     """
     chart, b = charts.fitting(request.attitudes, request.places)
     nodes = np.column_stack([b, request.joints])
@@ -100,7 +102,7 @@ def build(
         radius = np.full(nodes.shape[1], request.radius)
         radius[:3] /= np.sqrt(3.0)
         tube = Tube(basis.rows(request.places[inner], 1)[0], nodes[inner], radius)
-    problem = Problem.of(chart, spacecraft, cones)
+    problem = Problem.of(chart, spacecraft, cones, horizon)
     first = _nearest(space, rows[0], along(nodes, request.places, places), duration)
     task = Task(
         problem=problem,
@@ -155,6 +157,7 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
 def _wanted(problem: Problem, request: Request) -> np.ndarray:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
     cones, ends = problem.cones, [0, -1]
-    found = margins(cones, cosines(problem, request.attitudes[ends], request.joints[ends]))
+    seen = cosines(problem, np.array([0.0, 1.0]), request.attitudes[ends], request.joints[ends])
+    found = margins(cones, seen)
     room = np.where(cones.side > 0, np.pi - cones.half_angle, cones.half_angle)
     return np.minimum(CLEARANCE, OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))

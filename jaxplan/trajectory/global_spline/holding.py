@@ -114,7 +114,7 @@ class Origin:
     ) -> Held:
         job, task = self.job, self.attempt.task
         space, problem = task.space, task.problem
-        own = Problem.of(problem.chart, job.spacecraft, job.cones)
+        own = Problem.of(problem.chart, job.spacecraft, job.cones, problem.horizon)
         inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
         linear, loads, zones, flat = _gathered(task, families, binding, multipliers)
         places = self.attempt.request.places

@@ -47,6 +47,7 @@ class Job:
     spacecraft: Spacecraft
     cones: Cones
     settings: TrajectorySettings
+    horizon: float = 0.0
 
     @property
     def at_speed(self) -> bool:
@@ -237,7 +238,14 @@ def attempt_at(
     """Fit a request; None if its nodes leave the chart or numbers overflow."""
     craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
     built = build(
-        request, craft, job.cones, duration, weights=job.weights, limited=limited, free_time=free_time
+        request,
+        craft,
+        job.cones,
+        duration,
+        weights=job.weights,
+        limited=limited,
+        free_time=free_time,
+        horizon=job.horizon,
     )
     if not built.reach <= REACH:
         return None

@@ -44,6 +44,7 @@ def fit_global(
     start_joint_rates: np.ndarray | None = None,
     end_angular_velocity: np.ndarray | None = None,
     end_joint_rates: np.ndarray | None = None,
+    horizon: float = 0.0,
 ) -> Fit:
     """Fits one spline of degree 5, platform and joints together, to a path.
 
@@ -67,6 +68,8 @@ def fit_global(
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.
         end_joint_rates: (2n,) rad/s.
+        horizon: s, the duration for which zones that move are taken: where the motion is at a share of its
+            own, these are at the same share of that.
 
     Returns:
         The fit; of one that is OK, zones are kept at the places that were looked at, and the certificate has
@@ -106,6 +109,7 @@ def fit_global(
         spacecraft=spacecraft,
         cones=none if cones is None else cones,
         settings=settings,
+        horizon=horizon,
     )
     fit = _fit(job)
     if fit.trajectory is None:

@@ -81,7 +81,8 @@ class Motion:
         cones, joints = self.problem.cones, self.problem.spacecraft.mounts.size
         cosine = self.cosines[place, device, zone]
         factor = -cones.side[zone] / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
-        axis = np.einsum("ri,rij->rj", cones.direction[zone], self.attitude[place])  # in the body
+        axes = self.problem.axes(self.places)[place, zone] if cones.paths else cones.direction[zone]
+        axis = np.einsum("ri,rij->rj", axes, self.attitude[place])  # in the body
         slopes = np.zeros((len(place), 3 + 2 * joints))
         # A rotation d of the body takes the boresight v to v + d x v, and axis . (d x v) = d . (v x axis).
         turning = np.cross(self.body[place, device], axis)
@@ -110,7 +111,7 @@ def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion
         curves,
     )
     body, body_slopes = _body(problem.spacecraft, curves[0, :, 3:])
-    own_cosines = _cosines(problem, attitude, body)
+    own_cosines = _cosines(problem, places, attitude, body)
     return Motion(
         problem=problem,
         places=places,
@@ -125,9 +126,9 @@ def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion
     )
 
 
-def cosines(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Cosines (S, D, Z) of `Motion` for attitudes (S, 3, 3) and joints (S, 2n)."""
-    return _cosines(problem, attitudes, _body(problem.spacecraft, joints)[0])
+def cosines(problem: Problem, places: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Cosines (S, D, Z) of `Motion` at places (S,) for attitudes (S, 3, 3) and joints (S, 2n)."""
+    return _cosines(problem, places, attitudes, _body(problem.spacecraft, joints)[0])
 
 
 def margins(cones: Cones, angle_cosines: np.ndarray) -> np.ndarray:
@@ -142,8 +143,11 @@ def margins(cones: Cones, angle_cosines: np.ndarray) -> np.ndarray:
     return found
 
 
-def _cosines(problem: Problem, attitudes: np.ndarray, body: np.ndarray) -> np.ndarray:
-    return (body @ np.swapaxes(attitudes, 1, 2)) @ problem.cones.direction.T
+def _cosines(problem: Problem, places: np.ndarray, attitudes: np.ndarray, body: np.ndarray) -> np.ndarray:
+    seen = body @ np.swapaxes(attitudes, 1, 2)
+    if problem.cones.paths:
+        return np.asarray(seen @ np.swapaxes(problem.axes(places), 1, 2))
+    return np.asarray(seen @ problem.cones.direction.T)
 
 
 def _body(craft: Spacecraft, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ class Problem:
         chart: of the platform.
         spacecraft: its limits.
         cones: the zones.
+        horizon: s, when zones that move are taken to be where they are at the end.
         limits: (Q, 3) of the platform's loads, in time.
         powers: (Q,) of 1 / duration in the loads.
         dynamic: whether torque and momentum are among the loads.
@@ -28,6 +29,7 @@ class Problem:
     chart: Chart
     spacecraft: Spacecraft
     cones: Cones
+    horizon: float
     limits: np.ndarray
     powers: np.ndarray
     dynamic: bool
@@ -40,8 +42,12 @@ class Problem:
         given = self.spacecraft.inertia
         return np.eye(3) if given is None else np.asarray(given, float)
 
+    def axes(self, places: np.ndarray) -> np.ndarray:
+        """Axes (S, Z, 3) of the zones at places (S,) in [0, 1], where some move."""
+        return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
+
     @classmethod
-    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Cones) -> "Problem":
+    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Cones, horizon: float = 0.0) -> "Problem":
         """The problem of a spacecraft among zones; what has no limit is not looked at."""
         loads: list[tuple[str, ArrayLike, int]] = [
             ("rate", spacecraft.rate_limit, 1),
@@ -59,6 +65,7 @@ class Problem:
             chart=chart,
             spacecraft=spacecraft,
             cones=cones,
+            horizon=horizon,
             limits=np.stack([np.broadcast_to(np.asarray(limit, float), 3) for limit in limits]),
             powers=np.array(powers),
             dynamic=dynamic,

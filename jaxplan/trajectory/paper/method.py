@@ -40,6 +40,7 @@ def fit_paper(
     start_joint_rates: np.ndarray | None = None,
     end_angular_velocity: np.ndarray | None = None,
     end_joint_rates: np.ndarray | None = None,
+    horizon: float = 0.0,
 ) -> Fit:
     """Fits a trajectory through all nodes of a path.
 
@@ -69,6 +70,7 @@ def fit_paper(
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.
         end_joint_rates: (2n,) rad/s.
+        horizon: s, of zones that move, which this method does not look at.
 
     Returns:
         The fit. A path without motion gives a trajectory of duration 0, unless it starts or ends with a rate.

@@ -1,0 +1,159 @@
+"""Directions that move: of a target or a zone over the manoeuvre, inertial.
+
+Between its samples a direction follows the cubic spline through them, brought to unit length:
+
+    e(t) = s(t) / |s(t)|,        e'(t) = (s' - (s' . e) e) / |s|,
+
+``s`` with two continuous derivatives, and a third one over the first and the last two intervals (not-a-knot).
+It passes every sample, and is off by the fourth power of the time between them: of a neighbour in low orbit
+that is sampled every 10 s by less than 1e-9 rad. Times are seconds from the start of the manoeuvre on.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
+_PLACES = 65  # where `reach` looks
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectionPath:
+    """A direction over time; `through` makes it from samples.
+
+    Attributes:
+        times: (n,) s, rising.
+        samples: (n, 3) unit vectors.
+        slopes: (n, 3) 1/s, derivatives of the spline at the samples.
+    """
+
+    times: np.ndarray
+    samples: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:
+        """The path through samples.
+
+        Args:
+            times: (n,) s, rising, at least two.
+            samples: (n, 3) unit vectors.
+
+        Raises:
+            ValueError: if shapes or numbers are wrong, or the direction turns too far between two samples.
+        """
+        from scipy.interpolate import CubicSpline  # slow to import, so not at the top
+
+        t, p = np.array(times, float), np.array(samples, float)
+        if t.ndim != 1 or len(t) < 2 or p.shape != (len(t), 3):
+            raise ValueError(
+                f"times and samples: must be (n,) and (n, 3), n at least 2, not {t.shape} and {p.shape}"
+            )
+        if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0)):
+            raise ValueError("times: must be finite and rise")
+        length = np.linalg.norm(p, axis=1)
+        if not np.all(np.abs(length - 1) <= 1e-6):
+            raise ValueError(f"samples[{int(np.argmin(np.abs(length - 1) <= 1e-6))}]: must be a unit vector")
+        path = cls(times=t, samples=p, slopes=np.asarray(CubicSpline(t, p)(t, 1)))
+        far = path._spread()[0] > FARTHEST
+        if np.any(far):
+            raise ValueError(f"samples: {too_far(int(np.argmax(far)))}")
+        return path
+
+    def at(self, time: ArrayLike) -> Any:
+        """The direction at some times.
+
+        Args:
+            time: (...) s within the samples'.
+
+        Returns:
+            (..., 3) unit vectors; arrays of JAX where one is given or traced, NaN at a time outside.
+
+        Raises:
+            ValueError: if a time, of numpy, is outside: nothing is extrapolated.
+        """
+        xp, value, _ = self._spline(time)
+        return value / xp.linalg.norm(value, axis=-1, keepdims=True)
+
+    def rate(self, time: ArrayLike) -> Any:
+        """How fast the direction turns at some times: the derivative of `at`, which see.
+
+        Returns:
+            (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
+        """
+        xp, value, slope = self._spline(time)
+        length = xp.linalg.norm(value, axis=-1, keepdims=True)
+        unit = value / length
+        return (slope - xp.sum(slope * unit, axis=-1, keepdims=True) * unit) / length
+
+    def largest_rate(self, first: float, last: float) -> float:
+        """A bound of the rate of turn between two times, rad/s; it holds for all times between."""
+        far, speed = self._spread()
+        within = (self.times[1:] >= first) & (self.times[:-1] <= last)
+        return float(np.max((speed / (1 - far))[within]))
+
+    def reach(self, axis: np.ndarray, first: float, last: float) -> float:
+        """A bound of the angle between an axis and the path, rad; it holds for all times between two.
+
+        Args:
+            axis: (3,) unit vector.
+            first: s.
+            last: s, not before.
+        """
+        seen = self.at(np.linspace(first, last, _PLACES))
+        apart = np.arctan2(np.linalg.norm(np.cross(axis, seen), axis=-1), seen @ axis)
+        between = self.largest_rate(first, last) * (last - first) / (_PLACES - 1) / 2
+        return float(min(np.max(apart) + between, np.pi))
+
+    def covers(self, last: float) -> bool:
+        """Whether the direction is known from the start of the manoeuvre to some time, s."""
+        return bool(self.times[0] <= 0 and last <= self.times[-1])
+
+    def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
+        """The module to compute with, and the spline with its derivative (..., 3)."""
+        parts = (time, self.times, self.samples, self.slopes)
+        xp: Any = jnp if any(isinstance(part, jax.Array) for part in parts) else np
+        t, times, p, m = (xp.asarray(part) for part in parts)
+        outside = ~((t >= times[0]) & (t <= times[-1]))
+        if xp is np and np.any(outside):
+            raise ValueError(
+                f"time = {float(np.asarray(t)[outside].flat[0]):g}: "
+                f"must lie in [{times[0]:g}, {times[-1]:g}] s, where the direction is known"
+            )
+        i = xp.clip(xp.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        h = (times[i + 1] - times[i])[..., None]
+        u = (t - times[i])[..., None] / h
+        p0, p1, m0, m1 = p[i], p[i + 1], h * m[i], h * m[i + 1]
+        square, cube = 3 * (p1 - p0) - 2 * m0 - m1, 2 * (p0 - p1) + m0 + m1
+        # from the nearer sample on, so that each is passed without rounding
+        late = u > 0.5
+        v = u - 1
+        value = xp.where(
+            late, p1 + v * (m1 + v * (square + 3 * cube + v * cube)), p0 + u * (m0 + u * (square + u * cube))
+        )
+        slope = (m0 + u * (2 * square + 3 * u * cube)) / h
+        if xp is jnp:
+            value = jnp.where(outside[..., None], jnp.nan, value)
+        return xp, value, slope
+
+    def _spread(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each interval (n - 1,): how far control points are from its first sample, and the largest |s'|.
+
+        The spline lies within the hull of its control points, and its derivative within that of theirs.
+        """
+        h = np.diff(self.times)[:, None]
+        p, m = self.samples, self.slopes
+        points = np.stack([p[:-1], p[:-1] + h * m[:-1] / 3, p[1:] - h * m[1:] / 3, p[1:]])
+        far = np.linalg.norm(points[1:] - points[0], axis=-1).max(axis=0)
+        speed = np.linalg.norm(3 * np.diff(points, axis=0) / h, axis=-1).max(axis=0)
+        return far, speed
+
+
+def too_far(interval: int) -> str:
+    """The complaint about an interval in which a direction turns too far."""
+    return f"the direction turns too far between the times {interval} and {interval + 1}: give more samples"

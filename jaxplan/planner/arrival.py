@@ -1,0 +1,64 @@
+"""Whether a goal meets targets that move: when the manoeuvre ends, along their directions and at their rates.
+
+It is plain numpy, from equation (13) and the derivative of ``p = R v(q)``, ``p' = R (omega x v + v_q q')``;
+of what finds goals nothing is used.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxplan.path import Goal, MovingGoal
+from jaxplan.scenario import MovingTargets, Scenario
+from jaxplan.scenario.moments import known_until, target_rates, targets_at
+from jaxplan.trajectory import Trajectory
+
+# What a beam may be off its target, rad, and its rate, rad/s; the certificate allows as much of the ends.
+TOLERANCE = 1e-8
+_SAME_TIME = 1e-12
+
+
+def arrival_faults(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> tuple[str, ...]:
+    """A sentence for each way in which a goal is not where its moving targets are.
+
+    Args:
+        scenario: what is asked; of one whose targets stand still nothing is wrong here.
+        goal: of the manoeuvre.
+        trajectory: that goes there.
+    """
+    asked = scenario.goal
+    if not isinstance(asked, MovingTargets):
+        return ()
+    return tuple(_faults(scenario, asked, goal, trajectory.duration))
+
+
+def _faults(scenario: Scenario, asked: MovingTargets, goal: Goal, duration: float) -> Iterator[str]:
+    if not isinstance(goal, MovingGoal):
+        yield "the goal has no time, though targets move"
+        return
+    if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
+        yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
+    if not 0 <= goal.time <= known_until(scenario)[0]:
+        yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
+        return
+    beams, rates = beam_motion(scenario, goal)
+    apart = np.linalg.norm(beams - targets_at(asked, goal.time).directions, axis=-1)
+    slip = np.linalg.norm(rates - target_rates(asked, goal.time), axis=-1)
+    for terminal, off, too_fast in zip(scenario.spacecraft.terminals, apart, slip, strict=True):
+        if not off <= TOLERANCE:
+            yield f"at the goal {terminal.name} points {off:.3g} rad off its moving target"
+        if not too_fast <= TOLERANCE:
+            yield f"at the goal {terminal.name} turns {too_fast:.3g} rad/s otherwise than its moving target"
+
+
+def beam_motion(scenario: Scenario, goal: MovingGoal) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n, 3) of the terminals' beams at a goal, inertial, and their rates (n, 3), 1/s."""
+    yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
+    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(goal.joint_rates, float), 2))
+    azimuth = yaw + scenario.spacecraft.mounts
+    (sin_a, sin_p), (cos_a, cos_p) = np.sin([azimuth, pitch]), np.cos([azimuth, pitch])
+    body = np.stack([cos_p * cos_a, cos_p * sin_a, sin_p], axis=-1)
+    by_yaw = np.stack([-cos_p * sin_a, cos_p * cos_a, np.zeros_like(sin_a)], axis=-1)
+    by_pitch = np.stack([-sin_p * cos_a, -sin_p * sin_a, cos_p], axis=-1)
+    moving = np.cross(goal.angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
+    return body @ goal.attitude.T, moving @ goal.attitude.T

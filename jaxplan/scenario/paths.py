@@ -1,0 +1,160 @@
+"""Directions that move, in a scenario file: samples over times, of a zone's axis or a terminal's target.
+
+A zone has the two keys beside its others. A target has them in a table that stands in the place of its
+direction, or is the name of a body or of a satellite of ``[sky]``, which is resolved to such a table.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jaxplan.moving import DirectionPath
+from jaxplan.scenario.arrays import Direction, Each
+from jaxplan.scenario.faults import Place
+from jaxplan.scenario.kinds import Interval, Kind, Number
+from jaxplan.scenario.tables import Field, Table
+
+_TIME = Number(Interval("[-1e7, 1e7]"))
+MOST_SAMPLES = 10_000
+
+
+def _entries(kind: Kind, wanted: str, value: object, place: Place) -> list[Any] | None:
+    """At least two entries of an array, read by one kind; None after noting what is wrong with them."""
+    if not isinstance(value, list) or not 2 <= len(value) <= MOST_SAMPLES:
+        place.fault(f"must be {wanted}, 2 to {MOST_SAMPLES}", value)
+        return None
+    before = len(place.faults)
+    read = [kind.read(entry, place.item(i)) for i, entry in enumerate(value)]
+    return read if len(place.faults) == before else None
+
+
+@dataclass(frozen=True)
+class DirectionSamples(Kind):
+    """Unit vectors, one a time."""
+
+    wanted = "an array of unit vectors, one a time"
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(n, 3)."""
+        read = _entries(Direction(), self.wanted, value, place)
+        return None if read is None else np.array(read)
+
+    def holds(self, value: Any) -> bool:
+        """A path, and no direction."""
+        return isinstance(value, DirectionPath)
+
+    def write(self, value: Any) -> list[list[float]]:
+        """A list of vectors."""
+        return [Direction().write(sample) for sample in value.samples]
+
+
+@dataclass(frozen=True)
+class SampleTimes(Kind):
+    """Seconds that rise, from the start of the manoeuvre or before it on."""
+
+    wanted = "an array of rising numbers, the first at most 0"
+    range = _TIME.range
+
+    def read(self, value: object, place: Place) -> np.ndarray | None:
+        """(n,)."""
+        read = _entries(_TIME, self.wanted, value, place)
+        if read is None:
+            return None
+        times = np.array(read)
+        falls = np.flatnonzero(np.diff(times) <= 0)
+        if len(falls):
+            at = int(falls[0]) + 1
+            place.item(at).fault(f"must be later than the one before, {read[at - 1]:g}", read[at])
+        if not read[0] <= 0:
+            place.item(0).fault("must be at most 0, where the manoeuvre starts", read[0])
+        return None if len(falls) or not read[0] <= 0 else times
+
+    def write(self, value: Any) -> list[float]:
+        """A list."""
+        return [float(time) for time in value]
+
+
+SAMPLES = Field(
+    "direction_samples", DirectionSamples(), "direction", "unit vectors over times_s, of an axis that moves"
+)
+TIMES = Field("times_s", SampleTimes(), "times", "of direction_samples; 0 where the manoeuvre starts")
+# In the order of a table of their own.
+_PATH = Table(
+    DirectionPath,
+    (
+        Field(SAMPLES.key, SAMPLES.kind, "direction", SAMPLES.meaning, required=True),
+        Field(TIMES.key, TIMES.kind, "times", TIMES.meaning, required=True),
+    ),
+    split=lambda path: {"direction": path, "times": path.times},
+)
+
+
+def join_path(given: Mapping[str, Any], read: dict[str, Any], place: Place) -> None:
+    """Make one path of the samples and times of a table, or note why they do not go together.
+
+    Args:
+        given: the table of the file.
+        read: what could be read of it; its direction becomes the path, and its times are gone.
+        place: where it stands.
+    """
+    times = read.pop("times", None)
+    if TIMES.key in given and SAMPLES.key not in given:
+        place.key(TIMES.key).fault(f"needs {SAMPLES.key}, whose times they are", given[TIMES.key])
+    if SAMPLES.key not in given:
+        return
+    if TIMES.key not in given:
+        place.key(TIMES.key).fault(f"missing, must be {TIMES.kind.wanted}")
+    samples = read.get("direction")
+    if times is None or not isinstance(samples, np.ndarray):
+        return  # noted before
+    if samples.shape != (len(times), 3):
+        complaint = f"must have as many numbers as {SAMPLES.key}, {len(samples)}, not {len(times)}"
+        place.key(TIMES.key).fault(complaint, given[TIMES.key])
+        return
+    try:
+        read["direction"] = DirectionPath.through(times, samples)
+    except ValueError as error:
+        place.key(SAMPLES.key).fault(str(error).removeprefix("samples: "), given[SAMPLES.key])
+
+
+def split_zone(zone: Any) -> dict[str, Any]:
+    """What a zone holds, its times apart from its direction."""
+    parts = dict(vars(zone))
+    return parts | ({"times": zone.direction.times} if isinstance(zone.direction, DirectionPath) else {})
+
+
+@dataclass(frozen=True)
+class Target(Direction):
+    """A unit vector; a table of samples and times; or a name of ``[sky]``."""
+
+    def read(self, value: object, place: Place) -> Any:
+        """(3,), the path, or the name as it stands."""
+        if isinstance(value, str):
+            return value
+        if not isinstance(value, dict):
+            return super().read(value, place)
+        before = len(place.faults)
+        read = _PATH.read(value, place) or {}
+        if len(place.faults) == before:
+            join_path(value, read, place)
+        return read["direction"] if len(place.faults) == before else None
+
+    def write(self, value: Any) -> Any:
+        """A list, or a table."""
+        return _PATH.write(value) if isinstance(value, DirectionPath) else super().write(value)
+
+
+@dataclass(frozen=True)
+class TargetList(Each):
+    """A target for each terminal."""
+
+    of: Kind = field(default_factory=Target)
+
+    def read(self, value: object, place: Place) -> Any:
+        """(n, 3) where none moves, else a tuple of what each is."""
+        read = self.entries(value, place)
+        if read is None or any(isinstance(one, str | DirectionPath) for one in read):
+            return None if read is None else tuple(read)
+        return np.array(read).reshape(len(read), 3)

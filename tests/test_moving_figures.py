@@ -1,0 +1,127 @@
+"""Figures and pages on plans in which something moves."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from moving_scenes import LOW_ORBIT, sampled
+
+import jaxplan as jp
+from jaxplan.plotting import samples, unfolded
+from jaxplan.plotting.marks import zone_ways, zones_at_start
+from jaxplan.scenario.moments import axis_at
+from jaxplan.zones import KeepOut
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return jp.plan(jp.load_scenario(LOW_ORBIT))
+
+
+@pytest.fixture
+def failed(plan):
+    """A plan without a goal."""
+    wide = tuple(replace(zone, half_angle=3.1) for zone in plan.scenario.keep_out)
+    other = jp.plan(replace(plan.scenario, keep_out=wide), throw=False)
+    assert other.goal is None
+    return other
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def test_margins_over_time_are_to_zones_where_they_are_then(plan):
+    motion = samples.motion(plan)
+    scenario = plan.scenario
+    found = samples.margins(scenario, motion.boresights, motion.times)
+    names = scenario.spacecraft.device_names
+    for zone in (*scenario.keep_out, *scenario.keep_in):
+        rows = {names[margin.device]: margin.values for margin in found if margin.zone == zone.name}
+        assert set(rows) == set(zone.devices or names)
+        for device, values in rows.items():
+            alone = replace(zone, devices=(device,))
+            expected = sampled(plan.trajectory, scenario.spacecraft, [alone], len(motion.times))[0]
+            np.testing.assert_allclose(values, expected, atol=1e-9)
+    jp.plot.margins(plan)
+
+
+def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan):
+    scenario = plan.scenario
+    axes = jp.plot.sphere(plan)
+    first = {zone.name: axis_at(zone) for zone in zones_at_start(scenario)}
+    ways = {zone.name: (zone, way) for zone, way in zone_ways(plan)}
+    assert set(ways) == {"earth", "link ahead"}
+    lines = [line.get_xydata() for line in axes.lines]
+    for name, (last, way) in ways.items():
+        path = next(z for z in (*scenario.keep_out, *scenario.keep_in) if z.name == name).direction
+        np.testing.assert_allclose(first[name], path.at(0.0))
+        np.testing.assert_allclose(last.direction, path.at(80.0))
+        np.testing.assert_allclose(way[[0, -1]], path.at(np.array([0.0, 80.0])))
+        drawn = unfolded.cut(unfolded.unfold(way))
+        assert any(line.shape == drawn.shape and np.array_equal(line, drawn) for line in lines)
+    texts = [text.get_text() for text in axes.get_figure().findobj(plt.Text)]
+    assert any("way of a zone's axis" in text for text in texts)
+
+
+def test_a_fixed_scene_has_nothing_of_it():
+    plan = jp.plan(jp.paper_case(4))
+    assert zone_ways(plan) == []
+    axes = jp.plot.sphere(plan)
+    texts = [text.get_text() for text in axes.get_figure().findobj(plt.Text)]
+    assert not any("way of a zone" in text for text in texts)
+
+
+@pytest.mark.parametrize("figure", ["sphere", "globe", "overview", "angles", "rates", "accelerations"])
+def test_every_figure_draws_a_plan_in_which_something_moves(plan, figure):
+    getattr(jp.plot, figure)(plan)
+
+
+def test_a_failed_plan_is_drawn_with_its_targets_where_they_are_at_first(failed):
+    assert not failed.ok
+    jp.plot.globe(failed)
+    axes = jp.plot.sphere(failed)
+    if failed.goal is None:
+        marks = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == "x"])
+        first = np.stack([one.at(0.0) for one in failed.scenario.goal.directions])
+        np.testing.assert_allclose(marks, unfolded.unfold(first), atol=1e-9)
+
+
+def test_a_film_says_the_smallest_margin_to_zones_where_they_are(plan):
+    film = jp.plot.animate(plan, frames=2)
+    film._draw_was_started = True  # it need not be shown
+    picture = film._func
+    zones = [*plan.scenario.keep_out, *plan.scenario.keep_in]
+    least = sampled(plan.trajectory, plan.scenario.spacecraft, zones, samples.INSTANTS).min(axis=0)
+    for number in (0, 700):
+        picture(number)
+        assert f"smallest margin {np.rad2deg(least[number]):.2f} deg" in picture.clock.get_text()
+
+
+def test_a_page_says_what_moves_from_where_to_where(plan, failed, tmp_path):
+    jp.report_html(plan, tmp_path / "plan.html")
+    page = (tmp_path / "plan.html").read_text()
+    assert "Zones and targets that move, inertial" in page
+    for words in (
+        "zone earth",
+        "zone link ahead",
+        "the target of port",
+        "Azimuth after 80.00 s",
+        "keep-out, moving",
+    ):
+        assert words in page
+    x, y, _ = plan.scenario.goal.directions[1].at(80.0)
+    assert f"{np.rad2deg(np.arctan2(y, x)):.2f}".replace("-", "\N{MINUS SIGN}") in page
+    jp.report_html(failed, tmp_path / "failed.html")
+    assert "Zones and targets that move, inertial" in (tmp_path / "failed.html").read_text()
+    still = replace(plan.scenario, goal=jp.paper_case(1).goal, keep_out=(), keep_in=())
+    assert not any(isinstance(zone, KeepOut) for zone in still.keep_out)
+
+
+def test_exports_take_a_plan_in_which_something_moves(plan, tmp_path):
+    jp.export(plan, tmp_path / "slew.csv", format="csv")
+    lines = (tmp_path / "slew.csv").read_text().splitlines()
+    assert len(lines) > 800

@@ -1,0 +1,327 @@
+"""Plans toward targets that move, among zones that move: held against the sky and against dense sampling."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manoeuvres import attitudes_of, joints_of
+from moving_scenes import LOW_ORBIT, beams, great_circle, sampled
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan import sky
+from jaxplan.moving import DirectionPath
+from jaxplan.path import Goal, MovingGoal
+from jaxplan.planner.check import check_margins, check_plan
+from jaxplan.planner.sweeps import always, swept
+from jaxplan.scenario import MovingTargets, Targets
+from jaxplan.scenario.moments import at, axis_at
+from jaxplan.search import find_barrier, make_scene
+from jaxplan.zones import KeepIn, KeepOut
+
+EPOCH = "2026-03-20T12:00:00"
+
+
+def satellite(node, latitude):
+    return sky.CircularOrbit(
+        altitude=550.0, inclination=np.deg2rad(53), node=np.deg2rad(node), latitude=np.deg2rad(latitude)
+    )
+
+
+HERE = satellite(10, 40)
+TARGETS = {"fore": satellite(10, 60), "port": satellite(-5, 31), "starboard": satellite(25, 25)}
+
+
+def with_duration(scenario, duration):
+    return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return jp.load_scenario(LOW_ORBIT)
+
+
+@pytest.fixture(scope="module")
+def plans(scene):
+    durations = (80.0, "minimum", "stretched")
+    return {duration: jp.plan(with_duration(scene, duration)) for duration in durations}
+
+
+def end_of(plan):
+    """Directions (n, 3) of the beams when the motion ends, and their rates, from what a trajectory is."""
+    trajectory, craft = plan.trajectory, plan.scenario.spacecraft
+    last, step = len(trajectory.breaks) - 2, 1e-3
+    times = trajectory.duration + step * np.arange(-2, 3)
+    attitude = attitudes_of(trajectory, times, np.full(5, last))  # of the last piece, also beyond its end
+    found = beams(craft, attitude, joints_of(trajectory, times)[0])
+    return found[2], (8 * (found[3] - found[1]) - (found[4] - found[0])) / (12 * step)
+
+
+@pytest.mark.parametrize("duration", [80.0, "minimum", "stretched"])
+def test_every_beam_ends_on_its_target_and_turns_as_it_does(plans, duration):
+    plan = plans[duration]
+    assert plan.ok
+    assert plan.goal.time == plan.trajectory.duration
+    directions, rates = end_of(plan)
+    for row, target in enumerate(TARGETS.values()):
+        asked = {"epoch": EPOCH, "observer": HERE, "times": plan.trajectory.duration}
+        assert np.linalg.norm(directions[row] - sky.directions(target, **asked)) <= 1e-8
+        slip = rates[row] - sky.direction_rates(target, **asked)
+        assert np.linalg.norm(slip) <= 1e-8
+    assert np.linalg.norm(rates, axis=1).max() > 9e-4  # they do turn
+
+
+def test_a_given_duration_is_kept_and_the_shortest_is_near_its_bound(plans):
+    assert plans[80.0].trajectory.duration == 80.0
+    shortest = plans["minimum"].trajectory.duration
+    assert shortest <= 1.04 * plans["minimum"].duration_bound
+    assert shortest < plans["stretched"].trajectory.duration < 80.0
+
+
+@pytest.mark.parametrize("duration", [80.0, "minimum", "stretched"])
+def test_margins_to_zones_that_move_are_proved_below_every_sample_and_near_the_least(plans, duration):
+    plan = plans[duration]
+    zones = [*plan.scenario.keep_out, *plan.scenario.keep_in]
+    margins = sampled(plan.trajectory, plan.scenario.spacecraft, zones, 20_001)
+    assert np.all(margins >= 0)
+    assert plan.report.min_margin <= margins.min()
+    assert plan.report.min_margin >= margins.min() - 0.01 * margins.min() - 1e-5
+    for one in check_margins(plan):
+        alone = replace(next(zone for zone in zones if zone.name == one.zone), devices=(one.device,))
+        least = sampled(plan.trajectory, plan.scenario.spacecraft, [alone], 20_001).min()
+        assert least - 0.01 * least - 1e-5 <= one.bound <= least
+
+
+def test_final_rates_are_those_at_which_the_goal_of_step_1_moves(plans, scene):
+    plan, step = plans[80.0], 0.25
+    near = [jp.plan(with_duration(scene, 80.0 + sign * step)).goal for sign in (-1, 1)]
+    turn = Rotation.from_matrix(near[0].attitude.T @ near[1].attitude).as_rotvec() / (2 * step)
+    # turn is in axes of the goal, but for a quarter of a second's turn
+    np.testing.assert_allclose(plan.goal.angular_velocity, turn, atol=2e-6)
+    np.testing.assert_allclose(
+        plan.goal.joint_rates, (near[1].joints - near[0].joints) / (2 * step), atol=2e-6
+    )
+    assert np.linalg.norm(turn) > 1e-4
+    end = plan.trajectory.sample(80.0)
+    np.testing.assert_allclose(end.angular_velocity, plan.goal.angular_velocity, atol=1e-10)
+    np.testing.assert_allclose(end.joint_rates, plan.goal.joint_rates, atol=1e-10)
+
+
+def test_a_plan_is_read_back_to_the_bit_and_checked_again(plans, tmp_path):
+    plan = plans[80.0]
+    plan.save(tmp_path / "plan.json")
+    again = jp.load_plan(tmp_path / "plan.json")
+    assert isinstance(again.goal, MovingGoal)
+    for name in ("attitude", "joints", "slew_angle", "time", "angular_velocity", "joint_rates"):
+        np.testing.assert_array_equal(getattr(again.goal, name), getattr(plan.goal, name))
+    assert check_plan(again).certified
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
+    content = json.loads((tmp_path / "plan.json").read_text())
+    del content["goal"]["time"]
+    (tmp_path / "wrong.json").write_text(json.dumps(content))
+    with pytest.raises(jp.PlanFileError, match="time: missing"):
+        jp.load_plan(tmp_path / "wrong.json")
+
+
+def test_a_goal_that_does_not_meet_its_targets_is_not_certified(plans):
+    plan = plans[80.0]
+    goal = plan.goal
+    wrong = {
+        "the trajectory ends at 80 s": replace(goal, time=79.0),
+        "fore points": replace(goal, joints=goal.joints + 2e-8 * np.eye(6)[0]),
+        "starboard turns": replace(goal, joint_rates=goal.joint_rates + 2e-8 * np.eye(6)[5]),
+        "port turns": replace(goal, angular_velocity=goal.angular_velocity + 1e-6),
+        "points nan rad off": replace(goal, joints=np.full(6, np.nan)),
+        "has no time": Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle),
+    }
+    for words, one in wrong.items():
+        report = check_plan(replace(plan, goal=one))
+        assert not report.certified
+        assert any(words in fault for fault in report.faults), (words, report.faults)
+    # the goal of an earlier instant, to which a motion could go as well
+    early = jp.plan(with_duration(plan.scenario, 79.0)).goal
+    assert not check_plan(replace(plan, goal=early)).certified
+
+
+def test_start_and_goal_are_judged_by_zones_as_they_are_then(scene):
+    craft = scene.spacecraft
+    start = beams(craft, Rotation.from_rotvec(scene.start.rotation_vector).as_matrix(), scene.start.joints)[0]
+    goal = axis_at(replace(scene.keep_in[0], direction=scene.goal.directions[1]), 80.0)
+    aside = np.array([0.3, -0.5, 0.8])
+
+    def passing(direction, when):
+        """A zone that is at a direction at one time, and goes off it at half a degree a second."""
+        times = np.linspace(0, 120, 121)
+        return DirectionPath.through(times, great_circle(direction, aside, np.deg2rad(0.5), times - when))
+
+    def planned(direction, when):
+        zone = KeepOut(name="passing", direction=passing(direction, when), half_angle=np.deg2rad(4))
+        return jp.plan(replace(scene, keep_out=(*scene.keep_out, zone)), throw=False)
+
+    at_start = planned(start, 0.0)
+    assert at_start.status is jp.Status.INVALID_START
+    assert "fore is 4 deg inside keep-out zone passing" in at_start.message
+    at_goal = planned(goal, 80.0)
+    assert at_goal.status is jp.Status.INVALID_GOAL
+    assert "port is 4 deg inside keep-out zone passing" in at_goal.message
+    assert "after 80 s" in at_goal.message
+    # where the goal will be, but long before: no reason not to go there
+    assert planned(goal, 20.0).ok
+
+
+def test_a_zone_that_sweeps_over_the_start_drives_the_device_away(scene):
+    """A wider zone that stands still would hold the start, so that there would be no plan at all."""
+    tracker = np.array([0.0, 0.0, 1.0]) @ Rotation.from_rotvec(scene.start.rotation_vector).as_matrix().T
+    times = np.linspace(0, 120, 41)
+    path = DirectionPath.through(
+        times, great_circle(tracker, np.array([0.9, 0.1, -0.4]), np.deg2rad(0.25), times - 48.0)
+    )
+    zone = KeepOut(name="moon", direction=path, half_angle=np.deg2rad(6.0), devices=("star-tracker",))
+    plan = jp.plan(replace(scene, keep_out=(*scene.keep_out, zone)), throw=False)
+    assert plan.ok, plan.message
+    assert sampled(plan.trajectory, scene.spacecraft, [zone], 20_001).min() >= 0
+
+
+def test_what_a_search_takes_for_moving_zones_leaves_both_ends_clear(plans, scene):
+    plan = plans[80.0]
+    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
+    seen = swept(scene, plan.goal, attitude)
+    wide, link = seen.keep_out[0], seen.keep_in[0]
+    assert seen.keep_out[1] is scene.keep_out[1]
+    times = np.linspace(0, 80, 50)
+    ends = {
+        "start": np.concatenate(
+            [beams(scene.spacecraft, attitude, scene.start.joints), attitude[None, :, 2]]
+        ),
+        "goal": np.concatenate(
+            [beams(scene.spacecraft, plan.goal.attitude, plan.goal.joints), plan.goal.attitude[None, :, 2]]
+        ),
+    }
+    for directions in ends.values():
+        assert np.all(np.arccos(directions @ wide.direction) >= wide.half_angle)
+        assert np.arccos(directions[0] @ link.direction) <= link.half_angle
+    # nothing here is near the Earth, so its cone holds it all the time
+    apart = np.arccos(np.clip(scene.keep_out[0].direction.at(times) @ wide.direction, -1, 1)).max()
+    assert wide.half_angle >= scene.keep_out[0].half_angle + apart - 1e-9
+    core = always(scene, plan.goal)
+    assert core.keep_out[0].half_angle <= scene.keep_out[0].half_angle - apart + 1e-9
+    assert core.keep_in[0].half_angle >= scene.keep_in[0].half_angle + np.deg2rad(2.4)
+
+
+def ring(scene, device, axis, rate):
+    """Zones that part a device's directions about an axis from all others, turning about another axis."""
+    around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    aside = np.linalg.svd(axis[None])[2][1:]
+    times = np.linspace(0, 120, 25)
+    zones = []
+    for number, angle in enumerate(around):
+        first = np.cos(0.35) * axis + np.sin(0.35) * (np.cos(angle) * aside[0] + np.sin(angle) * aside[1])
+        turns = Rotation.from_rotvec(np.multiply.outer(rate * times, np.array([0.0, 0.6, 0.8])))
+        path = DirectionPath.through(times, turns.apply(first))
+        zones.append(
+            KeepOut(name=f"ring {number}", direction=path, half_angle=np.deg2rad(9), devices=(device,))
+        )
+    return replace(scene, keep_out=(*scene.keep_out, *zones))
+
+
+def test_no_path_is_only_claimed_of_what_is_forbidden_at_every_instant(scene):
+    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
+    start = beams(scene.spacecraft, attitude, scene.start.joints)[1]
+    slow = jp.plan(ring(scene, "port", start, 1e-4), throw=False)
+    assert slow.status is jp.Status.NO_PATH
+    assert "overlap in a ring" in slow.message
+    assert find_barrier(make_scene(always(slow.scenario, slow.goal), slow.goal, attitude)) is not None
+    quick = ring(scene, "port", start, 0.01)  # it is off the start before half of the time is over
+    assert find_barrier(make_scene(at(quick, 0.0), slow.goal, attitude)) is not None
+    assert find_barrier(make_scene(always(quick, slow.goal), slow.goal, attitude)) is None
+
+
+def test_a_duration_beyond_what_is_known_is_missed_and_says_what_to_give(scene):
+    def cut(direction):
+        inner = direction.times <= 15.0
+        return DirectionPath.through(direction.times[inner], direction.samples[inner])
+
+    short = replace(
+        with_duration(scene, "stretched"),
+        goal=replace(scene.goal, directions=tuple(cut(one) for one in scene.goal.directions)),
+    )
+    plan = jp.plan(short, throw=False)
+    assert plan.status is jp.Status.GOAL_MISSED
+    assert "is known until 15 s, and the motion takes 21" in plan.message
+    assert plan.path is not None
+    with pytest.raises(ValueError, match="duration = 80: the target of fore is known until 15 s"):
+        jp.plan(with_duration(short, 80.0))
+
+
+def test_plans_made_together_are_those_made_one_by_one(plans, scene):
+    plan, other = jp.plan_batch([scene, jp.paper_case(4)])
+    assert plan.ok
+    assert other.ok
+    np.testing.assert_array_equal(plan.trajectory.coefficients, plans[80.0].trajectory.coefficients)
+    assert plan.report.min_margin == plans[80.0].report.min_margin
+
+
+def test_studies_take_scenarios_in_which_something_moves(scene):
+    study = jp.run_study([scene, jp.paper_case(4)], progress=False)
+    assert [row["status"] for row in study.table] == ["OK", "OK"]
+    assert study.table[0]["duration_s"] == 80.0
+
+
+def test_the_papers_method_meets_moving_targets_in_a_given_duration(scene):
+    paper = replace(scene, trajectory=replace(scene.trajectory, method="paper"))
+    plan = jp.plan(paper)
+    assert plan.trajectory.method == "paper"
+    directions, rates = end_of(plan)
+    for row, target in enumerate(TARGETS.values()):
+        asked = {"epoch": EPOCH, "observer": HERE, "times": 80.0}
+        assert np.linalg.norm(directions[row] - sky.directions(target, **asked)) <= 1e-8
+        assert np.linalg.norm(rates[row] - sky.direction_rates(target, **asked)) <= 1e-7
+
+
+def test_a_fixed_goal_among_zones_that_move_is_met_at_rest(scene, plans):
+    still = replace(
+        plans[80.0].scenario,
+        goal=Targets(
+            directions=np.stack([one.at(40.0) for one in scene.goal.directions]),
+            yaw_limit=scene.goal.yaw_limit,
+            angular_velocity=np.zeros(3),
+            joint_rates=np.zeros(6),
+        ),
+        keep_in=(),
+    )
+    for duration in (60.0, "minimum"):
+        plan = jp.plan(with_duration(still, duration))
+        assert not np.any(plan.goal.angular_velocity)
+        directions, rates = end_of(plan)
+        np.testing.assert_allclose(directions, still.goal.directions, atol=1e-8)
+        np.testing.assert_allclose(rates, 0, atol=1e-8)
+        assert sampled(plan.trajectory, still.spacecraft, still.keep_out).min() >= 0
+
+
+def test_derivatives_and_tuning_refuse_what_moves(plans, scene):
+    words = "targets or zones that move"
+    with pytest.raises(ValueError, match=words):
+        jp.hold(plans[80.0])
+    with pytest.raises(ValueError, match=words):
+        jp.follow(plans[80.0], scene)
+    with pytest.raises(ValueError, match=words):
+        jp.tune(scene, "effort", over=["trajectory.rate_weight"], steps=1)
+
+
+def test_a_group_whose_zones_move_is_held_by_one_of_them_at_every_instant(scene):
+    zones = tuple(
+        KeepIn(
+            name=f"link {terminal}",
+            direction=scene.goal.directions[row],
+            half_angle=np.deg2rad(40),
+            devices=(terminal,),
+            any_of="links",
+        )
+        for row, terminal in enumerate(TARGETS)
+    )
+    plan = jp.plan(replace(scene, keep_in=zones))
+    margins = sampled(plan.trajectory, scene.spacecraft, zones, 20_001).max(axis=0)
+    assert margins.min() >= 0
+    assert isinstance(plan.scenario.goal, MovingTargets)
