@@ -14,10 +14,12 @@ from jaxplan import sky
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
 from jaxplan.planner.check import check_margins, check_plan
+from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.scenario import MovingTargets, Targets
 from jaxplan.scenario.moments import at, axis_at
 from jaxplan.search import find_barrier, make_scene
+from jaxplan.trajectory import Fit
 from jaxplan.zones import KeepIn, KeepOut
 
 EPOCH = "2026-03-20T12:00:00"
@@ -325,3 +327,37 @@ def test_a_group_whose_zones_move_is_held_by_one_of_them_at_every_instant(scene)
     margins = sampled(plan.trajectory, scene.spacecraft, zones, 20_001).max(axis=0)
     assert margins.min() >= 0
     assert isinstance(plan.scenario.goal, MovingTargets)
+
+
+@pytest.mark.parametrize("timed", [jp.Status.OK, jp.Status.LIMITS_TOO_TIGHT])
+def test_fits_that_do_not_settle_end_in_a_longer_time_or_miss_the_goal(scene, plans, timed):
+    """Fits whose durations alternate, as where another number of intervals does."""
+    asked = []
+
+    def fit(scenario, path, goal):
+        word = isinstance(scenario.trajectory.duration, str)
+        asked.append((scenario.trajectory.duration, goal.time, path.attitudes[-1]))
+        duration = (20.0, 22.0)[len(asked) % 2] if word else scenario.trajectory.duration
+        curve = plans[80.0].trajectory.scaled(duration / 80.0)
+        return Fit(trajectory=curve, status=jp.Status.OK if word else timed, message="")
+
+    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
+    free = with_duration(scene, "stretched")
+    found = meet(free, attitude, plans[80.0].goal, plans[80.0].path, fit)
+    last, time, node = asked[-1]
+    assert last == time == found.goal.time
+    np.testing.assert_array_equal(node, found.goal.attitude)
+    if timed is jp.Status.OK:
+        assert found.fit.status is timed
+        assert 22.0 < time < 22.1
+    else:
+        assert found.fit.status is jp.Status.GOAL_MISSED
+        assert found.fit.trajectory is None
+        assert "still follow each other" in found.fit.message
+
+
+def test_a_second_look_takes_moving_zones_as_they_are_in_the_middle(plans, scene):
+    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
+    middle = swept(scene, plans[80.0].goal, attitude, 0.0)
+    np.testing.assert_allclose(middle.keep_out[0].direction, scene.keep_out[0].direction.at(40.0))
+    assert middle.keep_out[0].half_angle == pytest.approx(scene.keep_out[0].half_angle, abs=1e-12)

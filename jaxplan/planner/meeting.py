@@ -18,7 +18,7 @@ from jaxplan.scenario.moments import known_until, moves, targets_at
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, duration_bound
 
-_ROUNDS = 10
+_ROUNDS = 5
 _SETTLED = 1e-2  # of the duration: it changes no more
 _LEISURE = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # of the duration, beyond the shortest, one after the other
 _DETOUR = 1.4  # of the bound, as a first guess of a duration
@@ -94,30 +94,35 @@ def meet(scenario: Scenario, attitude: np.ndarray, goal: MovingGoal, path: Path,
         return replace(meeting, goal=nearest, path=_ending(meeting.path, nearest))
 
     known, what = known_until(scenario)
+    durations: list[float] = []
     now = Meeting(fit=fit(scenario, path, goal), goal=goal, path=path)
-    for _ in range(_ROUNDS):
+    while True:
         curve, expected = now.fit.trajectory, _time(now.goal)
         if curve is None or now.fit.status is Status.LIMITS_TOO_TIGHT:
             return now
         if curve.duration > known:
             return _missed(now, _unknown(what, known, curve.duration))
-        if abs(curve.duration - expected) <= _SETTLED * expected:
+        durations.append(curve.duration)
+        settled = abs(curve.duration - expected) <= _SETTLED * expected
+        if settled or len(durations) == _ROUNDS:
             break
         then = moved(now, curve.duration)
         if then is None:
             return _missed(now, _lost(curve.duration))
         now = replace(then, fit=fit(scenario, then.path, then.goal))
-    else:
-        return _missed(now, f"after {_ROUNDS} rounds fit and goal still follow each other")
+    # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
+    needed = durations[-1] if settled else max(durations[-2:])
     for leisure in _LEISURE:
-        time = min(curve.duration * (1 + leisure), known)
+        time = min(needed * (1 + leisure), known)
         then = moved(now, time)
         if then is None:
             return _missed(now, _lost(time))
         now = replace(then, fit=fit(_timed(scenario, time), then.path, then.goal))
-        if now.fit.status is not Status.LIMITS_TOO_TIGHT or time == known:
+        if now.fit.status is not Status.LIMITS_TOO_TIGHT:
+            return now
+        if time == known:
             break
-    return now
+    return now if settled else _missed(now, f"after {_ROUNDS} rounds fit and goal still follow each other")
 
 
 def _timed(scenario: Scenario, time: float) -> Scenario:

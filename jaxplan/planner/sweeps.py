@@ -28,13 +28,14 @@ _ROOM = float(np.deg2rad(0.25))  # at most left to a start or goal by a cone tha
 _BROKEN = -1e-8  # rad, a margin
 
 
-def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray) -> Scenario:
+def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray, share: float = 1.0) -> Scenario:
     """The scenario with cones that stand for zones that move over the manoeuvre.
 
     Args:
         scenario: one in which nothing moves is returned itself.
         goal: where and when the manoeuvre ends.
         attitude: (3, 3) of the start.
+        share: of what zones sweep that the cones are to hold, 0 for zones as they are in the middle of it.
     """
     if not isinstance(goal, MovingGoal):
         return scenario
@@ -51,7 +52,7 @@ def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray) -> Scenario:
             return zone
         axis, reach = _swing(zone.direction, last_time)
         side = _side(zone)
-        half_angle = zone.half_angle + side * reach
+        half_angle = zone.half_angle + side * share * reach
         for time, seen in ends:
             bound = [seen[i] for i, name in enumerate(craft.device_names) if _binds(zone, name)]
             margins = [side * (_angle(axis_at(zone, time), one) - zone.half_angle) for one in bound]
