@@ -8,7 +8,8 @@ else through those of `layout`, and NaN and infinity are refused. The stored cer
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -35,7 +36,8 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
 
     Args:
         plan: any plan, also one that failed.
-        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new.
+        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
+            never the new one beside the timings of the old.
     """
     target = FilePath(path)
     content = {
@@ -45,8 +47,11 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
         "message": plan.message,
         **{key: _plain(getattr(plan, key)) for key in layout.STEPS},
     }
-    _write(target, content)
-    _write(_timings_file(target), dict(plan.timings))
+    timings = _timings_file(target)
+    with _replacing(target, content):
+        timings.unlink(missing_ok=True)
+    with _replacing(timings, dict(plan.timings)):
+        pass
 
 
 def load_plan(path: str | os.PathLike[str]) -> Plan:
@@ -117,10 +122,13 @@ def _plain(record: Any) -> Any:
     return {field.name: _plain(getattr(record, field.name)) for field in fields(record)}
 
 
-def _write(path: FilePath, content: Mapping[str, Any]) -> None:
+@contextmanager
+def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
+    """Write a file that takes its place when the block ends, which begins once all is written."""
     text = json.dumps(content, indent=1, allow_nan=False)
     with replacing_file(path) as file:
         file.write_text(text + "\n", encoding="utf-8")
+        yield
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:
@@ -130,12 +138,12 @@ def _read(path: FilePath, kind: str) -> dict[str, Any]:
         raise ValueError(f"{word} is not allowed")
 
     try:
-        size = path.stat().st_size
-        text = path.read_bytes() if size <= LARGEST_FILE else b""
+        with path.open("rb") as file:  # what a device or pipe will give, its size does not tell
+            text = file.read(LARGEST_FILE + 1)
     except OSError as error:
         raise PlanFileError(f"{path}: cannot be read: {error.strerror}") from error
-    if size > LARGEST_FILE:
-        raise PlanFileError(f"{path}: {size} bytes, at most {LARGEST_FILE} are read")
+    if len(text) > LARGEST_FILE:
+        raise PlanFileError(f"{path}: too large, at most {LARGEST_FILE} bytes are read")
     try:
         content = json.loads(text.decode(), parse_constant=refuse)
     except (ValueError, RecursionError) as error:  # of the former, no UTF-8 and no JSON are kinds

@@ -34,8 +34,11 @@ def read_header(folder: Path) -> dict[str, Any]:
     """
     path = folder / HEADER
     try:
-        size = path.stat().st_size
-        content = json.loads(path.read_bytes(), parse_constant=_refuse) if size <= _LARGEST_HEADER else None
+        with path.open("rb") as file:  # what a link leads to may have no end
+            text = file.read(_LARGEST_HEADER + 1)
+        if len(text) > _LARGEST_HEADER:
+            raise ValueError(f"too large, at most {_LARGEST_HEADER} bytes are read")
+        content = json.loads(text, parse_constant=_refuse)
     except OSError as error:
         raise StudyFolderError(f"{folder}: holds no study: {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
