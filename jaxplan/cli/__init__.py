@@ -21,17 +21,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        code = int(options.run(options))
+        sys.stdout.flush()  # here it can still be said that there was no room
+        return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
     except BrokenPipeError:  # whoever read our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return DONE
     except OSError as error:
+        _drop_output()
         place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
     except ValueError as error:  # ScenarioError and PlanFileError are such
         return complain(str(error), BAD_INPUT)
+
+
+def _drop_output() -> None:
+    """Forget output that nobody takes, lest Python complains of it at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:

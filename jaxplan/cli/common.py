@@ -64,8 +64,11 @@ def say(message: str) -> None:
 
 
 def save(figure: Any, file: Path) -> None:
-    """Write a figure, and say where."""
-    figure.savefig(file, dpi=150, metadata={"Software": MARK})
+    """Write a figure whole or not at all, and say where."""
+    from jaxplan.files import replacing_file
+
+    with replacing_file(file) as fresh:
+        figure.savefig(fresh, format="png", dpi=150, metadata={"Software": MARK})
     say(f"wrote {file}")
 
 
