@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.interpolate import BPoly
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import EndState, certify
@@ -100,14 +101,14 @@ def attitudes_of(trajectory, time, piece):
     return (base * half * Rotation.from_rotvec(b - chart) * half).as_matrix()
 
 
-def joints_of(trajectory, time):
-    """Joints, rates and accelerations (3, k, 2T)."""
+def joints_of(trajectory, time, orders=3):
+    """Joints, rates and accelerations (3, k, 2T), or as many of these as are asked for."""
     breaks = trajectory.joint_breaks
     piece = holding(breaks, time)
     length = (breaks[piece + 1] - breaks[piece])[:, None]
     x = 2 * (time - breaks[piece]) / length[:, 0] - 1
     curves = []
-    for order in range(3):
+    for order in range(orders):
         coefficients = legendre.legder(trajectory.joint_coefficients, order, axis=1)[piece]
         basis = legendre.legvander(x, coefficients.shape[1] - 1)
         curves.append(np.einsum("kj,kjc->kc", basis, coefficients) * (2 / length) ** order)
@@ -120,7 +121,7 @@ def holding(breaks, time):
 
 def boresights_of(trajectory, spacecraft, time):
     """Directions of all devices (k, D, 3)."""
-    azimuth, elevation = np.split(joints_of(trajectory, time)[0], 2, axis=1)
+    azimuth, elevation = np.split(joints_of(trajectory, time, orders=1)[0], 2, axis=1)
     azimuth = azimuth + spacecraft.mounts
     level = np.cos(elevation)
     moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
@@ -163,6 +164,28 @@ def grid(trajectory, count=4001):
     """Times, with each break and the time just before it."""
     breaks = trajectory.breaks
     return np.unique(np.concatenate([np.linspace(0, breaks[-1], count), breaks, breaks[1:-1] - 1e-9]))
+
+
+def closest(trajectory, spacecraft, device, direction):
+    """Least angle of a device to a direction, to rounding, and when."""
+    index = spacecraft.device_names.index(device)
+
+    def angle(time):
+        boresight = boresights_of(trajectory, spacecraft, np.atleast_1d(time))[:, index]
+        return np.arctan2(np.linalg.norm(np.cross(boresight, direction), axis=-1), boresight @ direction)
+
+    time = grid(trajectory)
+    sampled = angle(time)
+    padded = np.pad(sampled, 1, constant_values=np.inf)
+    dips = np.flatnonzero((sampled <= padded[:-2]) & (sampled <= padded[2:]))
+    found = []
+    for dip in dips[np.argsort(sampled[dips])][:4]:  # samples may see a shallower one as the deepest
+        around = time[max(dip - 1, 0)], time[min(dip + 1, len(time) - 1)]
+        least = minimize_scalar(
+            lambda t: angle(t)[0], bounds=around, method="bounded", options={"xatol": 1e-9}
+        )
+        found.append((min(float(least.fun), float(sampled[dip])), float(least.x)))
+    return min(found)
 
 
 def ends(trajectory, spacecraft):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from manoeuvres import (
     boresights_of,
+    closest,
     craft,
     ends,
     grid,
@@ -17,7 +18,6 @@ from manoeuvres import (
     unit,
     zone_margins,
 )
-from scipy.optimize import minimize_scalar
 
 from jaxplan.certificate import certify, prove_margins
 from jaxplan.zones import KeepIn, KeepOut, tabulate
@@ -108,21 +108,6 @@ def test_every_margin_is_bound_below_its_samples_and_near_their_least():
             )
             == ()
         )
-
-
-def closest(trajectory, spacecraft, device, direction):
-    """Least angle of a device to a direction, to rounding, and when."""
-    index = spacecraft.device_names.index(device)
-
-    def angle(time):
-        boresight = boresights_of(trajectory, spacecraft, np.atleast_1d(time))[:, index]
-        return np.arctan2(np.linalg.norm(np.cross(boresight, direction), axis=-1), boresight @ direction)
-
-    time = grid(trajectory)
-    best = int(np.argmin(angle(time)))
-    around = time[max(best - 1, 0)], time[min(best + 1, len(time) - 1)]
-    found = minimize_scalar(lambda t: angle(t)[0], bounds=around, method="bounded", options={"xatol": 1e-9})
-    return min(float(found.fun), float(angle(time)[best])), float(found.x)
 
 
 def test_verdict_agrees_with_samples_down_to_small_margins():

@@ -27,11 +27,11 @@ def start_attitude(scenario: Scenario) -> np.ndarray:
 
 
 def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
-    """Certify a trajectory against a scenario: zones, limits, start and goal, also of targets that move.
+    """Certify a trajectory against a scenario: zones, limits, start, and the goal that is asked for.
 
     Args:
         scenario: what must hold.
-        goal: where the trajectory must end.
+        goal: where the trajectory must end; it must be what the scenario asks for.
         trajectory: the manoeuvre.
     """
     start, end = scenario.start, end_rates(scenario, goal)
@@ -55,12 +55,12 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
             joint_rates=end[1],
         ),
     )
-    missed = arrival_faults(scenario, goal, trajectory)
-    return replace(report, certified=report.certified and not missed, faults=(*report.faults, *missed))
+    off = (*_goal_faults(scenario, goal), *arrival_faults(scenario, goal, trajectory))
+    return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))
 
 
 def check_plan(plan: Plan) -> Report:
-    """Certify a plan anew, trusting nothing it says: also that its goal is what the scenario asks for.
+    """Certify a plan anew, trusting nothing it says, its goal included.
 
     Args:
         plan: with a trajectory.
@@ -71,9 +71,7 @@ def check_plan(plan: Plan) -> Report:
     if plan.trajectory is None or plan.goal is None:
         missing = "trajectory" if plan.trajectory is None else "goal"
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
-    report = prove(plan.scenario, plan.goal, plan.trajectory)
-    off = _goal_faults(plan.scenario, plan.goal)
-    return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))
+    return prove(plan.scenario, plan.goal, plan.trajectory)
 
 
 def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
@@ -97,7 +95,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
 
-    Of targets that move `prove` tells.
+    Of targets that move `arrival_faults` tells.
     """
     asked, craft = scenario.goal, scenario.spacecraft
     if isinstance(asked, GivenState):

@@ -1,0 +1,218 @@
+"""Parts that fail while a plan is made: whatever solver, search or cache answer, no false plan comes out."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+import scipy.linalg.lapack
+from scipy.spatial.transform import Rotation
+from trust.long_run import examine
+
+import jaxplan as jp
+from jaxplan.cli import common
+from jaxplan.planner import goals
+from jaxplan.scenario import with_settings
+from jaxplan.search import mha
+from jaxplan.search.tree import make_root, trace
+from jaxplan.trajectory.global_spline import box_qp, program
+from jaxplan.trajectory.paper import qp
+
+RNG = np.random.default_rng(21)
+SETTINGS = {"search.max_goals": 1, "search.time_limit_s": "off"}
+
+
+def planned(method: str = "global", **changes: object) -> jp.Plan:
+    """A plan of the paper's case 3, whose straight motion breaks a zone, looked at without the package."""
+    scenario = with_settings(jp.paper_case(3), {**SETTINGS, "trajectory.method": method, **changes})
+    plan = jp.plan(scenario, throw=False, progress=False)
+    examine(plan)
+    return plan
+
+
+BOX_ANSWERS = {
+    "nothing binds": lambda matrix, linear, penalty: np.zeros_like(linear),
+    "noise": lambda matrix, linear, penalty: RNG.uniform(0, 1, len(linear)) * penalty,
+    "not a number": lambda matrix, linear, penalty: np.full_like(linear, np.nan),
+}
+
+
+@pytest.mark.parametrize("name", BOX_ANSWERS)
+def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, name):
+    asked = []
+
+    def garbage(matrix, linear, penalty):
+        asked.append(len(linear))
+        y = BOX_ANSWERS[name](matrix, linear, penalty)
+        return box_qp.Answer(multipliers=y, iterations=1, residual=0.0)
+
+    monkeypatch.setattr(program, "solve_box_qp", garbage)
+    with np.errstate(all="ignore"):
+        plan = planned()
+    assert asked
+    assert plan.status in (
+        jp.Status.OK,
+        jp.Status.UNCERTIFIED,
+        jp.Status.INFEASIBLE,
+        jp.Status.LIMITS_TOO_TIGHT,
+    )
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_garbage_of_lapack_is_no_plan_that_breaks_anything(monkeypatch, size):
+    real, asked = scipy.linalg.lapack.dpotrs, []
+
+    def garbage(factor, right, **more):
+        asked.append(len(right))
+        answer, info = real(factor, right, **more)
+        return answer * (1 + size * RNG.standard_normal(answer.shape)), info
+
+    monkeypatch.setattr(scipy.linalg.lapack, "dpotrs", garbage)
+    with np.errstate(all="ignore"):
+        planned()
+    assert asked
+
+
+QP_ANSWERS = {
+    "off by a little": lambda x: x + 1e-6 * RNG.standard_normal(x.shape),
+    "nothing": np.zeros_like,
+    "not a number": lambda x: np.full_like(x, np.nan),
+}
+
+
+@pytest.mark.parametrize("name", QP_ANSWERS)
+def test_garbage_of_the_papers_programs_is_no_plan_that_breaks_anything(monkeypatch, name):
+    real, asked = qp.solve, []
+
+    def garbage(given):
+        asked.append(given)
+        answer = real(given)
+        return None if answer is None else QP_ANSWERS[name](answer)
+
+    monkeypatch.setattr(qp, "solve", garbage)
+    with np.errstate(all="ignore"):
+        plan = planned("paper", **{"trajectory.duration_s": 80})
+    assert asked
+    assert not plan.ok
+
+
+def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
+    asked = []
+
+    def garbage(given, column):
+        asked.append(column)
+        return RNG.integers(-1, 2, len(given.limits)).astype(float)
+
+    monkeypatch.setattr(qp, "_active_sides", garbage)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        given = qp.Program(
+            objective=np.eye(8),
+            equalities=rng.standard_normal((2, 8)),
+            values=rng.standard_normal((2, 1)),
+            limited=rng.standard_normal((4, 8)),
+            limits=np.full((4, 1), 0.05),
+        )
+        answer = qp.solve(given)
+        if answer is not None:
+            assert np.all(np.abs(given.limited @ answer) <= given.limits + 1e-9)
+            assert np.allclose(given.equalities @ answer, given.values, atol=1e-9)
+    assert asked
+
+
+def test_a_search_that_says_clear_where_it_is_not_is_found_out(monkeypatch):
+    """The straight motion, whatever is in its way."""
+
+    def blind(scene, settings):
+        return trace(scene, make_root(scene))
+        yield
+
+    monkeypatch.setattr(mha, "try_straight", blind)
+    plan = planned("paper", **{"trajectory.duration_s": 80})
+    assert plan.status is jp.Status.UNCERTIFIED
+    assert plan.report.min_margin < 0
+    assert "CZ" in plan.message
+
+
+@pytest.mark.parametrize("angle", [1e-6, 0.1])
+def test_a_goal_that_step_1_gets_wrong_is_found_out(monkeypatch, angle):
+    real = goals.decompose
+
+    def garbage(*given, **more):
+        found = real(*given, **more)
+        turn = Rotation.from_rotvec([0, 0, angle]).as_matrix()
+        return replace(found, goals=tuple(replace(g, attitude=g.attitude @ turn) for g in found.goals))
+
+    monkeypatch.setattr(goals, "decompose", garbage)
+    scenario = with_settings(jp.paper_case(3), SETTINGS)
+    plan = jp.plan(scenario, throw=False, progress=False)
+    assert not plan.ok
+    assert "goal" in plan.message
+
+
+CACHE = """
+import json, sys, warnings
+from pathlib import Path
+import jax, numpy as np
+from jax.experimental.compilation_cache import compilation_cache
+from jaxplan import so3
+from jaxplan.cli.common import keep_compiled_code
+
+def answer():
+    jax.clear_caches()
+    compilation_cache.reset_cache()
+    with jax.enable_x64(True), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        value = jax.jit(so3.exp)(np.array([0.1, -0.2, 0.3]))
+    return np.asarray(value).tobytes().hex(), len(caught)
+
+keep_compiled_code()
+folder = Path(jax.config.jax_compilation_cache_dir)
+fresh, again = answer(), answer()
+files = [file for file in folder.rglob("*") if file.is_file()]
+found = {"files": len(files), "fresh": fresh, "again": again}
+for name, damage in {
+    "empty": lambda old: b"",
+    "cut off": lambda old: old[: len(old) // 2],
+    "zeros": lambda old: bytes(len(old)),
+    "noise": lambda old: np.random.default_rng(0).bytes(len(old)),
+}.items():
+    for file in files:
+        file.write_bytes(damage(file.read_bytes() or b"x" * 100))
+    found[name] = answer()
+jax.config.update("jax_compilation_cache_dir", "/proc/self/nowhere")
+found["unwritable"] = answer()
+print(json.dumps([oct(folder.stat().st_mode)[-3:], found]))
+"""
+
+
+def test_a_damaged_or_unwritable_cache_of_compiled_code_changes_no_answer(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, "-c", CACHE], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    mode, found = json.loads(done.stdout)
+    assert mode == "700"
+    assert found.pop("files") > 0
+    assert len({value for value, _ in found.values()}) == 1
+    assert found["again"][1] == 0
+    assert found["noise"][1] > 0
+
+
+def test_a_cache_that_cannot_be_made_costs_nothing(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        common.keep_compiled_code()
+        assert jax.config.jax_compilation_cache_dir is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", before)
+    assert (tmp_path / "file").read_text() == "mine"
