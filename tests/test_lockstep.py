@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scenes import make_scenario, scene_of
 from scipy.spatial.transform import Rotation
+from trust import lanes
 
 from jaxplan.cases import RANDOM_KINDS, random_scenario
 from jaxplan.planner.goals import find_goals
@@ -94,6 +95,11 @@ def test_each_call_is_about_its_own_scene_whatever_waits_beside_it(abreast, monk
         rounds = k % 7
         assert np.allclose(total, rounds * (rounds - 1) / 2 * many[k].goal_joints, rtol=1e-14)
         assert np.array_equal(row, many[k].goal_attitude[0])
+
+
+def test_a_nan_in_one_scene_is_no_path_and_changes_no_other():
+    for seed in range(3):
+        lanes.searches(3, seed)
 
 
 def test_a_fault_in_one_search_is_not_hidden():

@@ -11,6 +11,7 @@ from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.lockstep import Steps, alone, together
 from jaxplan.search.problem import Scene, SearchResult, alone_and_grouped, derived_seed, make_scene
+from jaxplan.status import Status
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 Search = Callable[[Scene, SearchSettings], Steps[SearchResult]]
@@ -24,8 +25,15 @@ _SEARCHES: dict[str, Search] = {
 }
 
 
+def _steps(method: str, scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
+    """A search by a method; where an end is not made of numbers, it is over at once, without a path."""
+    if not np.isfinite(scene.straight_steps):
+        return SearchResult(status=Status.NODE_LIMIT, path=None, expansions=0)
+    return (yield from _SEARCHES[method](scene, settings))
+
+
 def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
-    return alone(scene, _SEARCHES[method](scene, settings))
+    return alone(scene, _steps(method, scene, settings))
 
 
 PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _SEARCHES}
@@ -75,7 +83,7 @@ def search_batch(
     if len(settings) != len(scenes):
         raise ValueError(f"settings: must be one a scene, {len(scenes)}, not {len(settings)}")
     shared = [replace(one, time_limit=one.time_limit * len(scenes)) for one in settings]
-    searches = [_SEARCHES[one.method](scene, one) for scene, one in zip(scenes, shared, strict=True)]
+    searches = [_steps(one.method, scene, one) for scene, one in zip(scenes, shared, strict=True)]
     return together(scenes, searches, spent)
 
 
