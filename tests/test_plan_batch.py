@@ -1,11 +1,14 @@
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from fake_study import die
 from scenes import with_search
+from trust import golden
 
 import jaxplan as jp
 from jaxplan.planner import runs
@@ -46,11 +49,19 @@ def expect_the_same(one: jp.Plan, other: jp.Plan) -> None:
         t = np.linspace(0, other.trajectory.duration, 50)
         assert np.array_equal(one.trajectory.sample(t).joints, other.trajectory.sample(t).joints)
     assert (one.report and one.report.min_margin) == (other.report and other.report.min_margin)
+    with TemporaryDirectory() as folder:
+        assert golden.file_of(one, Path(folder)) == golden.file_of(other, Path(folder))
 
 
 def test_a_batch_gives_the_same_plans_as_one_by_one(batch):
     for scenario, together in zip(scenarios(), batch, strict=True):
         expect_the_same(together, jp.plan(scenario, throw=False))
+
+
+def test_random_scenes_are_planned_as_the_golden_set_says(batch):
+    names = ("case 2", "hard_keep_out 10", "held_links 0", "keep_in 2")
+    for name, plan in zip(names, [plan for plan in batch if plan.ok], strict=True):
+        assert golden.verdict(name, plan)
 
 
 def test_other_processes_give_the_same_plans(batch):

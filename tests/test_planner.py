@@ -1,10 +1,12 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scenes import make_scenario, sampled_margin, with_search
 from scipy.spatial.transform import Rotation
+from trust import flights, golden
 
 import jaxplan as jp
 from jaxplan.certificate import Report
@@ -106,6 +108,30 @@ def test_plans_of_the_papers_cases_run_from_start_to_the_published_targets(case_
     turn = (Rotation.from_matrix(ends.attitude[0]).inv() * Rotation.from_matrix(ends.attitude[1])).magnitude()
     assert plan.goal.slew_angle == pytest.approx(turn, abs=1e-8)
     assert check_plan(plan).certified
+
+
+def test_plans_of_the_papers_cases_are_those_of_the_golden_set(case_plans):
+    for number, plan in case_plans.items():
+        golden.verdict(f"case {number}", plan)
+
+
+def test_motions_are_those_of_a_body_under_their_torque(case_plans):
+    for number in (1, 4):
+        found = flights.errors(case_plans[number].trajectory, flights.random_inertia(number), steps=480)
+        assert all(error <= 2e-6 for error in found.values()), found
+
+
+def test_integration_finds_a_rate_that_is_off_by_a_thousandth(case_plans):
+    trajectory = case_plans[1].trajectory
+
+    def sample(times):
+        right = trajectory.sample(times)
+        return replace(right, angular_velocity=1.001 * right.angular_velocity)
+
+    times = {"breaks": trajectory.breaks, "joint_breaks": trajectory.joint_breaks}
+    wrong = SimpleNamespace(duration=trajectory.duration, sample=sample, **times)
+    found = flights.errors(wrong, flights.random_inertia(1), steps=480)
+    assert found["attitude by kinematics"] > 1e-4
 
 
 @pytest.mark.parametrize(("terminals", "instruments"), [(0, 0), (0, 2), (1, 0), (2, 1), (4, 0), (12, 3)])

@@ -17,8 +17,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TextIO
 
 import jaxplan as jp
 
@@ -31,6 +32,14 @@ if __name__ == "__main__":
 
 
 def main() -> int:
+    chosen = options()
+    with tempfile.TemporaryDirectory() as folder:
+        ways = Trial(chosen, Path(folder)).run(sys.stdout)
+    return int(False in ways.values())
+
+
+def options(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """What the words of a command ask for; those of this process by default."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -39,9 +48,7 @@ def main() -> int:
     parser.add_argument("--kind", default="keep_in", help="of the scenes (%(default)s)")
     parser.add_argument("--planner", default="mha", help="(%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the random moments (%(default)s)")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        return Trial(options, Path(folder)).run()
+    return parser.parse_args(words)
 
 
 class Trial:
@@ -57,14 +64,14 @@ class Trial:
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
-    def run(self) -> int:
-        """Compare all ways with the plain one; returns the exit code."""
+    def run(self, said: TextIO) -> dict[str, bool | None]:
+        """Compare all ways with the plain one: whether the table is the same, None where it was skipped."""
         began = time.monotonic()
         self.finish(self.begin("plain", 0))
         seconds = time.monotonic() - began
         expected = self.table("plain")
         fingerprint = hashlib.sha256(expected).hexdigest()[:16]
-        print(f"{self.options.scenes} scenes, {fingerprint}, {seconds:.0f} s", flush=True)
+        print(f"{self.options.scenes} scenes, {fingerprint}, {seconds:.0f} s", file=said, flush=True)
         ways: dict[str, Callable[[str], object]] = {
             f"{self.options.kills} kills": self.killed,
             "2 processes": lambda name: self.finish(self.begin(name, 2)),
@@ -74,18 +81,17 @@ class Trial:
             "chunks of 256": lambda name: self.chunked(name, 256),
             "Dask, 2 workers": self.dask,
         }
-        wrong = 0
+        found: dict[str, bool | None] = {}
         for name, way in ways.items():
             began = time.monotonic()
             told = way(name)
             if told is not None:
-                print(f"{name:30} {told}")
-            same = (self.folder / name).exists() and self.table(name) == expected
-            skipped = not (self.folder / name).exists()
-            verdict = "skipped" if skipped else "the same, byte for byte" if same else "DIFFERENT"
-            print(f"{name:30} {verdict}, {time.monotonic() - began:.0f} s", flush=True)
-            wrong += not (same or skipped)
-        return int(wrong > 0)
+                print(f"{name:30} {told}", file=said)
+            same = self.table(name) == expected if (self.folder / name).exists() else None
+            verdict = {None: "skipped", True: "the same, byte for byte", False: "DIFFERENT"}[same]
+            print(f"{name:30} {verdict}, {time.monotonic() - began:.0f} s", file=said, flush=True)
+            found[name] = same
+        return found
 
     def begin(self, name: str, workers: int) -> subprocess.Popen[bytes]:
         """Begin the study, or go on with it."""
