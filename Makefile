@@ -43,7 +43,7 @@ docs: $(READY) ## the manual as pages in build/docs
 	@echo 'open build/docs/index.html'
 
 bench: $(READY) ## measure speed, one script after the other; leave the machine alone meanwhile
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench,openscvx]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[basilisk,bench,openscvx]'
 	@set -e; for script in bench/[a-z]*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
 
 trust: $(READY) ## count what is claimed: certificates, plans, studies and bad input by the thousand, in one table (hours)
