@@ -2,7 +2,7 @@
 
 Between its samples a direction follows the cubic spline through them, brought to unit length:
 
-    e(t) = s(t) / |s(t)|,        e'(t) = (s' - (s' . e) e) / |s|,
+    e(t) = s(t) / norm(s(t)),        e'(t) = (s' - (s' . e) e) / norm(s),
 
 ``s`` with two continuous derivatives, and a third one over the first and the last two intervals (not-a-knot).
 It passes every sample, and is off by the fourth power of the time between them: of a neighbour in low orbit

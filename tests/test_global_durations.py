@@ -139,7 +139,7 @@ def end_rates(trajectory):
 
 @pytest.mark.parametrize(
     ("seed", "duration"),
-    [(0, 60.0), (1, 60.0), (0, "minimum"), (1, "minimum"), (2, "minimum"), (2, "stretched")],
+    [(0, 60.0), (1, "minimum"), (2, "stretched")],
 )
 def test_rates_at_the_ends_are_met_among_zones(seed, duration):
     rng = np.random.default_rng(seed)
@@ -199,7 +199,7 @@ def test_of_a_group_of_keep_in_zones_one_holds_at_every_time(duration):
 @pytest.mark.parametrize("kind", RANDOM_KINDS)
 def test_random_scenes_are_certified_at_any_duration(kind):
     above = []
-    for seed in range(8):
+    for seed in range(4):
         scenario = jp.random_scenario(seed, kind)
         craft, zones = scenario.spacecraft, zones_of(scenario)
         plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration="minimum")))

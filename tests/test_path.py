@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 from jaxplan import path, spacecraft, zones
@@ -60,7 +61,7 @@ class Scene:
     def bounds(self, edges, intervals):
         """(count, Z) lower bounds, by one jitted call."""
         fixed = (self.cones, self.mounts, self.fixed)
-        return np.asarray(jax.jit(jax.vmap(lambda *e: path.edge_margins(*fixed, *e, intervals)))(*edges))
+        return np.asarray(quick_jit(jax.vmap(lambda *e: path.edge_margins(*fixed, *e, intervals)))(*edges))
 
     def boresights(self, edges, fractions):
         """(count, len(fractions), D, 3) inertial, by scipy and plain trigonometry."""
@@ -170,7 +171,7 @@ def test_edge_margins_have_finite_derivatives_at_rest_and_in_motion(mode):
     scene = Scene(2, 1)
     fixed = (scene.cones, scene.mounts, scene.fixed)
     real = np.isfinite(scene.sampled(scene.edges(1, 0.1), 2)[0])
-    derive = jax.jit(
+    derive = quick_jit(
         jax.vmap(mode(lambda *e: path.edge_margins(*fixed, *e, INTERVALS)[real], argnums=(0, 1, 2, 3)))
     )
     edges = scene.edges(35, 0.3)  # every seventh platform and every fifth set of joints rests
@@ -188,7 +189,7 @@ def test_direction_curvature_bounds_the_second_derivative(terminals):
         attitudes, angles = path.motion(attitude, joints, turn, change, s[None])
         return (spacecraft.body_boresights(scene.mounts, scene.fixed, angles) @ attitudes.swapaxes(-1, -2))[0]
 
-    second = jax.jit(
+    second = quick_jit(
         jax.vmap(jax.vmap(jax.jacfwd(jax.jacfwd(boresights)), (0, *[None] * 4)), (None, 0, 0, 0, 0))
     )
     accelerations = np.linalg.norm(second(np.linspace(0, 1, 9), *edges), axis=-1)

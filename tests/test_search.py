@@ -107,7 +107,7 @@ def test_the_same_seed_gives_the_same_path_and_another_seed_another():
     )
 
 
-@pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (1, 0), (2, 2), (4, 0), (12, 1)])
+@pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (2, 2), (4, 0), (12, 1)])
 def test_any_number_of_devices_finds_a_way_round_a_zone_on_the_straight_motion(terminals, instruments):
     free = scene_of(make_scenario(terminals, instruments))
     attitudes, joints = edge_states(
@@ -199,10 +199,10 @@ def test_a_bent_straight_motion_is_kept_where_no_search_finds_a_better_path():
 
 
 def test_a_search_that_cannot_succeed_ends_at_its_limits():
-    settings = replace(make_scenario().search, max_expansions=40)
+    settings = replace(make_scenario().search, max_expansions=20)
     scene = enclosed_scene()
     for search in PLANNERS.values():
         spent = search(scene, settings)
-        assert (spent.status, spent.path, spent.expansions) == (Status.NODE_LIMIT, None, 40)
+        assert (spent.status, spent.path, spent.expansions) == (Status.NODE_LIMIT, None, 20)
         late = search(scene, replace(settings, time_limit=0.0))
         assert (late.status, late.path) == (Status.TIME_LIMIT, None)

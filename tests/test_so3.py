@@ -6,6 +6,7 @@ from itertools import pairwise
 import jax
 import numpy as np
 import pytest
+from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 from jaxplan import quaternion, so3
@@ -48,7 +49,7 @@ def mean_rotation(vectors, nodes=24):
 
 def compiled(function, *arguments):
     """What the jitted function returns, as numpy arrays; one compile a call instead of one an operation."""
-    return jax.tree.map(np.array, jax.jit(function)(*arguments))
+    return jax.tree.map(np.array, quick_jit(function)(*arguments))
 
 
 def jacobians(mode, function, points, *others):

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 from jaxplan import zones
@@ -44,7 +45,7 @@ def keep_in(half_angle, direction=Z, devices=("a",), any_of=None, name="in"):
 
 def margins(cones, boresights):
     """(..., Z) of every constraint, by one jitted call."""
-    evaluate = jax.jit(lambda c, b: zones.constraint_margins(c, zones.device_margins(c, b)))
+    evaluate = quick_jit(lambda c, b: zones.constraint_margins(c, zones.device_margins(c, b)))
     return np.asarray(evaluate(cones, boresights))
 
 
@@ -67,7 +68,7 @@ def test_separation_grows_along_the_great_circle_and_is_flat_at_its_ends(mode, d
     axis = Z.astype(dtype)
     directions = np.array([away_from_z(angle) for angle in ANGLES]).astype(dtype)
     directions[[0, -1]] = [Z, -Z]
-    gradients = np.asarray(jax.jit(jax.vmap(mode(zones.separation), in_axes=(0, None)))(directions, axis))
+    gradients = np.asarray(quick_jit(jax.vmap(mode(zones.separation), in_axes=(0, None)))(directions, axis))
     outward = np.array([away_from_z(angle + np.pi / 2) for angle in ANGLES])
     tangential = gradients - np.sum(gradients * directions, axis=-1, keepdims=True) * directions
     np.testing.assert_allclose(tangential[1:-1], outward[1:-1], rtol=0, atol=8 * eps)
