@@ -6,7 +6,7 @@ beginning, and the last numbers whose plans are all certified are the answer.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -18,7 +18,8 @@ from jaxplan.planner import Plan, plan_batch
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
-from jaxplan.sensitivity import Held, follow, hold, replan
+from jaxplan.sensitivity import follow
+from jaxplan.tuning.bundle import Bundle
 from jaxplan.tuning.objectives import Objective, make_objective
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
 
@@ -153,7 +154,7 @@ def _descend(
 
     free, memory, history = state.free, state.memory, list(state.history)
     plans = state.plans or _plans_to_begin_with(at(free), progress)
-    bundle = _Bundle.of(plans, aim, tuned)
+    bundle = Bundle.of(plans, aim, tuned)
     checkpoints, message = [free], ""
     hidden = not progress or None  # None: where stderr is no terminal
     with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
@@ -200,48 +201,12 @@ def _plans_to_begin_with(scenarios: tuple[Scenario, ...], progress: bool) -> tup
 
 def _renewed(
     plans: tuple[Plan, ...], scenarios: tuple[Scenario, ...], aim: Objective, tuned: tuple[Parameter, ...]
-) -> "tuple[tuple[Plan, ...], _Bundle] | None":
+) -> "tuple[tuple[Plan, ...], Bundle] | None":
     """The plans of changed scenarios; None where one fails or cannot be held: the descent goes on without."""
     followed = tuple(follow(plan, scenario) for plan, scenario in zip(plans, scenarios, strict=True))
     if not all(plan.ok for plan in followed):
         return None
     try:
-        return followed, _Bundle.of(followed, aim, tuned)
+        return followed, Bundle.of(followed, aim, tuned)
     except ValueError:  # a row is about to bind
         return None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Bundle:
-    """Held plans with their scenarios, and the objective of their trajectories."""
-
-    held: tuple[tuple[Held, Scenario], ...]
-    aim: Objective
-    tuned: tuple[Parameter, ...]
-
-    @classmethod
-    def of(cls, plans: Sequence[Plan], aim: Objective, tuned: tuple[Parameter, ...]) -> "_Bundle":
-        pairs = ((hold(plan), replace(plan.scenario, name="")) for plan in plans)
-        return cls(held=tuple(jax.tree.map(np.asarray, pair) for pair in pairs), aim=aim, tuned=tuned)
-
-    def slope(self, free: jax.Array) -> tuple[float, np.ndarray]:
-        """The mean objective and its gradient."""
-        # One by one: kernels of a stack would be compiled for each number of plans of a shape, and systems
-        # of hundreds of equations are solved no faster together. All are begun before one is waited for.
-        begun = [_slope(free, *pair, self.aim, self.tuned) for pair in self.held]
-        values, slopes = zip(*jax.device_get(begun), strict=True)
-        return float(np.mean(values)), np.mean(slopes, axis=0)
-
-
-@jax.jit(static_argnums=(3, 4))
-def _slope(
-    free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
-) -> tuple[jax.Array, jax.Array]:
-    """The objective of a plan, and its gradient."""
-
-    def value(free: jax.Array) -> jax.Array:
-        numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}
-        changed = with_numbers(scenario, numbers)
-        return aim(replan(held, changed), changed)
-
-    return jax.value_and_grad(value)(free)
