@@ -114,8 +114,13 @@ def tabulate(keep_out: Sequence[KeepOut], keep_in: Sequence[KeepIn], device_name
         keep_out: zones to stay out of.
         keep_in: zones to stay in.
         device_names: names in the order of the device axis.
+
+    Raises:
+        ValueError: if a zone is of a device that there is not, for it would bind nothing.
     """
     zones: list[KeepOut | KeepIn] = [*keep_out, *keep_in]
+    for zone in zones:
+        _expect_devices(zone, device_names)
     size = capacity(len(zones))
     extra = size - len(zones)
     nowhere = np.full(3, np.nan)
@@ -142,6 +147,17 @@ def tabulate(keep_out: Sequence[KeepOut], keep_in: Sequence[KeepIn], device_name
         group=group,
         paths=tuple(paths) if any(path is not None for path in paths) else (),
     )
+
+
+def _expect_devices(zone: KeepOut | KeepIn, device_names: Sequence[str]) -> None:
+    """Raise a ValueError if a zone names no devices of the spacecraft."""
+    given: object = zone.devices  # whatever its type says
+    if isinstance(given, str):
+        raise ValueError(f"zone {zone.name}: devices = {zone.devices!r}: must be a tuple of names")
+    for name in zone.devices:
+        if name not in device_names:
+            known = ", ".join(device_names) or "the spacecraft has none"
+            raise ValueError(f"zone {zone.name}: devices: there is no {name!r}, only {known}")
 
 
 def separation(first: ArrayLike, second: ArrayLike) -> Array:

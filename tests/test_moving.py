@@ -132,7 +132,7 @@ def test_a_target_that_passes_too_close_is_refused():
     there = sky.positions(HERE, epoch=EPOCH, times=123.4)
     with pytest.raises(ValueError, match="passes so close"):
         sky.path(there + 1e-6, epoch=EPOCH, observer=HERE, duration_s=300.0)
-    with pytest.raises(ValueError, match=r"duration = 0.0: must lie in \(0, 86400\] s"):
+    with pytest.raises(ValueError, match=r"duration_s = 0.0: must lie in \(0, 86400\] s"):
         sky.path("earth", epoch=EPOCH, observer=HERE, duration_s=0.0)
 
 

@@ -102,6 +102,15 @@ def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
     np.testing.assert_allclose(result[:, :6], expected, rtol=0, atol=2e-15)
 
 
+@pytest.mark.parametrize(
+    ("devices", "said"),
+    [(("a", "bb"), "zone out: devices: there is no 'bb', only a, b, c"), ("abc", "must be a tuple of names")],
+)
+def test_a_zone_of_a_device_that_there_is_not_is_refused_since_it_would_bind_nothing(devices, said):
+    with pytest.raises(ValueError, match=said):
+        zones.tabulate([keep_out(0.3, devices=devices)], [], DEVICES)
+
+
 def test_a_zone_binds_the_named_devices_and_no_other():
     cones = zones.tabulate(
         [keep_out(0.3, devices=("a", "c")), keep_out(0.4)], [keep_in(0.5, devices=("b",))], DEVICES

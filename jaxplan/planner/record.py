@@ -101,7 +101,8 @@ class Plan:
         if self.message:
             rows.append(("", self.message))
         if self.goal is not None:
-            when = f", met at {self.goal.time:.2f} s" if isinstance(self.goal, MovingGoal) else ""
+            tense = "met" if self.ok else "looked for"
+            when = f", {tense} at {self.goal.time:.2f} s" if isinstance(self.goal, MovingGoal) else ""
             rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg{when}"))
         if self.search is not None:
             rows.append(("search", f"{self.scenario.search.method}, {self.search.expansions} expansions"))

@@ -31,7 +31,7 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         ...     duration_s=80.0), half_angle=0.1, devices=("terminal-1",))
     """
     if not duration_s > 0:
-        raise ValueError(f"duration = {duration_s}: must lie in (0, 86400] s")
+        raise ValueError(f"duration_s = {duration_s}: must lie in (0, 86400] s")
     drift_times(observer, duration_s)  # for its errors
     intervals = _FEWEST
     while intervals <= _MOST:

@@ -29,7 +29,7 @@ def keep_out(
     for_duration_s: float = 0.0,
     moving: bool = False,
     name: str | None = None,
-    devices: Sequence[str] = (),
+    devices: str | Sequence[str] = (),
 ) -> KeepOut:
     """A keep-out zone about a body.
 
@@ -44,7 +44,7 @@ def keep_out(
             far the body's direction gets from that in the middle of this time, and with its angular radius.
         moving: whether the axis follows the body for that long, so that the zone is not widened.
         name: of the zone, the body's unless given.
-        devices: names of those it binds; empty for all.
+        devices: names of those it binds, or one name; empty for all.
 
     Returns:
         The zone, its axis where the body is at half the duration, or its path of one that moves, its half
@@ -63,6 +63,8 @@ def keep_out(
         raise ValueError(f"half_angle_deg = {half_angle_deg}: must lie in (0, 180)")
     if exclusion_deg is not None and not 0 <= exclusion_deg < 180:
         raise ValueError(f"exclusion_deg = {exclusion_deg}: must lie in [0, 180)")
+    if moving and not for_duration_s > 0:
+        raise ValueError(f"for_duration_s = {for_duration_s}: must be positive for a zone that is moving")
     times = drift_times(observer, for_duration_s)
     seen = directions(body, epoch=epoch, observer=observer, times=times)
     if moving:
@@ -90,5 +92,5 @@ def keep_out(
         name=body if name is None else name,
         direction=direction,
         half_angle=math.radians(half_angle),
-        devices=tuple(devices),
+        devices=(devices,) if isinstance(devices, str) else tuple(devices),
     )
