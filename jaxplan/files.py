@@ -8,14 +8,15 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing_file(target: Path) -> Iterator[Path]:
+def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
     """A file to write instead of the target, whose place it takes when the block ends well.
 
     Args:
         target: the place; an old file there stays until the new one is whole. Its folder is made.
+        suffix: with which the other name ends, for writers that look at it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=f".part{suffix}")
     os.close(handle)
     try:
         yield Path(name)

@@ -123,6 +123,16 @@ def test_a_film_can_be_saved_and_needs_a_motion(plan, tmp_path):
     bare = replace(plan, scenario=replace(plan.scenario, keep_out=(), keep_in=()))
     jp.plot.animate(bare, frames=2).save(tmp_path / "slew.gif", writer="pillow", dpi=30)
     assert (tmp_path / "slew.gif").read_bytes().startswith(b"GIF8")
+
+    def full(number: int, _: int) -> None:
+        if number == 1:
+            raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space left"):
+        jp.plot.animate(bare, frames=2).save(
+            tmp_path / "other.gif", writer="pillow", dpi=30, progress_callback=full
+        )
+    assert [file.name for file in tmp_path.iterdir()] == ["slew.gif"]
     with pytest.raises(ValueError, match="no trajectory to draw"):
         jp.plot.animate(replace(plan, trajectory=None))
     assert dict(mpl.rcParams) == before

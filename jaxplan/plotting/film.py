@@ -1,6 +1,8 @@
 """A manoeuvre as a film: the platform with its devices, whose beams move over the sphere of directions."""
 
-from typing import TYPE_CHECKING
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.animation import FuncAnimation
@@ -9,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
+from jaxplan.files import replacing_file
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.globe_map import draw_line, draw_sphere, view_of
@@ -32,11 +35,11 @@ def animate(
     *,
     view: tuple[float, float] | None = None,
     frames: int = 80,
-) -> FuncAnimation:
+) -> "Film":
     """A film of a manoeuvre on the globe.
 
     In a notebook ``HTML(jp.plot.animate(plan).to_jshtml())`` plays it; ``.save("slew.gif")`` writes a file,
-    as ``.mp4`` where ffmpeg is installed.
+    as ``.mp4`` where ffmpeg is installed. The file appears whole or not at all.
 
     Args:
         plan: with a trajectory.
@@ -67,7 +70,24 @@ def animate(
     shown = np.linspace(0, len(motion.times) - 1, frames).round().astype(int)
     figure = axes.get_figure(root=True)
     assert figure is not None
-    return FuncAnimation(figure, picture, frames=shown, interval=1000 * _PLAY / frames, blit=True)
+    return Film(figure, picture, frames=shown, interval=1000 * _PLAY / frames, blit=True)
+
+
+class Film(FuncAnimation):
+    """An animation of matplotlib, with progress where it is saved."""
+
+    def save(self, filename: str | os.PathLike[str], *arguments: Any, **settings: Any) -> None:
+        """Write a film as matplotlib does, with a bar on stderr once it takes longer than a second."""
+        from tqdm.auto import tqdm
+
+        target = Path(filename)
+        hidden = None if "progress_callback" not in settings else True  # None: where stderr is no terminal
+        with (
+            tqdm(desc="film", unit=" pictures", delay=1, leave=False, disable=hidden) as bar,
+            replacing_file(target, suffix=target.suffix) as fresh,
+        ):
+            settings.setdefault("progress_callback", lambda _number, _total: bar.update())
+            super().save(str(fresh), *arguments, **settings)
 
 
 class _Picture:
