@@ -222,6 +222,12 @@ def test_a_zone_for_a_duration_holds_that_of_every_instant_and_little_more(body)
             r"altitude = -3.0: must lie in \(0, 1e6\]",
         ),
         (lambda: sky.CircularOrbit(**{**vars(LOW), "node": np.nan}), "node = nan: must lie in"),
+        (lambda: sky.CircularOrbit(**{**vars(LOW), "node": "a"}), "node = 'a': must be a number"),
+        (
+            lambda: sky.CircularOrbit(**{**vars(LOW), "inclination": 97.4}),
+            r"97.4: must lie in \[-pi, pi\] rad",
+        ),
+        (lambda: sky.parse_tle(None), "must be a text, not NoneType"),
         (lambda: sky.CircularOrbit(**{**vars(LOW), "epoch": "x"}), "epoch = 'x'"),
     ],
 )

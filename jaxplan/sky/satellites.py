@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from numbers import Real
 
 import jax
 import numpy as np
@@ -35,7 +36,7 @@ class CircularOrbit:
 
     Attributes:
         altitude: km above the equatorial radius, in (0, 1e6].
-        inclination: rad.
+        inclination: rad, in [-pi, pi].
         node: rad, right ascension of the ascending node.
         latitude: rad, argument of latitude at the orbit's epoch.
         epoch: UTC in ISO 8601; None for that of each question, whose times then count from the elements.
@@ -48,9 +49,15 @@ class CircularOrbit:
     epoch: str | None = None
 
     def __post_init__(self) -> None:
+        for name in ("altitude", "inclination", "node", "latitude"):
+            given: object = getattr(self, name)  # whatever its type says
+            if isinstance(given, bool) or not isinstance(given, Real):
+                raise ValueError(f"{name} = {given!r}: must be a number")
         if not 0 < self.altitude <= 1e6:
             raise ValueError(f"altitude = {self.altitude}: must lie in (0, 1e6] km")
-        for name in ("inclination", "node", "latitude"):
+        if not abs(self.inclination) <= np.pi:  # more is degrees
+            raise ValueError(f"inclination = {self.inclination}: must lie in [-pi, pi] rad")
+        for name in ("node", "latitude"):
             if not abs(getattr(self, name)) <= 1e3:
                 raise ValueError(f"{name} = {getattr(self, name)}: must lie in [-1e3, 1e3] rad")
         if self.epoch is not None:

@@ -103,6 +103,9 @@ def parse_tle(text: str) -> Tle:
         TleError: if a line has the wrong number, length, characters, value or check sum, or the two are of
             different satellites; all faults at once, with line, columns and value.
     """
+    given: object = text  # whatever its type says
+    if not isinstance(given, str):
+        raise TleError(f"must be a text, not {type(given).__name__}")
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     if len(lines) not in (2, 3):
         raise TleError(f"must be two lines, or three with a name first, not {len(lines)}")
