@@ -22,13 +22,13 @@ from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
-from jaxplan.planner.chain import finish, fit
+from jaxplan.planner.chain import fit, judged
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, MovingTargets, Scenario
 from jaxplan.scenario.moments import moves
-from jaxplan.trajectory import REFITS, Trajectory
+from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.zones import tabulate
 
@@ -67,9 +67,15 @@ def hold(plan: Plan) -> Held:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
-    path = plan.path
     _expect_still(plan.scenario)
-    origin = fit(plan.scenario, path, plan.goal).origin
+    return _held(plan, fit(plan.scenario, plan.path, plan.goal))
+
+
+def _held(plan: Plan, fitted: Fit) -> Held:
+    """What is held fixed of an OK plan with the given fit."""
+    path, origin = plan.path, fitted.origin
+    assert plan.goal is not None  # it is OK
+    assert path is not None
     if origin is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
     return Held(
@@ -137,6 +143,22 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
         A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
         the one nearest to that of the other plan.
     """
+    return _followed(plan, scenario)[0]
+
+
+def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
+    """As `follow` and then `hold` with one fit; None for what is held where `hold` raises."""
+    followed, fitted = _followed(plan, scenario)
+    if not followed.ok or fitted is None:
+        return followed, None
+    try:
+        return followed, _held(followed, fitted)
+    except ValueError:  # nothing moves, or a row is about to bind
+        return followed, None
+
+
+def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
+    """The plan near another, and its fit where there is one."""
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
     _expect_still(scenario)
@@ -144,14 +166,16 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     attitude = start_attitude(scenario)
     goals = find_goals(scenario, attitude)
     if isinstance(goals, Plan):
-        return goals
+        return goals, None
     earlier = plan.goal.attitude
     goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - earlier)))
     attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
     attitudes[0], attitudes[-1] = attitude, goal.attitude
     joints[0], joints[-1] = scenario.start.joints, goal.joints
     path = replace(plan.path, attitudes=attitudes, joints=joints)
-    return finish(replace(plan, scenario=scenario, goal=goal, path=path), path, clock)
+    with clock.step("trajectory"):
+        fitted = fit(scenario, path, goal)
+    return judged(replace(plan, scenario=scenario, goal=goal, path=path), fitted, clock), fitted
 
 
 def _expect_still(scenario: Scenario) -> None:

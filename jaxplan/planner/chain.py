@@ -196,6 +196,13 @@ def finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
             so_far = replace(so_far, goal=goal, path=meeting.path)
         else:
             fitted = fit(scenario, path, goal)
+    return judged(so_far, fitted, clock)
+
+
+def judged(so_far: Plan, fitted: Fit, clock: Clock) -> Plan:
+    """The plan with a trajectory that was fitted, certified or not."""
+    scenario, goal = so_far.scenario, so_far.goal
+    assert goal is not None
     message = fitted.note if fitted.status is Status.OK else fitted.message
     so_far = replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
     if fitted.trajectory is None:

@@ -1,7 +1,7 @@
 """The mean objective of several plans and its gradient, as trajectories follow the numbers that are tuned."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -9,10 +9,9 @@ from typing import Any, Self
 import jax
 import numpy as np
 
-from jaxplan.planner import Plan
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.numbers import with_numbers
-from jaxplan.sensitivity import Held, hold, replan
+from jaxplan.sensitivity import Held, replan
 from jaxplan.threads import one_thread
 from jaxplan.tuning.objectives import Objective
 from jaxplan.tuning.parameters import Parameter
@@ -35,10 +34,11 @@ class Bundle:
     tuned: tuple[Parameter, ...]
 
     @classmethod
-    def of(cls, plans: Sequence[Plan], aim: Objective, tuned: tuple[Parameter, ...]) -> Self:
-        """Hold plans; a ValueError says of which that cannot be."""
-        pairs = [(hold(plan), replace(plan.scenario, name="")) for plan in plans]
-        held = tuple(jax.tree.map(np.asarray, pair) for pair in pairs)
+    def of(cls, pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...]) -> Self:
+        """The bundle of what is held of plans, each with its scenario."""
+        held = tuple(
+            jax.tree.map(np.asarray, (own, replace(scenario, name="", epoch=None))) for own, scenario in pairs
+        )
         first: dict[Any, int] = {}
         for number, pair in enumerate(held):
             shapes = tuple(leaf.shape for leaf in jax.tree.leaves(pair))

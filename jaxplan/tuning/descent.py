@@ -18,7 +18,7 @@ from jaxplan.planner import Plan, plan_batch
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
-from jaxplan.sensitivity import follow
+from jaxplan.sensitivity import Held, follow_and_hold, hold
 from jaxplan.tuning.bundle import Bundle
 from jaxplan.tuning.objectives import Objective, make_objective
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
@@ -154,7 +154,7 @@ def _descend(
 
     free, memory, history = state.free, state.memory, list(state.history)
     plans = state.plans or _plans_to_begin_with(at(free), progress)
-    bundle = Bundle.of(plans, aim, tuned)
+    bundle = Bundle.of(((hold(plan), plan.scenario) for plan in plans), aim, tuned)
     checkpoints, message = [free], ""
     hidden = not progress or None  # None: where stderr is no terminal
     with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
@@ -203,10 +203,12 @@ def _renewed(
     plans: tuple[Plan, ...], scenarios: tuple[Scenario, ...], aim: Objective, tuned: tuple[Parameter, ...]
 ) -> "tuple[tuple[Plan, ...], Bundle] | None":
     """The plans of changed scenarios; None where one fails or cannot be held: the descent goes on without."""
-    followed = tuple(follow(plan, scenario) for plan, scenario in zip(plans, scenarios, strict=True))
-    if not all(plan.ok for plan in followed):
-        return None
-    try:
-        return followed, Bundle.of(followed, aim, tuned)
-    except ValueError:  # a row is about to bind
-        return None
+    followed: list[Plan] = []
+    pairs: list[tuple[Held, Scenario]] = []
+    for plan, scenario in zip(plans, scenarios, strict=True):
+        now, held = follow_and_hold(plan, scenario)
+        if held is None:
+            return None
+        followed.append(now)
+        pairs.append((held, now.scenario))
+    return tuple(followed), Bundle.of(pairs, aim, tuned)
