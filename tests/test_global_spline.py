@@ -9,6 +9,7 @@ from dense import assert_kept, attitudes_at, end_states, instants, jumps, node_e
 from manoeuvres import spin_of
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
 from scenes import make_spacecraft
+from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case
 from jaxplan.path import Path
@@ -191,6 +192,19 @@ def test_a_platform_at_rest_for_part_of_the_path_and_joints_alone():
             assert fit.status is Status.OK, fit.message
             assert np.all(node_errors(fit.trajectory, path) <= max(1e-9, tube + 1e-6))
             assert_kept(fit.trajectory, craft)
+
+
+def test_a_way_there_and_back_is_followed_only_where_a_tube_is_asked_for():
+    angles = np.deg2rad(np.concatenate([np.arange(0, 45, 5.5), np.arange(38.9, -50, -5.1)]))
+    attitudes = Rotation.from_rotvec(angles[:, None] * np.array([0.0, 0.0, 1.0])).as_matrix()
+    path = Path(attitudes=attitudes, joints=np.zeros((len(angles), 6)), edge_costs=np.ones(len(angles) - 1))
+    settings = TrajectorySettings(duration="stretched")
+    free, kept = (fit_global(path, CRAFT, one) for one in (settings, replace(settings, node_tube=0.02)))
+    assert free.status is kept.status is Status.OK
+    assert free.trajectory.duration < 0.6 * kept.trajectory.duration
+    assert np.max(node_errors(kept.trajectory, path)) <= 0.0201
+    assert "nodes are passed within any distance" in free.note
+    assert not kept.note
 
 
 @pytest.mark.parametrize("duration", [80.0, "stretched", "minimum"])

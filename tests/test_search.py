@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from jaxplan.cases import paper_case, random_scenario
 from jaxplan.path import Goal
 from jaxplan.planner.goals import find_goals
-from jaxplan.search import PLANNERS, Scene, SearchResult
+from jaxplan.search import PLANNERS, Scene, SearchResult, mha
 from jaxplan.search.problem import steps_between
 from jaxplan.status import Status
 from jaxplan.zones import KeepOut
@@ -185,6 +185,24 @@ def test_further_searches_shorten_the_path_and_stay_within_the_effort():
     assert shorter >= 1
     spent = PLANNERS["mha"](scene, replace(scenario.search, improvements=50, time_limit=1e-9))
     assert spent.path is None or spent.expansions <= 2, "no time is left for another"
+
+
+def test_instead_of_a_detour_others_are_looked_for(monkeypatch):
+    scenes = []
+    for seed in (10, 17, 149, 178, 217):
+        scenario = random_scenario(seed, "hard_keep_out")
+        start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
+        scenes.append((scene_of(scenario, find_goals(scenario, start)[0]), scenario.search))
+    looked = [PLANNERS["mha"](*one) for one in scenes]
+    monkeypatch.setattr(mha, "DETOUR_LOOKS", 0)
+    first = [PLANNERS["mha"](*one) for one in scenes]
+    for (scene, _), before, after in zip(scenes, first, looked, strict=True):
+        detour = before.path.length > mha.DETOUR * scene.straight_steps
+        assert after.path.length <= before.path.length
+        assert (after.expansions > before.expansions) == detour
+        assert np.all(edge_margins(scene, after, 21) >= 0)
+    # Which of them begin with a detour is a matter of last digits.
+    assert sum(one.path.length for one in looked) < 0.9 * sum(one.path.length for one in first)
 
 
 def test_a_bent_straight_motion_is_kept_where_no_search_finds_a_better_path():

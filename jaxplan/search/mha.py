@@ -7,11 +7,12 @@
    whatever its key. All edges are checked whole.
 4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path.
 
-The path is smoothed. If it is asked for, 3 and 4 are then repeated with other random moves, for paths that
-pass the zones on other sides, and the shortest is kept.
+The path is smoothed. If it is a long way round, or if it is asked for, 3 and 4 are then repeated with other
+random moves, for paths that pass the zones on other sides, and the shortest is kept.
 """
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from jaxplan.stopwatch import working_time
 SHORT_ENOUGH = 1.001
 # A bent straight motion within this factor of its length is taken without a search.
 BENT_ENOUGH = 1.05
+# Instead of a path beyond this factor of its length others are looked for, so many times the factor, and not
+# for long: which way round zones a search goes first is a matter of luck.
+DETOUR, DETOUR_LOOKS, DETOUR_EXPANSIONS = 1.25, 3, 48
 # Expansions after which trees join in.
 HEAD_START = 48
 
@@ -59,10 +63,17 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     best = yield from _search(scene, settings, bent)
     if clear is not None and best.path is None:
         best = replace(best, status=Status.OK, path=clear.path(scene))
-    for attempt in range(1, settings.improvements + 1):
+    for attempt in count(1):
         left = settings.time_limit - (working_time() - begin)
         spare = settings.max_expansions - best.expansions
-        if best.path is None or best.path.length <= SHORT_ENOUGH * shortest or spare <= 0 or left <= 0:
+        if best.path is None or spare <= 0 or left <= 0:
+            break
+        length = best.path.length
+        if attempt > settings.improvements:
+            spare = min(spare, DETOUR_EXPANSIONS)
+            if length <= DETOUR * shortest or attempt * shortest > DETOUR_LOOKS * length:
+                break
+        elif length <= SHORT_ENOUGH * shortest:
             break
         seed = derived_seed(settings.seed, 0, attempt)
         effort = replace(settings, seed=seed, max_expansions=spare, time_limit=left)

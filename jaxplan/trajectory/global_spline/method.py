@@ -31,6 +31,7 @@ from jaxplan.zones import Cones, tabulate
 
 _MOST_LONGER = 1.1  # from one duration to the next
 _ROUNDING = 1e-9  # of a rate, beyond its limit
+_SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
 
 
 def fit_global(
@@ -51,9 +52,11 @@ def fit_global(
     It has four continuous derivatives and least energy (rate, acceleration and jerk with the settings'
     weights) among those that pass the nodes within the tube, keep all limits and stay clear of the zones. The
     nodes are passed at the pace of a trapezoid. A number for ``settings.duration`` is kept. "stretched" fits
-    at the quickest pace without limits and scales the time until the first limit binds. "minimum" looks for
-    the shortest duration within all limits and zones; the nodes are then only a first guess, unless the
-    settings give a tube. With a rate at the start or end, "stretched" is the same with the tube.
+    at the quickest pace without limits and scales the time until the first limit binds; unless the settings
+    give a tube, it leaves the nodes where that takes twice the bound and a motion without them is quicker.
+    "minimum" looks for the shortest duration within all limits and zones; the nodes are then only a first
+    guess, unless the settings give a tube. With a rate at the start or end, "stretched" is the same with the
+    tube.
 
     Where a limit, a zone or the tube is broken more intervals are tried, then a wider tube, then none.
 
@@ -157,7 +160,13 @@ def _stretched(job: Job) -> Fit:
     """The fit at the quickest pace without limits, scaled in time to the limits."""
     radius = job.radius(free_time=False)
     best = along(job, radius, shortest=False)
-    return _beyond() if best is None else _success(job, best, radius, stretch=True)
+    if best is None:
+        return _beyond()
+    if best.sound and best.needed > _SLOW * job.bound and job.settings.node_tube is None:
+        guided = along(job, np.inf, shortest=False)
+        if guided is not None and guided.sound and guided.needed < best.needed:
+            best = guided
+    return _success(job, best, radius, stretch=True)
 
 
 def _free(job: Job, radius: float) -> Fit:
@@ -213,7 +222,9 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
     message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > radius:
         wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
-        note = f"within trajectory.node_tube_deg nothing was found, nodes are passed within {wide}"
+        note = (
+            f"nodes are passed within {wide}: within trajectory.node_tube_deg none was found, or a slow one"
+        )
         message = f"{message}; {note}"
     origin = Origin(job=job, attempt=attempt, stretched=stretch)
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
