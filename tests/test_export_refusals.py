@@ -105,6 +105,20 @@ def test_bad_wishes_are_refused_all_at_once(plan, tmp_path, changes, words):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_epoch_is_that_of_the_scene_and_no_other(plan, tmp_path):
+    own = replace(plan, scenario=replace(plan.scenario, epoch=parse_epoch(EPOCH)))
+    files = [
+        jp.export(one, tmp_path / f"{i}", format="aem", epoch=e)
+        for i, (one, e) in enumerate(((plan, EPOCH), (own, None), (own, EPOCH)))
+    ]
+    assert len({file.read_bytes() for file in files}) == 1
+    with pytest.raises(
+        ValueError, match=r"epoch = '2026-03-01': the scene begins at 2026-03-01T06:30:15\.25"
+    ):
+        jp.export(own, tmp_path / "other", format="aem", epoch="2026-03-01")
+    assert not (tmp_path / "other").exists()
+
+
 def test_only_certified_plans_are_exported(plan, tmp_path):
     off = plan.trajectory.joint_coefficients.copy()
     off[0, 3] += 0.02  # so that pieces do not meet

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -117,6 +118,31 @@ def test_what_was_resolved_is_written_and_read_back_to_the_bit(tmp_path):
 def test_an_epoch_may_be_a_date_time_of_toml():
     for text in ("2024-03-20T03:06:00", "2024-03-20T03:06:00Z", "2024-03-20 05:06:00+02:00"):
         assert sc.parse_scenario(FILE.replace('"2024-03-20T03:06:00"', text)) == sc.parse_scenario(FILE)
+    of_the_day = (FILE.replace('"2024-03-20T03:06:00"', text) for text in ("2024-03-20", '"2024-03-20"'))
+    assert {sc.parse_scenario(text).epoch for text in of_the_day} == {np.datetime64("2024-03-20", "ns")}
+
+
+def test_the_epoch_of_the_sky_stays_when_it_is_resolved_and_one_may_stand_alone():
+    epoch = np.datetime64("2024-03-20T03:06:00.25", "ns")
+    seen = sc.parse_scenario(FILE.replace("03:06:00", "03:06:00.25"))
+    assert seen.epoch == epoch
+    assert sc.scenario_to_dict(seen)["epoch_utc"] == "2024-03-20T03:06:00.25"
+    for text in (sc.dump_scenario(seen), f"epoch_utc = 2024-03-20T03:06:00.25\n{sc.dump_scenario(bare())}"):
+        assert sc.parse_scenario(text).epoch == epoch
+    assert bare().epoch is None
+    assert "epoch_utc" not in sc.dump_scenario(bare())
+
+
+def test_two_epochs_that_differ_are_a_fault():
+    same, other = (f'epoch_utc = "2024-03-20T{time}:00"\n{FILE}' for time in ("03:06", "03:07"))
+    assert sc.parse_scenario(same) == sc.parse_scenario(FILE)
+    with pytest.raises(sc.ScenarioError, match=r'epoch_utc = "2024-03-20T03:07:00": is not that of \[sky\]'):
+        sc.parse_scenario(other)
+
+
+def bare():
+    """The scenario of the file without its time."""
+    return replace(sc.parse_scenario(FILE), epoch=None)
 
 
 def test_zones_hold_for_the_trajectorys_duration_or_longer():

@@ -65,7 +65,11 @@ def _export_parser(commands: Any) -> None:
     export.add_argument(
         "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
     )
-    export.add_argument("--epoch", metavar="UTC", help="of the start, such as 2026-01-01T00:00:00")
+    export.add_argument(
+        "--epoch",
+        metavar="UTC",
+        help="of the start, such as 2026-01-01T00:00:00; that of the scene if absent",
+    )
     export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")

@@ -78,8 +78,8 @@ def export(
         plan: a certified one.
         path: the file or folder. It appears whole or not at all.
         format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``.
-        epoch: UTC of the start in ISO 8601. The first three need it, in the last two it is noted, Basilisk
-            counts from the start of its simulation.
+        epoch: UTC of the start in ISO 8601, that of the scene unless told. The first three need it, in the
+            last two it is noted, Basilisk counts from the start of its simulation.
         step_s: between two samples, s; the end is one, too.
         overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
 
@@ -87,19 +87,21 @@ def export(
         The path.
 
     Raises:
-        ValueError: if the format, epoch or step is no good, all faults at once; if the plan is not certified;
-            if an extra is missing.
+        ValueError: if the format, epoch or step is no good or the scene has another epoch, all faults at
+            once; if the plan is not certified; if an extra is missing.
         FileExistsError: if there is something at the path.
     """
     faults = []
-    start, times, kind = None, np.zeros(0), FORMATS.get(format)
+    own, start, times, kind = plan.scenario.epoch, None, np.zeros(0), FORMATS.get(format)
     if kind is None:
         faults.append(f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}")
     try:
-        start = None if epoch is None else parse_epoch(epoch)
+        start = own if epoch is None else parse_epoch(epoch)
     except ValueError as error:
         faults.append(str(error))
-    if kind is not None and kind.dated and epoch is None:
+    if start is not None and own is not None and start != own:
+        faults.append(f"epoch = {epoch!r}: the scene begins at {own}, and its zones and targets are of then")
+    if kind is not None and kind.dated and epoch is None and own is None:
         faults.append(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
     if plan.trajectory is None or not plan.ok:
         faults.append(_refusal(plan))

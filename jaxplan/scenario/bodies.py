@@ -1,7 +1,7 @@
 """The table ``[sky]``: who looks at the sky, when, and which satellites there are to be looked at."""
 
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date
 
 import numpy as np
 
@@ -49,19 +49,24 @@ class Satellite:
 
 @dataclass(frozen=True)
 class Epoch(Kind):
-    """A time in UTC, as text or as TOML's own date-time."""
+    """A time in UTC, as text or as TOML's own date-time or date."""
 
     wanted = "a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2099"
 
     def read(self, value: object, place: Place) -> np.datetime64 | None:
         """The instant, to the microsecond."""
-        if isinstance(value, str | datetime):
+        if isinstance(value, str | date):
             try:
                 return parse_epoch(value)
             except ValueError:
                 pass  # the fault says what is wanted
         place.fault(f"must be {self.wanted}", value)
         return None
+
+    def write(self, value: np.datetime64) -> str:
+        """Text, without zeros at its end."""
+        text = str(value.astype("datetime64[us]"))
+        return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 @dataclass(frozen=True)

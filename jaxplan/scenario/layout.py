@@ -11,7 +11,7 @@ from typing import Any
 
 from jaxplan.scenario import model
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
-from jaxplan.scenario.bodies import SKY
+from jaxplan.scenario.bodies import SKY, Epoch, View
 from jaxplan.scenario.devices import DeviceList, TerminalFactors
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
 from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
@@ -187,9 +187,9 @@ TRAJECTORY = Table(
 )
 
 
-def _make_scenario(*, schema_version: int, sky: object = None, **parts: Any) -> Scenario:
-    """The scenario; what the sky was asked for is in its zones."""
-    return Scenario(**parts)
+def _make_scenario(*, schema_version: int, sky: View | None = None, **parts: Any) -> Scenario:
+    """The scenario; what the sky was asked for is in its zones and targets, and its epoch is kept."""
+    return Scenario(**parts) if sky is None else Scenario(**{**parts, "epoch": sky.epoch})
 
 
 def _split_scenario(scenario: Scenario) -> dict[str, Any]:
@@ -201,6 +201,9 @@ SCENARIO = Table(
     (
         _required("schema_version", Choice((SCHEMA_VERSION,)), "schema_version", "of this layout"),
         _required("name", Text(), "name", "for titles and tables"),
+        Field(
+            "epoch_utc", Epoch(), "epoch", "UTC of the start, for exports; that of [sky] where there is one"
+        ),
         _required("spacecraft", SPACECRAFT, "spacecraft", "platform, terminals and instruments"),
         _required("start", STATE, "start", "the state the manoeuvre starts from"),
         _required("goal", Goal(), "goal", "directions to point at, or a given state"),

@@ -178,6 +178,8 @@ class Scenario:
         keep_in: cones to stay in.
         search: settings of step 2.
         trajectory: settings of step 3.
+        epoch: UTC of the manoeuvre's start, which is that of what bodies and satellites stand for; None where
+            it is no matter.
     """
 
     name: str = _static()
@@ -188,6 +190,7 @@ class Scenario:
     keep_in: tuple[KeepIn, ...] = ()
     search: SearchSettings = field(default_factory=SearchSettings)
     trajectory: TrajectorySettings = field(default_factory=TrajectorySettings)
+    epoch: np.datetime64 | None = field(default=None, metadata={"static": True})
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scenario):

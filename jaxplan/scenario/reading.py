@@ -82,11 +82,19 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
         _check_inertia(tables, root)
         _check_goal_limits(read, root)
         _check_duration(tables, read, root)
+        _check_epoch(tables, read, root)
         resolve_directions(tables, read, root)
     if root.faults:
         raise ScenarioError(root.faults)
     scenario: Scenario = SCENARIO.build(read)
     return scenario
+
+
+def _check_epoch(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
+    """The start has one time."""
+    seen, given = (read.get("sky") or {}).get("epoch"), read.get("epoch")
+    if seen is not None and given is not None and seen != given:
+        root.key("epoch_utc").fault(f"is not that of [sky], {seen}: give one of them", tables["epoch_utc"])
 
 
 def _rows(table: object, key: str) -> list[dict[str, Any]] | None:
