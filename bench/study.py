@@ -1,10 +1,10 @@
 """Studies: scenes a second by one process and by two, and what memory a long one takes.
 
-Two processes are measured without their start: each plans some scenes before the clock runs. Memory is that
+Two processes are measured without their start: both plan the same scenes before the clock runs. Memory is that
 of the process that keeps the study, in a folder, after every tenth of the scenes. To see what rows take, and
 not plans, the scenes of that part are not planned.
 
-    python bench/study.py [-n 200] [--kind keep_in] [--rows 20000]
+    python bench/study.py [-n 400] [--kind keep_in] [--rows 20000]
 """
 
 import argparse
@@ -26,18 +26,17 @@ from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
 from jaxplan.study.work import Answer, head, plan_chunk
 
-_REHEARSAL = 40  # scenes, after which all that is used is compiled
+_REHEARSALS = 2  # of the whole study, after which each process has compiled what it uses
 
 
 def rate(kind: str, count: int, workers: int) -> float:
     """Scenes a second by so many processes."""
     crew = Crew(workers)
     try:
-        for first in (10**6, 0):  # of the rehearsal, and of the study
-            scenes = range(first, first + (_REHEARSAL * workers if first else count))
+        task = Task(kind=kind, scenes=range(count), planner="mha")
+        for size in (*[10] * _REHEARSALS, None):  # the last one counts
             began = time.perf_counter()
-            task = Task(kind=kind, scenes=scenes, planner="mha")
-            chunks = Chunks(task, range(len(scenes)), 10 if first else None)
+            chunks = Chunks(task, range(count), size)
             rows = sum(len(answer.table) for answer in by_workers(chunks, plan_chunk, crew))
         return rows / (time.perf_counter() - began)
     finally:
@@ -81,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("-n", "--scenes", type=positive, default=200, help="that are planned (%(default)s)")
+    parser.add_argument("-n", "--scenes", type=positive, default=400, help="that are planned (%(default)s)")
     parser.add_argument("--kind", choices=RANDOM_KINDS, default="keep_in", help="of them (%(default)s)")
     parser.add_argument("--rows", type=positive, default=20_000, help="of the long study (%(default)s)")
     options = parser.parse_args()

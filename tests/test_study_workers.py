@@ -150,6 +150,18 @@ def test_chunks_grow_and_shrink_to_take_as_long_as_they_should():
     assert Chunks(task(10), range(10), None).take(0).numbers == tuple(range(FIRST))
 
 
+def test_the_last_chunks_are_small_where_several_plan():
+    chunks = Chunks(task(200), range(200), None)
+    sizes = []
+    while (chunk := chunks.take(0, most=4)) is not None:
+        sizes.append(len(chunk.scenes))
+        chunks.learn(len(chunk.scenes), 0.01 * len(chunk.scenes))
+    assert sum(sizes) == 200
+    assert max(sizes) <= 50
+    assert sizes[-4:] == [1] * 4
+    assert len(sizes) < 30
+
+
 def test_idle_workers_are_found_out_and_get_more_to_do():
     under_way = []
 

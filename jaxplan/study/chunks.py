@@ -5,10 +5,11 @@ it, that progress is seen, and that workers end together. The size follows the m
 depends on it.
 """
 
+import math
+from array import array
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import islice
 
 from jaxplan.study.task import Chunk, Task
 
@@ -30,23 +31,29 @@ class Chunks:
     """
 
     def __init__(self, task: Task, left: Iterable[int], size: int | None) -> None:
-        self._task, self._left = task, iter(left)
+        self._task, self._left, self._begun = task, array("Q", left), 0
         self._fixed, self._size = size, size or FIRST
         self._suspects: deque[Chunk] = deque()
         self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
 
-    def take(self, under_way: int) -> Chunk | None:
+    def take(self, under_way: int, most: int = 1) -> Chunk | None:
         """The next chunk; None where there is none, or none that may run beside others.
 
         Args:
             under_way: how many chunks are.
+            most: how many may be at once: none takes more than its share of what is left, so that all who
+                plan are done at about the same time.
         """
         if under_way and (self._suspects or self._alone):
             return None
         self._alone = bool(self._suspects)
         if self._suspects:
             return self._suspects.popleft()
-        numbers = tuple(islice(self._left, self._size))
+        size = self._size
+        if self._fixed is None:
+            size = min(size, math.ceil((len(self._left) - self._begun) / most))
+        numbers = tuple(self._left[self._begun : self._begun + size])
+        self._begun += len(numbers)
         return self._chunk(numbers) if numbers else None
 
     def learn(self, scenes: int, seconds: float) -> None:

@@ -36,7 +36,7 @@ def by_workers(chunks: Chunks, work: Work, crew: Crew) -> Iterator[Answer]:
     while True:
         lost: list[Chunk] = []
         broken = False
-        while len(running) < most and not broken and (chunk := chunks.take(len(running))) is not None:
+        while len(running) < most and not broken and (chunk := chunks.take(len(running), most)) is not None:
             try:
                 running[crew.submit(work, chunk)] = chunk, time.monotonic()
             except BrokenExecutor:  # an idle worker has died, and the chunk was not begun
