@@ -44,7 +44,7 @@ PARTS = {
     ),
     "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
     "refit": (
-        ["trajectory/paper/refit.py", "trajectory/global_spline/refit.py"],
+        [f"trajectory/{name}.py" for name in ("paper/refit", "global_spline/refit", "global_spline/inputs")],
         ["test_sensitivity.py"],
     ),
 }

@@ -55,9 +55,7 @@ class Way:
             half: (n,) s.
             orders: how many.
         """
-        cubic = (
-            self._taylor(self.holding(centre), centre[:, None])[..., 0] * half ** np.arange(4)[:, None, None]
-        )
+        cubic = self._cubic(centre, half)
         padded = np.concatenate([cubic, np.zeros((3, *cubic.shape[1:]))])
         square = jets.product("in,in->n", padded, padded)  # of degree 6
         least = square[0] - np.abs(square[1:]).sum(axis=0)
@@ -68,10 +66,12 @@ class Way:
 
     def rounding(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
         """Sizes (n,) of the rounding errors of `at` on intervals."""
-        cubic = (
-            self._taylor(self.holding(centre), centre[:, None])[..., 0] * half ** np.arange(4)[:, None, None]
-        )
-        return ROUNDING * (1 + np.linalg.norm(cubic, axis=1).sum(axis=0))
+        return ROUNDING * (1 + np.linalg.norm(self._cubic(centre, half), axis=1).sum(axis=0))
+
+    def _cubic(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """Taylor coefficients (4, 3, n) of ``s`` about centres, in the unit of half widths."""
+        about = self._taylor(self.holding(centre), centre[:, None])[..., 0]
+        return about * half ** np.arange(4)[:, None, None]
 
     def _taylor(self, piece: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Taylor coefficients (4, 3, n, m) of ``s`` about times (n, m) of pieces (n,)."""

@@ -9,10 +9,11 @@ from jaxplan.path import Path
 from jaxplan.trajectory.global_spline import program, sqp
 from jaxplan.trajectory.global_spline.chart import Chart
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
+from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.global_spline.job import Attempt, Job
 from jaxplan.trajectory.global_spline.place_rows import Loads
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.refit import inputs_of, linearised
+from jaxplan.trajectory.global_spline.refit import linearised
 from jaxplan.trajectory.global_spline.rows import SIGNS, Family, Index
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
@@ -23,6 +24,7 @@ _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not 
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
 
 Masks = dict[str, np.ndarray]
+_inputs = jax.jit(gather_inputs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +89,7 @@ class Origin:
         settings = replace(job.settings, node_tube=self.attempt.radius, duration=0.0)  # given beside
         z = np.concatenate([held.x.ravel(), held.multipliers])
         with jax.enable_x64(True):
-            inputs = inputs_of(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
+            inputs = _inputs(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
             for _ in range(_STEPS):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
                 if np.all(np.abs(left) <= _LEFT):

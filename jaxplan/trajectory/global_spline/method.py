@@ -221,10 +221,9 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
     above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
     message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > radius:
-        wide = f"{np.rad2deg(attempt.radius):g} deg" if np.isfinite(attempt.radius) else "any distance"
-        note = (
-            f"nodes are passed within {wide}: within trajectory.node_tube_deg none was found, or a slow one"
-        )
+        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
+        how = wide if np.isfinite(attempt.radius) else "only a first guess"
+        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
         message = f"{message}; {note}"
     origin = Origin(job=job, attempt=attempt, stretched=stretch)
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)

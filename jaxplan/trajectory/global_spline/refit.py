@@ -6,13 +6,11 @@ and margins in it. Its last step is written so that automatic differentiation, f
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
@@ -22,53 +20,14 @@ from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
-from jaxplan.trajectory.global_spline.build import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
-from jaxplan.trajectory.global_spline.job import TUBE_RADIUS
+from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs
 from jaxplan.trajectory.global_spline.motion import loads_at
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.zones import Cones, separation
 
 _STEPS, _LEFT = 5, 1e-9  # at most so many of Newton's steps, to such a residual, before the last one
 _SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Inputs:
-    """All that the optimum depends on.
-
-    Attributes:
-        attitude: (3, 3) of the chart.
-        turn: (3,) likewise.
-        nodes: (m + 1, A) ``b`` and joints.
-        offset: (n, A) coefficients of the curve without freedom.
-        energy: (n, n) of one axis.
-        scales: of linear rows, see `LinearRows`.
-        limits: (Q, 3) of the platform's loads, in the place.
-        wanted: (D, Z) rad, margins to keep.
-        inertia: (3, 3).
-        mounts: (n,) rad.
-        fixed: (I, 3) boresights of the instruments.
-        cones: the zones.
-        dynamic: whether torque and momentum are among the loads.
-        jerky: whether the jerk is.
-    """
-
-    attitude: Traced
-    turn: Traced
-    nodes: Traced
-    offset: Traced
-    energy: Traced
-    scales: Traced
-    limits: Traced
-    wanted: Traced
-    inertia: Traced
-    mounts: Traced
-    fixed: Traced
-    cones: Cones
-    dynamic: bool = field(metadata={"static": True})
-    jerky: bool = field(metadata={"static": True})
 
 
 def refit(
@@ -94,7 +53,7 @@ def refit(
         bind, or one does no longer, it is the optimum under the rows that are held.
     """
     duration = held.duration if held.stretched else jnp.asarray(settings.duration)
-    inputs = _inputs(held, path, spacecraft, settings, cones, rates, duration)
+    inputs = gather_inputs(held, path, spacecraft, settings, cones, rates, duration)
     coefficients = held.free @ _split(held, _solve(held, inputs))[0] + inputs.offset
     pieces = jnp.einsum("kpn,na->kpa", held.pieces, coefficients)
     count = len(held.breaks) - 1
@@ -113,81 +72,14 @@ def refit(
     return to_limits(curve, spacecraft) if held.stretched else curve
 
 
-inputs_of = jax.jit(lambda *arguments: _inputs(*arguments))
-
-
 @jax.jit
-def linearised(held: Held, inputs: _Inputs, z: ArrayLike) -> tuple[Traced, Traced]:
+def linearised(held: Held, inputs: Inputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
     z = jnp.asarray(z)
     return _residual(held, inputs, z), _matrix(held, inputs, z)
 
 
-def _inputs(
-    held: Held,
-    path: Path,
-    craft: Spacecraft,
-    settings: TrajectorySettings,
-    cones: Cones,
-    rates: ArrayLike,
-    duration: Traced,
-) -> _Inputs:
-    attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
-    first, last = attitudes[0], attitudes[-1]
-    turn = so3.log(first.T @ last)
-    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(so3.length(turn)))
-    back = so3.exp(-held.places[:, None] * turn / 2)  # U^T
-    eta = so3.log(back @ (first.T @ attitudes) @ back)
-    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(so3.length(eta)))[:, None]
-    nodes = jnp.concatenate([eta + held.places[:, None] * turn, joints], axis=1)
-    ends = jnp.asarray(rates)
-    ends = ends.at[1, :3].set(so3.exp(turn / 2) @ ends[1, :3])
-    weights = jnp.stack(
-        [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
-    )
-    radius = TUBE_RADIUS if settings.node_tube is None else settings.node_tube
-    tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
-    scales = [
-        craft.joint_rate_limits * duration,
-        craft.joint_acceleration_limits * duration**2,
-        craft.joint_limits,
-        tube,
-    ]
-    limits: list[ArrayLike] = [craft.rate_limit, craft.acceleration_limit]
-    actuators = (craft.torque_limit, craft.wheel_momentum_limit)
-    dynamic = craft.inertia is not None and any(limit is not None for limit in actuators)
-    if dynamic:
-        limits += [jnp.inf if limit is None else limit for limit in actuators]
-    if craft.jerk_limit is not None:
-        limits.append(craft.jerk_limit)
-    powers = np.array(held.powers)[:, None]
-    body = body_boresights(craft.mounts, craft.fixed_boresights, joints[jnp.array([0, -1])])
-    margins = cones.side * (
-        _angles(body @ jnp.swapaxes(attitudes[jnp.array([0, -1])], -1, -2), cones) - cones.half_angle
-    )
-    room = jnp.where(cones.side > 0, jnp.pi - cones.half_angle, cones.half_angle)
-    wanted = jnp.minimum(CLEARANCE, OF_ENDS * jnp.minimum(jnp.maximum(jnp.min(margins, axis=0), 0), room))
-    return _Inputs(
-        attitude=first,
-        turn=turn,
-        nodes=nodes,
-        offset=held.of_values @ nodes[held.given] + duration * (held.of_rates @ ends),
-        energy=jnp.tensordot(weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1),
-        scales=jnp.concatenate([jnp.asarray(scale) for scale in scales]),
-        limits=held.tightened
-        * jnp.stack([jnp.broadcast_to(jnp.asarray(limit), 3) for limit in limits])
-        * duration**powers,
-        wanted=wanted,
-        inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
-        mounts=jnp.asarray(craft.mounts),
-        fixed=jnp.asarray(craft.fixed_boresights),
-        cones=cones,
-        dynamic=dynamic,
-        jerky=craft.jerk_limit is not None,
-    )
-
-
-def _solve(held: Held, inputs: _Inputs) -> Traced:
+def _solve(held: Held, inputs: Inputs) -> Traced:
     """The root ``z``, flat."""
     fixed = jax.lax.stop_gradient((held, inputs))
     z = jnp.concatenate([held.x.ravel(), held.multipliers])
@@ -216,7 +108,7 @@ def _on(held: Held) -> Traced:
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
-def _residual(held: Held, inputs: _Inputs, z: Traced) -> Traced:
+def _residual(held: Held, inputs: Inputs, z: Traced) -> Traced:
     """``F``; a row that is padding stands for its multiplier, which is zero."""
     x, y = _split(held, z)
     c, on = held.free @ x + inputs.offset, _on(held)
@@ -225,7 +117,7 @@ def _residual(held: Held, inputs: _Inputs, z: Traced) -> Traced:
     return jnp.concatenate([pull.ravel(), jnp.where(on, values, y)])
 
 
-def _rows(held: Held, inputs: _Inputs, c: Traced) -> tuple[Traced, Traced]:
+def _rows(held: Held, inputs: Inputs, c: Traced) -> tuple[Traced, Traced]:
     """By how much of a limit, of zones by how many rad, each row is broken (R,); slopes (R, k, A)."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
@@ -252,19 +144,19 @@ def _rows(held: Held, inputs: _Inputs, c: Traced) -> tuple[Traced, Traced]:
 
 
 def _each(
-    function: Callable[..., Traced], inputs: _Inputs, rows: LoadRows | ZoneRows, local: Traced
+    function: Callable[..., Traced], inputs: Inputs, rows: LoadRows | ZoneRows, local: Traced
 ) -> Traced:
     """A function of one row and what it depends on, for all rows."""
     return jax.vmap(function, (None, 0, 0))(inputs, rows, local)
 
 
-def _load_row(inputs: _Inputs, row: LoadRows, z: Traced) -> Traced:
+def _load_row(inputs: Inputs, row: LoadRows, z: Traced) -> Traced:
     """One load at one place, from ``b`` and its derivatives (4, 3)."""
     loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.dynamic, inputs.jerky)
     return row.sign * loads[row.load, row.axis] / inputs.limits[row.load, row.axis] - 1
 
 
-def _zone_row(inputs: _Inputs, row: ZoneRows, z: Traced) -> Traced:
+def _zone_row(inputs: Inputs, row: ZoneRows, z: Traced) -> Traced:
     """One margin at one place, from ``b`` and joints (3 + 2n,)."""
     half = so3.exp(row.place * inputs.turn / 2)
     attitude = inputs.attitude @ half @ so3.exp(z[:3] - row.place * inputs.turn) @ half
@@ -275,7 +167,7 @@ def _zone_row(inputs: _Inputs, row: ZoneRows, z: Traced) -> Traced:
     return inputs.wanted[row.device, zone] - margin
 
 
-def _matrix(held: Held, inputs: _Inputs, z: Traced) -> Traced:
+def _matrix(held: Held, inputs: Inputs, z: Traced) -> Traced:
     """Derivative of `_residual` in ``z``, put together from small blocks at the rows that bind."""
     x, y = _split(held, z)
     c, free, on = held.free @ x + inputs.offset, held.free, _on(held)
@@ -296,12 +188,3 @@ def _matrix(held: Held, inputs: _Inputs, z: Traced) -> Traced:
     jacobian = _rows(held, inputs, c)[1].reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -_SLACK, 1.0))
     return jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
-
-
-def _angles(boresights: Array, cones: Cones) -> Traced:
-    """(..., D, Z) between devices (..., D, 3) and zones' axes."""
-    return separation(boresights[..., :, None, :], jnp.asarray(cones.direction))
-
-
-def _positive(length: Array) -> Traced:
-    return jnp.where(length > 0, length, 1)

@@ -1,0 +1,130 @@
+"""What the optimum of a fit depends on, from a path, a spacecraft, settings and zones; differentiable."""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+from jaxplan.path import Path
+from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft, body_boresights
+from jaxplan.trajectory.global_spline.build import CLEARANCE, OF_ENDS
+from jaxplan.trajectory.global_spline.held import Held, Traced
+from jaxplan.trajectory.global_spline.job import TUBE_RADIUS
+from jaxplan.zones import Cones, separation
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inputs:
+    """All that the optimum depends on.
+
+    Attributes:
+        attitude: (3, 3) of the chart.
+        turn: (3,) likewise.
+        nodes: (m + 1, A) ``b`` and joints.
+        offset: (n, A) coefficients of the curve without freedom.
+        energy: (n, n) of one axis.
+        scales: of linear rows, see `LinearRows`.
+        limits: (Q, 3) of the platform's loads, in the place.
+        wanted: (D, Z) rad, margins to keep.
+        inertia: (3, 3).
+        mounts: (n,) rad.
+        fixed: (I, 3) boresights of the instruments.
+        cones: the zones.
+        dynamic: whether torque and momentum are among the loads.
+        jerky: whether the jerk is.
+    """
+
+    attitude: Traced
+    turn: Traced
+    nodes: Traced
+    offset: Traced
+    energy: Traced
+    scales: Traced
+    limits: Traced
+    wanted: Traced
+    inertia: Traced
+    mounts: Traced
+    fixed: Traced
+    cones: Cones
+    dynamic: bool = field(metadata={"static": True})
+    jerky: bool = field(metadata={"static": True})
+
+
+def gather_inputs(
+    held: Held,
+    path: Path,
+    craft: Spacecraft,
+    settings: TrajectorySettings,
+    cones: Cones,
+    rates: ArrayLike,
+    duration: Traced,
+) -> Inputs:
+    """The inputs of what is held, for the arguments of `refit.refit` and a duration in s."""
+    attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
+    first, last = attitudes[0], attitudes[-1]
+    turn = so3.log(first.T @ last)
+    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(so3.length(turn)))
+    back = so3.exp(-held.places[:, None] * turn / 2)  # U^T
+    eta = so3.log(back @ (first.T @ attitudes) @ back)
+    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(so3.length(eta)))[:, None]
+    nodes = jnp.concatenate([eta + held.places[:, None] * turn, joints], axis=1)
+    ends = jnp.asarray(rates)
+    ends = ends.at[1, :3].set(so3.exp(turn / 2) @ ends[1, :3])
+    weights = jnp.stack(
+        [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
+    )
+    radius = TUBE_RADIUS if settings.node_tube is None else settings.node_tube
+    tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
+    scales = [
+        craft.joint_rate_limits * duration,
+        craft.joint_acceleration_limits * duration**2,
+        craft.joint_limits,
+        tube,
+    ]
+    limits: list[ArrayLike] = [craft.rate_limit, craft.acceleration_limit]
+    actuators = (craft.torque_limit, craft.wheel_momentum_limit)
+    dynamic = craft.inertia is not None and any(limit is not None for limit in actuators)
+    if dynamic:
+        limits += [jnp.inf if limit is None else limit for limit in actuators]
+    if craft.jerk_limit is not None:
+        limits.append(craft.jerk_limit)
+    powers = np.array(held.powers)[:, None]
+    body = body_boresights(craft.mounts, craft.fixed_boresights, joints[jnp.array([0, -1])])
+    margins = cones.side * (
+        _angles(body @ jnp.swapaxes(attitudes[jnp.array([0, -1])], -1, -2), cones) - cones.half_angle
+    )
+    room = jnp.where(cones.side > 0, jnp.pi - cones.half_angle, cones.half_angle)
+    wanted = jnp.minimum(CLEARANCE, OF_ENDS * jnp.minimum(jnp.maximum(jnp.min(margins, axis=0), 0), room))
+    return Inputs(
+        attitude=first,
+        turn=turn,
+        nodes=nodes,
+        offset=held.of_values @ nodes[held.given] + duration * (held.of_rates @ ends),
+        energy=jnp.tensordot(weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1),
+        scales=jnp.concatenate([jnp.asarray(scale) for scale in scales]),
+        limits=held.tightened
+        * jnp.stack([jnp.broadcast_to(jnp.asarray(limit), 3) for limit in limits])
+        * duration**powers,
+        wanted=wanted,
+        inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
+        mounts=jnp.asarray(craft.mounts),
+        fixed=jnp.asarray(craft.fixed_boresights),
+        cones=cones,
+        dynamic=dynamic,
+        jerky=craft.jerk_limit is not None,
+    )
+
+
+def _angles(boresights: Array, cones: Cones) -> Traced:
+    """(..., D, Z) between devices (..., D, 3) and zones' axes."""
+    return separation(boresights[..., :, None, :], jnp.asarray(cones.direction))
+
+
+def _positive(length: Array) -> Traced:
+    return jnp.where(length > 0, length, 1)
