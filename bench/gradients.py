@@ -8,6 +8,7 @@ then the time to tune weights over a batch of random scenes, its first steps, wh
 """
 
 import argparse
+import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -74,10 +75,12 @@ if __name__ == "__main__":
     parser.add_argument("--scenes", type=positive, default=64)
     parser.add_argument("--steps", type=positive, default=100)
     options = parser.parse_args()
+    affinity = os.sched_getaffinity(0)
     print_machine()
     print("case 2   value, ms  with gradient, ms  ratio   fit, ms")
     for method in ("paper", "global"):
         compare(method)
+    os.sched_setaffinity(0, affinity)  # slopes are taken on all cores
     print(f"\n{options.steps} steps over {options.scenes} random keep_out scenes in 120 s")
     print("         one step, s  all, warm, s   mean peak acceleration, deg/s^2")
     for method in ("paper", "global"):

@@ -1,8 +1,8 @@
 """Studies: scenes a second by one process and by two, and what memory a long one takes.
 
-Two processes are measured without their start: both plan the same scenes before the clock runs. Memory is that
-of the process that keeps the study, in a folder, after every tenth of the scenes. To see what rows take, and
-not plans, the scenes of that part are not planned.
+Two processes are measured without their start: both plan the same scenes before the clock runs. Memory is
+that of the process that keeps the study, in a folder, after every tenth of the scenes. To see what rows
+take, and not plans, the scenes of that part are not planned.
 
     python bench/study.py [-n 400] [--kind keep_in] [--rows 20000]
 """

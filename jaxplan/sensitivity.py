@@ -28,6 +28,7 @@ from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, MovingTargets, Scenario
 from jaxplan.scenario.moments import moves
+from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.zones import tabulate
@@ -53,6 +54,7 @@ class Held:
     fit: Any
 
 
+@one_thread()
 def hold(plan: Plan) -> Held:
     """What is held fixed of a plan while its scenario changes.
 
@@ -132,6 +134,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     return refit(held.fit, path, craft, scenario.trajectory, cones, ends)
 
 
+@one_thread()
 def follow(plan: Plan, scenario: Scenario) -> Plan:
     """The plan of a scenario near that of another plan: without a search, between the same interior nodes.
 
@@ -146,6 +149,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     return _followed(plan, scenario)[0]
 
 
+@one_thread()
 def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
     """As `follow` and then `hold` with one fit; None for what is held where `hold` raises."""
     followed, fitted = _followed(plan, scenario)

@@ -1,7 +1,10 @@
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
+import jaxplan as jp
+from jaxplan import sensitivity
 from jaxplan.threads import _libraries, one_thread
 
 
@@ -39,3 +42,22 @@ def test_the_last_of_several_to_leave_puts_the_number_back(two_threads):
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(see, range(200))) == [{1}] * 200
     assert set(numbers()) == {2}
+
+
+def test_plans_are_held_and_followed_with_one_thread(two_threads, monkeypatch):
+    seen = []
+
+    def look(*_):
+        seen.append(set(numbers()))
+        raise ZeroDivisionError
+
+    for name in ("fit", "find_goals"):
+        monkeypatch.setattr(sensitivity, name, look)
+    scenario = jp.paper_case(1)
+    plan = SimpleNamespace(ok=True, path=(), goal=(), scenario=scenario)
+    with pytest.raises(ZeroDivisionError):
+        jp.hold(plan)
+    for follow in (jp.follow, sensitivity.follow_and_hold):
+        with pytest.raises(ZeroDivisionError):
+            follow(plan, scenario)
+    assert seen == [{1}] * 3
