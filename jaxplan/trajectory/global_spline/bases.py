@@ -111,8 +111,14 @@ class Basis:
         """
         nodes, to_legendre = _legendre_fit()
         half = np.diff(self.breaks)[:, None] / 2
-        values = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel(), 1)[0] @ coefficients
-        return to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
+        # The splines sum to one, so a constant may go by itself: in a short time its rounding would be a jump
+        # of the derivatives.
+        base = coefficients[:1]
+        rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel(), 1)[0]
+        values = rows @ (coefficients - base)
+        found: np.ndarray = to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
+        found[:, 0] += base
+        return found
 
 
 def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:

@@ -55,7 +55,8 @@ def refit(
     duration = held.duration if held.stretched else jnp.asarray(settings.duration)
     inputs = gather_inputs(held, path, spacecraft, settings, cones, rates, duration)
     coefficients = held.free @ _split(held, _solve(held, inputs))[0] + inputs.offset
-    pieces = jnp.einsum("kpn,na->kpa", held.pieces, coefficients)
+    base = coefficients[:1]  # see `Basis.pieces`
+    pieces = jnp.einsum("kpn,na->kpa", held.pieces, coefficients - base).at[:, 0].add(base)
     count = len(held.breaks) - 1
     breaks = held.breaks * duration
     arrays: dict[str, Any] = {
