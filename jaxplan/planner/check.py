@@ -95,20 +95,31 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
 
-    Of targets that move `arrival_faults` tells.
+    Of the directions of targets that move `arrival_faults` tells.
     """
     asked, craft = scenario.goal, scenario.spacecraft
+    off = []
+    turn = start_attitude(scenario).T @ goal.attitude
+    sine = np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    if not abs(np.arctan2(sine, (np.trace(turn) - 1) / 2) - goal.slew_angle) <= GOAL_TOLERANCE:
+        off.append("the goal's slew angle is not that from the start")
+    if not isinstance(asked, GivenState):
+        limits = zip(
+            ("yaw", "pitch"), (asked.yaw_limit, asked.pitch_limit), np.split(goal.joints, 2), strict=True
+        )
+        for name, limit, angles in limits:
+            if limit is not None and not np.all(np.abs(angles) <= limit + GOAL_TOLERANCE):
+                off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
     if isinstance(asked, GivenState):
         with jax.enable_x64(True):
             attitude = np.asarray(exp(np.asarray(asked.rotation_vector, float)))
         joints = asked.joints
     elif not isinstance(asked, Targets):
-        return ()
+        return tuple(off)
     else:
         attitude = goal.attitude
         with jax.enable_x64(True):
             joints = np.asarray(craft.joints_toward(goal.attitude, asked.directions))
-    off = []
     if not np.linalg.norm(goal.attitude - attitude) <= GOAL_TOLERANCE:
         off.append("the goal's attitude is not the scenario's")
     if not np.all(np.abs(goal.joints - joints) <= GOAL_TOLERANCE):

@@ -18,12 +18,12 @@ from jaxplan.trajectory import Trajectory, duration_bound, excess
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
+    asked = scenario.goal
+    if not isinstance(asked, MovingTargets):
+        return asked.angular_velocity, asked.joint_rates
     if isinstance(goal, MovingGoal):
         return goal.angular_velocity, goal.joint_rates
-    asked = scenario.goal
-    if isinstance(asked, MovingTargets):  # and yet a goal without rates, which no certificate lets pass
-        return np.zeros(3), np.zeros(len(goal.joints))
-    return asked.angular_velocity, asked.joint_rates
+    return np.zeros(3), np.zeros(len(goal.joints))  # a goal without rates, which no certificate lets pass
 
 
 def report_summary(report: Report | None) -> dict[str, Any]:
