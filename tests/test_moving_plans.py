@@ -17,7 +17,7 @@ from jaxplan.planner.check import check_margins, check_plan
 from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.scenario import MovingTargets, Targets
-from jaxplan.scenario.moments import at, axis_at
+from jaxplan.scenario.moments import at, axis_at, known_until
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
 from jaxplan.zones import KeepIn, KeepOut
@@ -238,6 +238,14 @@ def test_no_path_is_only_claimed_of_what_is_forbidden_at_every_instant(scene):
     quick = ring(scene, "port", start, 0.01)  # it is off the start before half of the time is over
     assert find_barrier(make_scene(at(quick, 0.0), slow.goal, attitude)) is not None
     assert find_barrier(make_scene(always(quick, slow.goal), slow.goal, attitude)) is None
+    # In a duration that is to be found, targets may move on; and zones, as long as they are known.
+    free = with_duration(slow.scenario, "minimum")
+    assert find_barrier(make_scene(always(free, slow.goal), slow.goal, attitude)) is None
+    goal = at(scene, slow.goal.time).goal
+    for rate, duration, parted in ((1e-5, "minimum", True), (1.4e-3, 80.0, True), (1.4e-3, "minimum", False)):
+        rings = with_duration(replace(ring(scene, "port", start, rate), goal=goal), duration)
+        assert known_until(rings)[0] == 120 > slow.goal.time
+        assert (find_barrier(make_scene(always(rings, slow.goal), slow.goal, attitude)) is not None) == parted
 
 
 def test_a_duration_beyond_what_is_known_is_missed_and_says_what_to_give(scene):
@@ -300,6 +308,11 @@ def test_a_fixed_goal_among_zones_that_move_is_met_at_rest(scene, plans):
         np.testing.assert_allclose(directions, still.goal.directions, atol=1e-8)
         np.testing.assert_allclose(rates, 0, atol=1e-8)
         assert sampled(plan.trajectory, still.spacecraft, still.keep_out).min() >= 0
+        turning = replace(plan.goal, angular_velocity=np.array([0.01, 0, 0]))
+        assert check_plan(replace(plan, goal=turning)).certified  # what it says of itself does not matter
+        asked = replace(still.goal, angular_velocity=np.array([0.01, 0, 0]))
+        report = check_plan(replace(plan, scenario=replace(plan.scenario, goal=asked), goal=turning))
+        assert any("goal" in fault and "0.01 rad/s" in fault for fault in report.faults), report.faults
 
 
 def test_derivatives_and_tuning_refuse_what_moves(plans, scene):

@@ -12,8 +12,9 @@ import jaxplan as jp
 from jaxplan.certificate import Report
 from jaxplan.planner import chain, messages
 from jaxplan.planner.check import check_plan
+from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import STRETCHED, Targets, parse_scenario
+from jaxplan.scenario import STRETCHED, Targets, parse_scenario, with_settings
 from jaxplan.search import make_scene
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -108,6 +109,55 @@ def test_plans_of_the_papers_cases_run_from_start_to_the_published_targets(case_
     turn = (Rotation.from_matrix(ends.attitude[0]).inv() * Rotation.from_matrix(ends.attitude[1])).magnitude()
     assert plan.goal.slew_angle == pytest.approx(turn, abs=1e-8)
     assert check_plan(plan).certified
+
+
+def test_a_goal_beyond_its_own_limits_or_with_another_slew_is_not_certified(case_plans):
+    plan = case_plans[1]
+    yaw, pitch = np.abs(np.split(plan.goal.joints, 2)).max(axis=1)
+    for key, least in (("yaw", yaw), ("pitch", pitch)):
+        for share, certified in ((1.001, True), (0.999, False)):
+            limited = replace(plan.scenario.goal, **{f"{key}_limit": share * least})
+            report = check_plan(replace(plan, scenario=replace(plan.scenario, goal=limited)))
+            assert report.certified == certified
+            assert any(f"goal.{key}_limit_deg" in fault for fault in report.faults) != certified
+    for slew in (0.0, np.nan):
+        report = check_plan(replace(plan, goal=replace(plan.goal, slew_angle=slew)))
+        assert "the goal's slew angle is not that from the start" in report.faults
+
+
+@pytest.mark.parametrize("duration", ["stretched", "minimum"])
+def test_the_shortest_of_ways_is_gone_to_the_nearest_goal(case_plans, duration):
+    plan = case_plans[2]
+    settings = {"trajectory.method": "global", "trajectory.duration_s": duration}
+    for turn in (1e-3, 3e-2):
+        attitude = plan.goal.attitude @ Rotation.from_rotvec([turn, 0, 0]).as_matrix()
+        start = replace(
+            plan.scenario.start,
+            rotation_vector=Rotation.from_matrix(attitude).as_rotvec(),
+            joints=plan.goal.joints,
+        )
+        near = jp.plan(with_settings(replace(plan.scenario, start=start), settings))
+        assert near.goal.slew_angle < 0.2 * turn
+        assert near.trajectory.duration < 2.0
+        assert not near.message
+
+
+def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
+    scenario = jp.paper_case(1)
+    nearest, *others = find_goals(scenario, Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix())
+    assert others
+    finish = chain.finish
+
+    def fail(so_far, path, clock):
+        if so_far.goal.slew_angle < nearest.slew_angle + 0.01:
+            return replace(so_far, status=jp.Status.UNCERTIFIED, message="it jumps")
+        return finish(so_far, path, clock)
+
+    monkeypatch.setattr(chain, "finish", fail)
+    plan = jp.plan(scenario)
+    assert plan.goal.slew_angle > nearest.slew_angle + 0.01
+    assert "this is not the nearest goal" in plan.message
+    assert "ended as UNCERTIFIED; it jumps" in plan.message
 
 
 def test_plans_of_the_papers_cases_are_those_of_the_golden_set(case_plans):

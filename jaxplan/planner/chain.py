@@ -90,7 +90,7 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     else:
         assert failed is not None  # there is at least one guess
         return failed
-    best = _Best()
+    best, nearest = _Best(), None
     for goal in goals:
         # Where there is none beside all that moving zones sweep, there may be one past them in time.
         for share in (1.0, 0.0) if isinstance(goal, MovingGoal) else (1.0,):
@@ -99,7 +99,11 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
                 break
         if best.over:
             break
+        nearest = nearest or best.plan
     assert best.plan is not None  # there is at least one goal, and at least one attempt at it
+    if best.plan.ok and nearest is not None:
+        message = messages.farther(nearest, best.plan)
+        return replace(best.plan, message=message)
     return best.plan
 
 

@@ -1,6 +1,7 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from jaxplan.scenario.moments import moves
 from jaxplan.search import Barrier, Scene, SearchResult, alone_and_grouped, most_obstructive
 from jaxplan.status import Status
 from jaxplan.zones import KeepIn, KeepOut
+
+if TYPE_CHECKING:
+    from jaxplan.planner.record import Plan
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -87,6 +91,14 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
         return f"; keep-in group {group} is most in the way"
     zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *alone_and_grouped(scenario.keep_in)[0]]
     return f"; zone {zones[row].name} is most in the way"
+
+
+def farther(nearest: "Plan", plan: "Plan") -> str:
+    """Of a plan that goes to another goal than the nearest one, which failed."""
+    assert nearest.goal is not None
+    slew = np.rad2deg(nearest.goal.slew_angle)
+    failed = f"this is not the nearest goal: that, {slew:.4g} deg away, ended as {nearest.status.name}"
+    return "; ".join(filter(None, (plan.message, failed, nearest.message)))
 
 
 def uncertified(report: Report) -> str:

@@ -14,7 +14,7 @@ from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
-from jaxplan.scenario.moments import known_until, moves
+from jaxplan.scenario.moments import known_until, moves, paths
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
 from jaxplan.threads import one_thread
@@ -202,6 +202,10 @@ def _expect_scenario(name: str, given: object) -> None:
         if method not in methods:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
+    for what, path in paths(given):
+        if not path.covers(0.0):
+            known = f"[{path.times[0]:g}, {path.times[-1]:g}] s"
+            raise ValueError(f"{name}: {what} is known in {known}, and the manoeuvre begins at 0")
     duration, (known_for, what) = given.trajectory.duration, known_until(given)
     if isinstance(duration, str):
         if moves(given) and given.trajectory.method == "paper":

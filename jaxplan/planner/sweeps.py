@@ -17,8 +17,8 @@ from jax import Array
 
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
-from jaxplan.scenario import Scenario
-from jaxplan.scenario.moments import Zone, axis_at
+from jaxplan.scenario import MovingTargets, Scenario
+from jaxplan.scenario.moments import Zone, axis_at, known_until
 from jaxplan.search import alone_and_grouped
 from jaxplan.spacecraft import body_boresights
 from jaxplan.zones import KeepIn, KeepOut
@@ -75,6 +75,9 @@ def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray, share: float = 1
 def always(scenario: Scenario, goal: Goal) -> Scenario:
     """The scenario with cones for what zones that move forbid at every instant, where they forbid anything.
 
+    Where the duration is to be found, that is as long as zones are known; and where targets move then, too,
+    so that the goal may be elsewhere, nothing is forbidden for good.
+
     Args:
         scenario: one in which nothing moves is returned itself.
         goal: where and when the manoeuvre ends.
@@ -82,6 +85,10 @@ def always(scenario: Scenario, goal: Goal) -> Scenario:
     if not isinstance(goal, MovingGoal):
         return scenario
     time = goal.time
+    if isinstance(scenario.trajectory.duration, str):
+        if isinstance(scenario.goal, MovingTargets):
+            return replace(scenario, keep_out=(), keep_in=())
+        time = known_until(scenario)[0]
 
     def cones(zones: Iterable[Zone]) -> Iterator[Zone]:
         for zone in zones:
