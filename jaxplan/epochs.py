@@ -27,12 +27,12 @@ def parse_epoch(text: object) -> np.datetime64:
     """
     try:
         moment = datetime.fromisoformat(str(text).strip())
-    except ValueError as error:
+        if moment.tzinfo is not None:
+            moment = moment.astimezone(UTC).replace(tzinfo=None)
+    except (ValueError, OverflowError) as error:
         raise ValueError(
             f"epoch = {text!r}: must be a time in UTC such as 2026-01-01T00:00:00 ({error})"
         ) from error
-    if moment.tzinfo is not None:
-        moment = moment.astimezone(UTC).replace(tzinfo=None)
     if not _FIRST <= moment.year <= _LAST:
         raise ValueError(f"epoch = {text!r}: must lie in the years {_FIRST} to {_LAST}")
     return np.datetime64(moment, "ns")

@@ -6,7 +6,7 @@ Between its samples a direction follows the cubic spline through them, brought t
 
 ``s`` with two continuous derivatives, and a third one over the first and the last two intervals (not-a-knot).
 It passes every sample, and is off by the fourth power of the time between them: of a neighbour in low orbit
-that is sampled every 10 s by less than 1e-9 rad. Times are seconds from the start of the manoeuvre on.
+that is sampled every 10 s by about 1e-9 rad. Times are seconds from the start of the manoeuvre on.
 """
 
 from dataclasses import dataclass

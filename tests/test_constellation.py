@@ -233,6 +233,8 @@ def test_links_kept_through_the_sun_are_counted_as_invalid():
     [
         ({"sun_direction": [0, 0, 2.0]}, ["sun_direction", "unit vector"]),
         ({"sun_direction": [0, 0, np.nan]}, ["sun_direction"]),
+        ({"sun_direction": "sun"}, ["sun_direction: must be a unit vector (3,) of numbers"]),
+        ({"before": [[0, 1, 2], [3]]}, ["before has shape (0,)"]),
         ({"sun_half_angle": 2.0, "sun_outage": "hope"}, ["sun_half_angle = 2.0", "'wait' or 'keep'"]),
         ({"lowest_altitude": np.nan, "drift_time": -1}, ["lowest_altitude = nan", "drift_time = -1"]),
         ({"time": "noon"}, ["time = 'noon'"]),

@@ -37,6 +37,7 @@ def test_the_instants_are_multiples_of_the_step_and_the_end():
     np.testing.assert_allclose(instants(0.90001, 0.3), [0, 0.3, 0.6, 0.90001])
     assert instants(1.0, 5.0).tolist() == [0, 1]
     assert instants(0.0, 0.1).tolist() == [0]
+    assert instants(80.0, 1e9).tolist() == [0, 80]
     for duration in np.random.default_rng(1).uniform(0.1, 100, 200):
         times = instants(duration, 0.1)
         assert times[-1] == duration
@@ -57,7 +58,16 @@ def test_epochs_are_read_as_utc():
     expected = np.datetime64("2026-01-01T10:00:00.5", "ns")
     for text in ("2026-01-01T10:00:00.5", "2026-01-01T10:00:00.500Z", "2026-01-01T12:30:00.5+02:30"):
         assert parse_epoch(text) == expected
-    for text in ("soon", "", "2026-02-30", "1971-12-31T23:59:59", "2100-01-01", 12, "nan"):
+    for text in (
+        "soon",
+        "",
+        "2026-02-30",
+        "1971-12-31T23:59:59",
+        "2100-01-01",
+        12,
+        "nan",
+        "0001-01-01T00:00:00+14:00",
+    ):
         with pytest.raises(ValueError, match="epoch = "):
             parse_epoch(text)
 

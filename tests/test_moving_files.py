@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from moving_scenes import LOW_ORBIT, great_circle
 
+import jaxplan as jp
 from jaxplan import scenario as sc
 from jaxplan import sky
 from jaxplan.moving import DirectionPath
@@ -193,6 +195,21 @@ def test_rates_at_a_goal_that_moves_are_not_given():
         sc.scenario_from_dict(changed((("goal", "angular_velocity_rad_s"), [0, 0, 0.1])))
 
 
+def test_what_moves_must_be_known_when_the_manoeuvre_begins():
+    early = (((*OUT, "times_s"), [-9, -8, -7, -6, -5]), (("trajectory", "duration_s"), "stretched"))
+    with pytest.raises(sc.ScenarioError) as caught:
+        sc.scenario_from_dict(changed(*early))
+    assert caught.value.faults == ("keep_out[0].times_s: must reach from the start, 0, on, lies in [-9, -5]",)
+    scenario = sc.scenario_from_dict(changed())
+    path = scenario.keep_out[0].direction
+    late = DirectionPath.through(path.times + 5, path.samples)
+    zone = replace(scenario.keep_out[0], direction=late)
+    with pytest.raises(
+        ValueError, match=r"zone out is known in \[5, 85.5\] s, and the manoeuvre begins at 0"
+    ):
+        jp.plan(replace(scenario, keep_out=(zone,)))
+
+
 def test_the_papers_method_wants_a_number_of_seconds_where_something_moves():
     for settings in ({"method": "paper"}, {"method": "paper", "duration_s": "stretched"}):
         with pytest.raises(sc.ScenarioError, match="must be a number of seconds with trajectory"):
@@ -216,6 +233,7 @@ AHEAD = 'satellite = "ahead"'
         ("duration_s = 80.0", 'duration_s = "minimum"', None),
         ("latitude_deg = 60 }", "latitude_deg = 40 }", 'keep_in[0].satellite = "ahead": target and observer'),
         ("moving = true", "moving = 1", "keep_out[0].moving = 1: must be true or false"),
+        ("inclination_deg = 53", "inclination_deg = 200", "sky.observer.inclination_deg = 200: must lie in"),
     ],
 )
 def test_a_wrong_word_about_satellites_is_named(old, new, fault):

@@ -1,7 +1,8 @@
 """Whom each terminal of a shell points at, before and after a switch of the topology, and who can be seen.
 
 A topology is an array (T, n): for each satellite the number of the satellite that each of its terminals
-points at. Those made here are mutual: where A has a terminal for B, B has one for A.
+points at. Those made here are mutual: where A has a terminal for B, B has one for A. Only the outer planes of
+a star with three terminals have nobody to pair with after the switch, beyond them there is none.
 
 With three terminals a satellite has its two neighbours in the plane, and one in a plane beside. Even planes
 pair with those to their east, odd ones with those to their west; at the switch they change sides. With
@@ -73,7 +74,10 @@ def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> n
     Raises:
         ScenarioError: if it is none.
     """
-    table = np.asarray(value)
+    try:
+        table = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        table = np.zeros(0)
     if table.shape != (shell.total, terminals) or not np.issubdtype(table.dtype, np.integer):
         wanted = f"integers of shape ({shell.total}, {terminals}), a satellite for each terminal"
         raise ScenarioError(

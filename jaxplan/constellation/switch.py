@@ -82,7 +82,10 @@ def link_switch(
         >>> plan = jp.plan(switch.scenario(17))
     """
     craft = relay_spacecraft() if spacecraft is None else spacecraft
-    sun = None if sun_direction is None else np.asarray(sun_direction, dtype=float)
+    try:
+        sun = None if sun_direction is None else np.asarray(sun_direction, dtype=float)
+    except (TypeError, ValueError):
+        sun = np.zeros(0)
     faults = _wrong_values(sun, sun_half_angle, sun_outage, lowest_altitude, drift_time, time)
     if faults:
         raise ScenarioError(faults, "the switch")
@@ -141,7 +144,8 @@ def _wrong_values(
 ) -> list[str]:
     faults = []
     if sun is not None and not (sun.shape == (3,) and abs(np.linalg.norm(sun) - 1) <= 1e-3):
-        faults.append(f"sun_direction = {sun.tolist()}: must be a unit vector (3,), to 1e-3")
+        given = f" = {sun.tolist()}" if sun.size else ""
+        faults.append(f"sun_direction{given}: must be a unit vector (3,) of numbers, to 1e-3")
     if sun_outage not in SUN_OUTAGES:
         faults.append(f"sun_outage = {sun_outage!r}: must be {' or '.join(map(repr, SUN_OUTAGES))}")
     ranges = (

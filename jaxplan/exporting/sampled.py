@@ -82,7 +82,7 @@ def instants(duration: float, step: float) -> np.ndarray:
             f"{duration:.2f} s, since a file holds at most {MOST_SAMPLES} samples"
         )
     grid = step * np.arange(int(duration / step) + 1)
-    apart = max(1e-3 * step, SHORTEST_STEP)
+    apart = max(1e-3 * min(step, duration), SHORTEST_STEP)
     return np.append(grid[grid < duration - apart], duration) if duration > apart else np.zeros(1)
 
 

@@ -12,6 +12,7 @@ from jaxplan.scenario.kinds import Interval, Kind, Number, Text
 from jaxplan.scenario.tables import Either, Field, Rows, Table
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
+_INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +94,7 @@ _ORBIT = Table(
     sky.CircularOrbit,
     (
         Field("altitude_km", Number(Interval("(0, 1e6]")), "altitude", "above 6378.137 km", required=True),
-        Field("inclination_deg", _ANGLE_DEG, "inclination", "to the equator of J2000", required=True),
+        Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
         Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
         Field(
             "argument_of_latitude_deg",
