@@ -20,6 +20,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.kernel_room import make_room
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
 from jaxplan.planner.chain import fit, judged
@@ -65,6 +66,7 @@ def hold(plan: Plan) -> Held:
         ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
             motion, a target or a zone moves, or another limit is about to bind.
     """
+    make_room()
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
@@ -166,6 +168,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
     _expect_still(scenario)
+    make_room()
     clock = Clock(np.inf)
     attitude = start_attitude(scenario)
     goals = find_goals(scenario, attitude)

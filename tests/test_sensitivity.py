@@ -10,9 +10,11 @@ import pytest
 from node_paths import load
 from quick import quick_jit
 from scenes import make_scenario
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
+from jaxplan.path import Path
 from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow, hold, replan
 from jaxplan.trajectory import evaluate, fit_global
@@ -36,7 +38,31 @@ def near_a_zone():
     return jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, method="global", duration=31.0)))
 
 
-CASES = {"paper, zig-zag, stretched": zig_zag, "limits and a zone": near_a_zone}
+def turned(duration, **limits):
+    """A plan that turns by more than half a turn, along nodes that leave room."""
+    turn = np.deg2rad(200.0) * np.array([0.36, -0.48, 0.8])
+    scenario = make_scenario(1, turn=turn)
+    settings = replace(scenario.trajectory, duration=duration, node_tube=0.2)
+    scenario = replace(scenario, spacecraft=replace(scenario.spacecraft, **limits), trajectory=settings)
+    start, shares = Rotation.from_rotvec(scenario.start.rotation_vector), np.linspace(0, 1, 9)
+    path = Path(
+        attitudes=(start * Rotation.from_rotvec(np.outer(shares, turn))).as_matrix(),
+        joints=scenario.start.joints + np.outer(shares, scenario.goal.joints - scenario.start.joints),
+        edge_costs=np.ones(8),
+    )
+    return follow(replace(jp.plan(scenario), path=path), scenario)
+
+
+def the_long_way():
+    """Accelerations of the platform bind."""
+    return turned(66.0, rate_limit=np.deg2rad(6.0), acceleration_limit=np.deg2rad(0.2))
+
+
+CASES = {
+    "paper, zig-zag, stretched": zig_zag,
+    "limits and a zone": near_a_zone,
+    "limits of the platform, the long way round": the_long_way,
+}
 cases = pytest.mark.parametrize("case", CASES)
 
 
@@ -144,6 +170,14 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
 
         found = (8 * (at(STEP) - at(-STEP)) - (at(2 * STEP) - at(-2 * STEP))) / (12 * STEP)
         assert expected == pytest.approx(found, rel=1e-6, abs=1e-7), part
+
+
+@pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
+def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
+    plan = turned(duration)  # its rows follow from each other, at the limit and near it
+    fit = hold(plan).fit
+    assert np.all(fit.multipliers >= 0)
+    assert np.count_nonzero(fit.multipliers) == fit.linear.on.sum() + fit.loads.on.sum()
 
 
 def test_what_has_no_derivative_is_refused_with_a_reason():

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.crew import Crew, check_executor
+from jaxplan.kernel_room import make_room
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
@@ -168,6 +169,7 @@ class _Run:
 
     def go_on(self, found: SearchResult | None) -> None:
         """Send the answer to the query, None to begin."""
+        make_room()
         try:
             self.query = self._chain.send(found)  # type: ignore[arg-type]
         except StopIteration as end:

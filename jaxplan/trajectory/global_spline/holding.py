@@ -20,6 +20,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
 
 _LOOKS = 20  # at which rows bind
+_TOUCHING = 1e-6  # room of a row that may bind
 _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
 
@@ -58,21 +59,29 @@ class Origin:
         )
         multipliers = proposal.multipliers
         binding = {name: own > 0 for name, own in multipliers.items()}
+        crowded = False
         for _ in range(_LOOKS):
             held = self._held(point, rows, binding, multipliers, objective.share)
             root = self._root(held)
-            if root is None:
+            if root is not None:
+                coefficients, found = root
+                point = task.point(coefficients, point.duration)
+                rows = {family.name: family for family in task.rows_at(point)}
+                multipliers = _named(rows, binding, held, found)
+                least = -_PULLING * np.max(found, initial=1.0)
+                after = {
+                    name: _next(rows[name], own, multipliers[name], least) for name, own in binding.items()
+                }
+                if all(np.array_equal(after[name], own) for name, own in binding.items()):
+                    return replace(held, x=self._free(point), multipliers=found)
+                binding = after
+            elif crowded:
                 break
-            coefficients, found = root
-            point = task.point(coefficients, point.duration)
-            rows = {family.name: family for family in task.rows_at(point)}
-            multipliers = _named(rows, binding, held, found)
-            least = -_PULLING * np.max(found, initial=1.0)
-            after = {name: _next(rows[name], own, multipliers[name], least) for name, own in binding.items()}
-            settled = all(np.array_equal(after[name], own) for name, own in binding.items())
-            if settled:
-                return replace(held, x=self._free(point), multipliers=found)
-            binding = after
+            # Where a rate stays at its limit, rows beside each other follow from each other.
+            crowded = crowded or root is None
+            if crowded:
+                multipliers = _independent(rows, binding, objective.quadratic(point, 0.0))
+                binding = {name: own > 0 for name, own in multipliers.items()}
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
             "trajectory.duration_s a little"
@@ -157,6 +166,25 @@ def _next(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: f
             return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=0)))
         broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=0)
     return (binding & ~pulling) | broken
+
+
+def _independent(families: dict[str, Family], binding: Masks, quadratic: program.Quadratic) -> Masks:
+    """Multipliers of few of the rows that bind or touch, none of which follows from the others.
+
+    They are those that push and hold the objective's gradient best.
+    """
+    from scipy.optimize import nnls
+
+    touching = {name: np.nonzero(binding[name] | (f.room < _TOUCHING)) for name, f in families.items()}
+    slopes = [families[name].slopes(index) @ quadratic.free for name, index in touching.items()]
+    gradient = (quadratic.free.T @ quadratic.gradient).T
+    every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
+    flat = nnls(every.T, -gradient.ravel())[0] if len(every) else np.zeros(0)  # it crashes on none
+    found = {}
+    for name, index in touching.items():
+        found[name] = np.zeros(families[name].room.shape)
+        found[name][index], flat = flat[: len(index[0])], flat[len(index[0]) :]
+    return found
 
 
 def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index]]:

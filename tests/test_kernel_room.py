@@ -1,0 +1,68 @@
+"""What is compiled is forgotten before there is no room for more."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import make_scenario
+
+import jaxplan as jp
+from jaxplan import kernel_room
+from jaxplan.kernel_room import make_room
+
+linux = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="other systems have no such limit")
+
+
+@pytest.fixture
+def crowded(monkeypatch):
+    """As if the maps of this process were too many already."""
+    monkeypatch.setattr(kernel_room, "_SHARE", 0.0)
+
+
+def compile_some(count, first):
+    """Kernels of as many shapes, which no test has compiled."""
+    kernel = jax.jit(lambda x: jnp.cos(x) + first)
+    for size in range(count):
+        kernel(np.zeros(size + 1))
+    return kernel
+
+
+@linux
+def test_kernels_are_forgotten_where_their_maps_are_too_many(crowded):
+    kernel = compile_some(kernel_room._EVERY, 1.0)
+    assert kernel._cache_size() == kernel_room._EVERY
+    assert make_room()
+    assert kernel._cache_size() == 0
+    assert float(kernel(np.zeros(1))[0]) == 2.0
+
+
+def test_nothing_is_forgotten_while_there_is_room():
+    kernel = compile_some(kernel_room._EVERY, 2.0)
+    assert not make_room()
+    assert kernel._cache_size() == kernel_room._EVERY
+
+
+@linux
+def test_few_new_kernels_are_not_worth_a_look(crowded):
+    make_room()
+    kernel = compile_some(1, 3.0)
+    assert not make_room()
+    assert kernel._cache_size() == 1
+
+
+@linux
+def test_plans_are_the_same_whatever_was_forgotten_between(crowded, tmp_path):
+    scenario = make_scenario(1)
+    paths = tmp_path / "before.json", tmp_path / "after.json"
+    for path in paths:
+        jp.plan(scenario).save(path)
+        compile_some(kernel_room._EVERY, 4.0)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_systems_without_the_limit_forget_nothing(crowded, monkeypatch, tmp_path):
+    monkeypatch.setattr(kernel_room, "_LIMIT", str(tmp_path / "none"))
+    compile_some(kernel_room._EVERY, 5.0)
+    assert not make_room()
