@@ -31,8 +31,8 @@ def mixed_scenario(seed: int, shape: tuple[int, int] | None = None, most_zones: 
         shape: terminals and instruments; drawn if there is none.
         most_zones: of the sizes of which one is drawn.
     """
-    rng = np.random.default_rng([seed, 11])
-    drawn = SHAPES[rng.integers(len(SHAPES))]
+    rng = _random(seed)
+    drawn = _drawn(rng)
     craft = spacecraft(rng, *(drawn if shape is None else shape))
     start, goal = ends(rng, craft)
     chances = np.array(HOW_OFTEN) * [least <= most_zones for least, _ in ZONES]
@@ -58,6 +58,19 @@ def mixed_scenario(seed: int, shape: tuple[int, int] | None = None, most_zones: 
         ),
         trajectory=trajectory_settings(rng),
     )
+
+
+def shape_of(seed: int) -> tuple[int, int]:
+    """Terminals and instruments of a seed's scenario."""
+    return _drawn(_random(seed))
+
+
+def _random(seed: int) -> np.random.Generator:
+    return np.random.default_rng([seed, 11])
+
+
+def _drawn(rng: np.random.Generator) -> tuple[int, int]:
+    return SHAPES[rng.integers(len(SHAPES))]
 
 
 def spacecraft(rng: np.random.Generator, terminals: int, instruments: int) -> Spacecraft:
