@@ -59,6 +59,17 @@ def test_plans_with_few_devices_and_failed_plans_can_be_kept(terminals, tmp_path
         assert_same(kept, jp.load_plan(tmp_path / f"{name}.json"))
 
 
+@pytest.mark.parametrize(("method", "duration"), [("paper", 60.0), ("global", 60.0), ("global", "minimum")])
+def test_plans_that_come_back_to_where_they_start_at_speed_can_be_kept(method, duration, tmp_path):
+    scenario = make_scenario(1)
+    start = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
+    settings = replace(scenario.trajectory, method=method, duration=duration)
+    kept = jp.plan(replace(scenario, start=start, goal=scenario.start, trajectory=settings))
+    assert kept.trajectory.duration > 0
+    kept.save(tmp_path / "plan.json")
+    assert_same(kept, jp.load_plan(tmp_path / "plan.json"))
+
+
 def _invalid(scenario: jp.Scenario) -> jp.Scenario:
     fast = replace(scenario.start, angular_velocity=np.array([1.0, 0.0, 0.0]))
     return replace(scenario, start=fast, trajectory=replace(scenario.trajectory, duration=80.0))

@@ -337,6 +337,16 @@ def test_a_method_that_does_not_exist_is_refused_by_name(part):
         jp.plan_batch([scenario, odd])
 
 
+def test_what_the_method_of_the_paper_cannot_time_is_refused():
+    scenario = make_scenario(1)
+    settings = replace(scenario.trajectory, method="paper", duration="stretched")
+    at_speed = replace(scenario.goal, joint_rates=np.array([0.0, 1e-3]))
+    with pytest.raises(ValueError, match=r'scenario\.trajectory\.duration = "stretched": must be a number'):
+        jp.plan(replace(scenario, goal=at_speed, trajectory=settings))
+    with pytest.raises(ValueError, match=r'duration_s = "minimum": must be a number or "stretched"'):
+        jp.plan(replace(scenario, trajectory=replace(settings, duration="minimum")))
+
+
 def test_limits_at_the_ends_of_their_ranges_are_planned():
     scenario = make_scenario(1)
     craft = scenario.spacecraft

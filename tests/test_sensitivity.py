@@ -180,6 +180,18 @@ def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     assert np.count_nonzero(fit.multipliers) == fit.linear.on.sum() + fit.loads.on.sum()
 
 
+def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
+    scenario = make_scenario(1)
+    start = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
+    settings = replace(scenario.trajectory, duration=40.0)
+    plan = jp.plan(replace(scenario, start=start, goal=scenario.start, trajectory=settings))
+    with jax.enable_x64(True):
+        again = quick_jit(replan)(hold(plan), jax.tree.map(np.asarray, plan.scenario))
+    own = plan.trajectory.coefficients
+    assert np.max(np.abs(own[:, 1:])) > 1e-4
+    assert np.allclose(again.coefficients, own, rtol=0, atol=1e-10)
+
+
 def test_what_has_no_derivative_is_refused_with_a_reason():
     scenario = make_scenario(1)
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))

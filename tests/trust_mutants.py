@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import WorkerOutcome, WorkResult
+from cosmic_ray.work_item import WorkerOutcome, WorkItem, WorkResult
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -103,11 +103,18 @@ def choose(session: Path, most: int, seed: int) -> int:
         items = sorted(
             database.work_items, key=lambda item: [(m.module_path, m.start_pos) for m in item.mutations]
         )
-        wanted = [i for i in items if CHANGES.fullmatch(i.mutations[0].operator_name)]
+        wanted = [i for i in items if CHANGES.fullmatch(i.mutations[0].operator_name) and not of_axis(i)]
         kept = {item.job_id for item in random.Random(seed).sample(wanted, min(most, len(wanted)))}
         skipped = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
         database.set_multiple_results([item.job_id for item in items if item.job_id not in kept], skipped)
     return len(kept)
+
+
+def of_axis(item: WorkItem) -> bool:
+    """Whether it makes axis=1 of axis=-1, which mostly is the same axis."""
+    mutation = item.mutations[0]
+    row, column = mutation.start_pos
+    return (ROOT / mutation.module_path).read_text().splitlines()[row - 1][:column].endswith("axis=")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from jaxplan.kernel_room import make_room
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
-from jaxplan.scenario import Scenario
+from jaxplan.scenario import MovingTargets, Scenario
 from jaxplan.scenario.moments import known_until, moves, paths
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
@@ -214,6 +214,15 @@ def _expect_scenario(name: str, given: object) -> None:
             raise ValueError(
                 f'{name}.trajectory.duration = "{duration}": must be a number with '
                 'trajectory.method = "paper", since something moves'
+            )
+        if given.trajectory.method == "paper" and any(
+            np.any(end.angular_velocity) or np.any(end.joint_rates)
+            for end in (given.start, given.goal)
+            if not isinstance(end, MovingTargets)
+        ):
+            raise ValueError(
+                f'{name}.trajectory.duration = "{duration}": must be a number with '
+                'trajectory.method = "paper", since stretching the time would change a rate at start or goal'
             )
     elif duration > known_for:
         raise ValueError(f"{name}.trajectory.duration = {duration:g}: {what} is known until {known_for:g} s")

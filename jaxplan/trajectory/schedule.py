@@ -51,8 +51,8 @@ def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.n
         every = False
     elif len(kept) == 1:
         twice = np.zeros(2, dtype=int)
-        path = Path(attitudes=path.attitudes[twice], joints=path.joints[twice], edge_costs=np.ones(1))
-        kept = np.ones(2, dtype=bool)
+        both = Path(attitudes=path.attitudes[twice], joints=path.joints[twice], edge_costs=np.ones(1))
+        return both, np.zeros(1, dtype=int)
     else:
         kept[-1] |= np.sum(kept) == 1
     kept |= every

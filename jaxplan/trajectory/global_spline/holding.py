@@ -23,6 +23,7 @@ _LOOKS = 20  # at which rows bind
 _TOUCHING = 1e-6  # room of a row that may bind
 _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
+_ROUNDED = 1e-8  # what rounding may leave of it, where little moves
 
 Masks = dict[str, np.ndarray]
 _inputs = jax.jit(gather_inputs)
@@ -99,15 +100,21 @@ class Origin:
         z = np.concatenate([held.x.ravel(), held.multipliers])
         with jax.enable_x64(True):
             inputs = _inputs(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
+            best, least = z, np.inf
             for _ in range(_STEPS):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
-                if np.all(np.abs(left) <= _LEFT):
-                    x = z[: held.x.size].reshape(held.x.shape)
-                    return held.free @ x + np.asarray(inputs.offset), z[held.x.size :]
                 if not (np.all(np.isfinite(left)) and np.all(np.isfinite(matrix))):
                     break
+                most = float(np.max(np.abs(left)))
+                if most < least:
+                    best, least = z, most
+                if least <= _LEFT:
+                    break
                 z = z - np.linalg.solve(matrix, left)
-        return None
+        if not least <= _ROUNDED:
+            return None
+        x = best[: held.x.size].reshape(held.x.shape)
+        return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
 
     def _free(self, point: sqp.Point) -> np.ndarray:
         """(k, A) ``x`` of a curve."""
