@@ -7,7 +7,7 @@ kernels of the process are forgotten, and those that are used again are compiled
 """
 
 import jax
-from jax import monitoring
+
 
 _COMPILED = "/jax/core/compile/backend_compile_duration"  # an event each
 _EVERY = 40  # kernels between two looks: reading the maps takes milliseconds
@@ -17,12 +17,12 @@ _LIMIT, _MAPS = "/proc/sys/vm/max_map_count", "/proc/self/maps"
 _new = 0
 
 
-def _count(event: str, duration: float, **_: object) -> None:
+def _count(event: str, duration_secs: float, **_: str | int) -> None:
     global _new
     _new += event == _COMPILED
 
 
-monitoring.register_event_duration_secs_listener(_count)
+jax.monitoring.register_event_duration_secs_listener(_count)
 
 
 def make_room() -> bool:
