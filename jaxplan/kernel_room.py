@@ -8,7 +8,6 @@ kernels of the process are forgotten, and those that are used again are compiled
 
 import jax
 
-
 _COMPILED = "/jax/core/compile/backend_compile_duration"  # an event each
 _EVERY = 40  # kernels between two looks: reading the maps takes milliseconds
 _SHARE = 0.5  # of the maps that there may be
