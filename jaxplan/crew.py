@@ -13,6 +13,8 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from multiprocessing import get_context, parent_process
 from typing import TypeVar
 
+import numpy as np
+
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
 
@@ -33,8 +35,8 @@ class Crew:
     def __init__(self, executor: Executor | int) -> None:
         self._pool: ProcessPoolExecutor | None = None  # our own
         self._executor: Executor
-        if isinstance(executor, int):
-            self._hire(executor)
+        if isinstance(executor, int | np.integer):
+            self._hire(int(executor))
         else:
             self._executor, self.workers = executor, os.cpu_count() or 1
 
@@ -83,7 +85,7 @@ def check_executor(executor: object) -> None:
         TypeError: if it is neither an executor nor a number.
         ValueError: for less than one process, or a pool that forks.
     """
-    if isinstance(executor, int) and not isinstance(executor, bool):
+    if isinstance(executor, int | np.integer) and not isinstance(executor, bool):
         if executor < 1:
             raise ValueError(f"executor = {executor}: must be at least 1, as a number of processes")
     elif not isinstance(executor, Executor):

@@ -5,12 +5,14 @@ seconds, so a leap second within a manoeuvre is counted, and written as second 6
 are is asked of pyerfa, and only where it matters: none has ever come but at the end of June or December.
 """
 
+import re
 import warnings
 from datetime import UTC, datetime
 
 import numpy as np
 
 _FIRST, _LAST = 1972, 2099  # years
+_TOO_FINE = re.compile(r"\.\d{6}\d*[1-9]")
 _SECOND = np.timedelta64(1, "s")
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 TT_MINUS_TAI = 32.184  # s
@@ -25,6 +27,8 @@ def parse_epoch(text: object) -> np.datetime64:
     Raises:
         ValueError: if it is no such time, or lies outside 1972 to 2099.
     """
+    if _TOO_FINE.search(str(text)):
+        raise ValueError(f"epoch = {text!r}: must have at most 6 digits of a second")
     try:
         moment = datetime.fromisoformat(str(text).strip())
         if moment.tzinfo is not None:

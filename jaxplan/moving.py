@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
 _PLACES = 65  # where `reach` looks
+_ROUNDING = 4 * np.finfo(float).eps  # of a length
 
 
 @jax.tree_util.register_dataclass
@@ -42,7 +43,7 @@ class DirectionPath:
 
         Args:
             times: (n,) s, rising, at least two.
-            samples: (n, 3) unit vectors.
+            samples: (n, 3) unit vectors to 1e-6, brought to unit length.
 
         Raises:
             ValueError: if shapes or numbers are wrong, or the direction turns too far between two samples.
@@ -59,6 +60,8 @@ class DirectionPath:
         length = np.linalg.norm(p, axis=1)
         if not np.all(np.abs(length - 1) <= 1e-6):
             raise ValueError(f"samples[{int(np.argmin(np.abs(length - 1) <= 1e-6))}]: must be a unit vector")
+        odd = np.abs(length - 1) > _ROUNDING  # the others keep their bits, as when a file is read
+        p[odd] /= length[odd, None]
         path = cls(times=t, samples=p, slopes=np.asarray(CubicSpline(t, p)(t, 1)))
         far = path._spread()[0] > FARTHEST
         if np.any(far):

@@ -31,7 +31,7 @@ from jaxplan.scenario import GivenState, MovingTargets, Scenario
 from jaxplan.scenario.moments import moves
 from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 from jaxplan.zones import tabulate
 
 
@@ -82,6 +82,8 @@ def _held(plan: Plan, fitted: Fit) -> Held:
     assert path is not None
     if origin is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
+    at_speed = any(np.any(rate) for end in _ends(plan.scenario) for rate in end)
+    path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     return Held(
         goal=plan.goal,
         attitudes=padded(path.attitudes, FEWEST_NODES),
@@ -94,8 +96,10 @@ def _held(plan: Plan, fitted: Fit) -> Held:
 def replan(held: Held, scenario: Scenario) -> Trajectory:
     """The trajectory of a scenario near that of a plan, as a pure function.
 
-    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``; every number of the scenario is an input. At
-    the plan's own scenario it is the plan's trajectory, but for what its programs left off their optimum.
+    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``, within ``jax.enable_x64(True)``; every number
+    of the scenario is an input, and must be a float for ``grad`` to tell its derivative. First derivatives
+    are exact; there are no second ones. At the plan's own scenario it is the plan's trajectory, but for what
+    its programs left off their optimum.
 
     Args:
         held: of the plan.
@@ -105,6 +109,8 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
     craft, asked = scenario.spacecraft, scenario.goal
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     if isinstance(asked, MovingTargets):
         raise ValueError(f"{scenario.name} has targets that move: `hold` refuses them")
     cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
@@ -126,10 +132,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
         edge_costs=np.zeros(0),
     )
-    rates = [
-        jnp.concatenate([jnp.asarray(end.angular_velocity), jnp.asarray(end.joint_rates)])
-        for end in (scenario.start, asked)
-    ]
+    rates = [jnp.concatenate([jnp.asarray(rate) for rate in end]) for end in _ends(scenario)]
     # Time that is stretched starts and ends at rest: with a rate it would be another motion.
     ends = jnp.stack(rates) * (0.0 if held.fit.stretched else 1.0)
     refit: Any = REFITS[scenario.trajectory.method]
@@ -183,6 +186,12 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     with clock.step("trajectory"):
         fitted = fit(scenario, path, goal)
     return judged(replace(plan, scenario=scenario, goal=goal, path=path), fitted, clock), fitted
+
+
+def _ends(scenario: Scenario) -> list[tuple[Any, Any]]:
+    """Angular velocity and joint rates at start and goal, of which none moves."""
+    ends: tuple[Any, Any] = scenario.start, scenario.goal
+    return [(end.angular_velocity, end.joint_rates) for end in ends]
 
 
 def _expect_still(scenario: Scenario) -> None:

@@ -261,7 +261,9 @@ def test_a_duration_beyond_what_is_known_is_missed_and_says_what_to_give(scene):
     assert plan.status is jp.Status.GOAL_MISSED
     assert "is known until 15 s, and the motion takes 21" in plan.message
     assert plan.path is not None
-    with pytest.raises(ValueError, match="duration = 80: the target of fore is known until 15 s"):
+    with pytest.raises(
+        ValueError, match=r"goal\.targets\[0\]\.times_s: must reach trajectory\.duration_s = 80"
+    ):
         jp.plan(with_duration(short, 80.0))
 
 

@@ -277,3 +277,13 @@ def test_a_forged_goal_is_found_by_the_check(plan, tmp_path):
     report = check_plan(jp.load_plan(tmp_path / "forged.json"))
     assert not report.certified
     assert any("goal" in fault for fault in report.faults)
+
+
+def test_files_of_timings_are_told_apart(plan, tmp_path):
+    other = replace(plan, timings={**plan.timings, "total": 99.0})
+    plan.save(tmp_path / "slew.v1")
+    other.save(tmp_path / "slew.v2")
+    assert jp.load_plan(tmp_path / "slew.v1").timings == plan.timings
+    assert jp.load_plan(tmp_path / "slew.v2").timings == other.timings
+    with pytest.raises(ValueError, match=r"hold the timings of plans: take another name"):
+        plan.save(tmp_path / "slew.timings.json")

@@ -216,6 +216,8 @@ def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, mo
     page = Page(jp.report_html(lying, tmp_path / "lie.html").read_text(encoding="utf-8"))
     assert page.texts["strong"] == ["Uncertified"]
     assert any("made anew, fails: angular velocity" in text for text in page.texts["p"])
+    lying.save(tmp_path / "claims.json")
+    assert main(["report", str(tmp_path / "claims.json")]) == 3
 
 
 def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):

@@ -18,7 +18,7 @@ from jaxplan.path import Path
 from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow, hold, replan
 from jaxplan.trajectory import evaluate, fit_global
-from jaxplan.zones import tabulate
+from jaxplan.zones import KeepIn, tabulate
 
 TIMES = np.array([0.13, 0.37, 0.5, 0.81])
 STEP = 5e-6  # twice that is within what the rows that bind allow
@@ -197,6 +197,10 @@ def test_what_has_no_derivative_is_refused_with_a_reason():
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
     with pytest.raises(ValueError, match="shortest motion has no derivatives"):
         hold(jp.plan(shortest))
+    speed = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
+    at_speed = replace(scenario, start=speed)  # "stretched"
+    with pytest.raises(ValueError, match="shortest motion has no derivatives"):
+        hold(jp.plan(at_speed))
     there = replace(scenario, goal=replace(scenario.start))
     with pytest.raises(ValueError, match="does not move"):
         hold(jp.plan(there))
@@ -204,3 +208,76 @@ def test_what_has_no_derivative_is_refused_with_a_reason():
     failed = jp.plan(tight, throw=False)
     with pytest.raises(ValueError, match=f"ended as {failed.status.name}"):
         hold(failed)
+
+
+def assert_replanned(plan):
+    """What is replanned at a plan's own scenario is the plan."""
+    scenario = jax.tree.map(np.asarray, replace(plan.scenario, name="", epoch=None))
+    with jax.enable_x64(True):
+        again = quick_jit(replan)(hold(plan), scenario)
+    assert np.allclose(again.coefficients, plan.trajectory.coefficients, rtol=0, atol=1e-7)
+    assert np.allclose(again.joint_coefficients, plan.trajectory.joint_coefficients, rtol=0, atol=1e-7)
+
+
+def test_plans_whose_tube_was_widened_are_replanned_as_they_are():
+    scenario = make_scenario(1)
+    settings = replace(scenario.trajectory, duration=18.0, node_tube=np.deg2rad(0.4))
+    scenario = replace(scenario, trajectory=settings)
+    plan = jp.plan(scenario)
+    joints = plan.path.joints.copy()
+    joints[1:-1] += np.deg2rad(2.0) * (-1.0) ** np.arange(len(joints) - 2)[:, None]
+    plan = follow(replace(plan, path=replace(plan.path, joints=joints)), scenario)
+    assert "within 1.2 deg" in plan.message
+    assert_replanned(plan)
+
+
+@pytest.mark.parametrize("method", ["global", "paper"])
+def test_nodes_that_are_repeated_are_passed_over(method):
+    scenario = make_scenario(1)
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0, method=method))
+    plan = jp.plan(scenario)
+    middle = len(plan.path.attitudes) // 2
+    twice = np.insert(np.arange(len(plan.path.attitudes)), middle, middle)
+    path = Path(
+        attitudes=plan.path.attitudes[twice],
+        joints=plan.path.joints[twice],
+        edge_costs=np.insert(plan.path.edge_costs, middle, 0.0),
+    )
+    assert_replanned(follow(replace(plan, path=path), scenario))
+
+
+def test_plans_whose_group_changes_hands_are_replanned_as_they_are():
+    scenario = make_scenario(0, 1, turn=(0.5, -0.8, 0.6))
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0))
+    boresight = scenario.spacecraft.fixed_boresights[0]
+    seen = jp.plan(scenario).trajectory.sample(np.array([0.0, 15.0, 45.0, 60.0])).attitude @ boresight
+    across = np.cross(seen[0], seen[3]) / np.linalg.norm(np.cross(seen[0], seen[3]))
+    wide, tight = [], []
+    for number, (middle, end) in enumerate(((1, 0), (2, 3))):
+        axis = seen[middle] + np.deg2rad(8.0) * across
+        axis /= np.linalg.norm(axis)
+        names = scenario.spacecraft.device_names
+        for zones, room in ((wide, 1.0), (tight, 0.7)):
+            angle = float(np.arccos(seen[end] @ axis) + np.deg2rad(room))
+            zones.append(
+                KeepIn(name=f"{number}", direction=axis, half_angle=angle, devices=names, any_of="link")
+            )
+    plan = jp.plan(replace(scenario, keep_in=tuple(wide)))
+    plan = follow(plan, replace(scenario, keep_in=tuple(tight)))
+    assert plan.report.min_margin < np.deg2rad(0.3)  # one of them binds where the other takes over
+    assert_replanned(plan)
+
+
+def test_second_derivatives_and_numbers_of_32_bits_are_refused():
+    scenario = make_scenario(1)
+    plan = jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, duration=30.0)))
+    held = hold(plan)
+
+    def end(duration):
+        settings = replace(plan.scenario.trajectory, duration=duration)
+        return replan(held, replace(plan.scenario, trajectory=settings)).coefficients[3, 2, 0]
+
+    with jax.enable_x64(True), pytest.raises(NotImplementedError, match="first derivatives only"):
+        jax.eval_shape(jax.grad(jax.grad(end)), 30.0)
+    with jax.enable_x64(False), pytest.raises(ValueError, match=r"call it within jax\.enable_x64"):
+        replan(held, plan.scenario)

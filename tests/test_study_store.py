@@ -15,6 +15,7 @@ import jaxplan as jp
 from jaxplan.study import StudyFolderError
 from jaxplan.study.run import run_task
 from jaxplan.study.store import Store
+from jaxplan.study.task import make_task
 
 SCENES = 20
 
@@ -174,3 +175,27 @@ def test_an_interrupted_study_is_returned_as_far_as_it_is_and_goes_on(tmp_path):
         assert not part.complete
         assert "9 done of 20" in str(part.summary())
     assert text(run(tmp_path)) == text(run(None))
+
+
+def test_settings_that_are_infinite_are_kept_as_files_have_them(tmp_path):
+    settings = {"trajectory.node_tube_deg": float("inf")}
+    asked = make_task(range(4), None, "mha", settings)
+    assert asked.settings == {"trajectory.node_tube_deg": "inf"}
+    first = run_task(asked, None, tmp_path, 3, False, plan_nothing)
+    assert text(run_task(asked, None, tmp_path, 3, False, never)) == text(first)
+    with pytest.raises(ValueError, match="settings"):
+        make_task(range(4), None, "mha", {"trajectory.rate_weight": float("nan")})
+
+
+def test_damaged_and_absent_timings_leave_the_table_as_it_is(tmp_path):
+    study = run(tmp_path)
+    before = study.timings
+    timings = tmp_path / "timings.jsonl"
+    timings.write_bytes(b"?" + timings.read_bytes())
+    again = run(tmp_path, work=never)
+    assert text(again) == text(study)
+    assert again.timings == before[1:]
+    timings.unlink()
+    absent = jp.load_study(tmp_path)
+    assert text(absent) == text(study)
+    assert f"{SCENES}" in str(absent.summary())

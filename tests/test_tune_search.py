@@ -247,7 +247,7 @@ def test_the_figure_of_a_descent_has_a_line_a_number():
         {"step": step, "objective": 2.0**-step, "slope": 1.0, "trajectory.rate_weight": 3.0 + step}
         for step in range(3)
     )
-    result = Tuning(scenarios=(), plans=(), numbers={}, history=history)
+    result = Tuning(scenarios=(), plans=(), numbers={}, objective=0.25, history=history)
     first, second = jp.plot.tuning(result, Figure())
     assert list(first.get_lines()[0].get_ydata()) == [1.0, 0.5, 0.25]
     assert list(second.get_lines()[0].get_ydata()) == [3.0, 4.0, 5.0]

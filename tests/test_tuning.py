@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from quick import quick_jit
+from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
@@ -15,6 +17,8 @@ from jaxplan.tuning.objectives import OBJECTIVES, make_objective
 from jaxplan.tuning.parameters import parameters
 
 CASE = paper_case(1)  # the paper's method in 80 s
+SMALL = make_scenario(1)
+SMALL = replace(SMALL, trajectory=replace(SMALL.trajectory, method="paper", duration=30.0))
 WEIGHTS = ("trajectory.rate_weight", "trajectory.acceleration_weight")
 
 
@@ -48,7 +52,8 @@ def test_a_number_is_found_by_its_name_and_replaced(name, value):
         ("search.seed", "no single number"),
         ("search[0].clearance_deg", "no table with rows"),
         ("trajectory.", "is no key"),
-        ("trajectory.node_tube_deg", "not a number here"),
+        ("trajectory.node_tube_deg", "not a number here but not set: give it a value first"),
+        ("search.max_expansions", "is a whole number"),
     ],
 )
 def test_what_is_no_number_is_told_what_there_is(name, said):
@@ -75,7 +80,12 @@ def test_parameters_begin_where_the_scenario_is_and_keep_their_bounds():
     ("over", "said"),
     [
         ({"trajectory.duration_s": (90.0, 120.0)}, "must lie between its bounds 90 and 120"),
-        ({"trajectory.duration_s": (10.0, np.inf)}, "between its bounds"),
+        ({"trajectory.duration_s": (10.0, np.inf)}, "must be two finite numbers, the lower one first"),
+        ({"trajectory.duration_s": (120.0, 60.0)}, "must be two finite numbers, the lower one first"),
+        ({"trajectory.duration_s": 80.0}, "must be two finite numbers"),
+        ("trajectory.duration_s", "must be a list of names"),
+        ((3,), "must be the name of a number"),
+        (("search.clearance_deg",), "settings of the search have no gradient"),
         (
             {"keep_out[0].half_angle_deg": (10.0, 200.0)},
             r"bound 200 of keep_out\[0\].half_angle_deg: must lie in",
@@ -91,6 +101,18 @@ def test_senseless_bounds_are_refused_by_name(over, said):
 def test_a_call_that_makes_no_sense_is_refused_before_anything_is_planned():
     with pytest.raises(ValueError, match="unknown objective 'speed': must be one of peak_acceleration"):
         jp.tune(CASE, "speed", over=WEIGHTS)
+    with pytest.raises(ValueError, match="objective has no weights"):
+        jp.tune(CASE, {}, over=WEIGHTS)
+    with pytest.raises(ValueError, match=r"objective\['effort'\] = nan: must be a finite number"):
+        jp.tune(CASE, {"effort": np.nan}, over=WEIGHTS)
+    with pytest.raises(TypeError, match="a name, weights by name or a function, not NoneType"):
+        jp.tune(CASE, None, over=WEIGHTS)
+    with pytest.raises(TypeError, match="resume must be a Tuning, not dict"):
+        jp.tune(CASE, "effort", over=WEIGHTS, resume={})
+    with pytest.raises(ValueError, match=r"peak_torque needs spacecraft\.inertia_kg_m2"):
+        jp.tune(SMALL, "peak_torque", over=WEIGHTS)
+    with pytest.raises(ValueError, match="smallest_margin needs zones"):
+        jp.tune(SMALL, "smallest_margin", over=WEIGHTS)
     with pytest.raises(ValueError, match="steps = 0"):
         jp.tune(CASE, "effort", over=WEIGHTS, steps=0)
     with pytest.raises(ValueError, match="no scenarios"):
@@ -138,3 +160,53 @@ def test_tuning_lowers_the_peak_acceleration_and_is_certified_resumable_and_the_
     again = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=10, progress=False, resume=half)
     assert again.history == whole.history
     assert again.numbers == whole.numbers
+
+
+def test_numbers_without_a_certified_plan_are_never_the_answer():
+    over = {"trajectory.duration_s": (5.0, 60.0)}
+    call = {"over": over, "optimizer": optax.adam(1.0), "progress": False}
+    first = jp.tune(SMALL, "duration", steps=3, **call)
+    again = jp.tune(SMALL, "duration", steps=1, resume=first, **call)
+    for result in (first, again):
+        assert "no certified plans" in result.message
+        assert all(plan.ok for plan in result.plans)
+        assert result.objective == pytest.approx(result.numbers["trajectory.duration_s"])
+        assert f"-> {result.objective:.6g}" in str(result)
+
+
+def test_only_the_same_call_is_gone_on_with():
+    call = {"over": WEIGHTS, "steps": 1, "progress": False}
+    first = jp.tune(SMALL, "effort", **call)
+    longer = replace(SMALL, trajectory=replace(SMALL.trajectory, duration=60.0))
+    for changed, said in (
+        ({"scenarios": longer}, "scenarios"),
+        ({"scenarios": [SMALL, longer]}, "scenarios"),
+        ({"over": WEIGHTS[:1]}, "over"),
+        ({"over": dict.fromkeys(WEIGHTS, (0.1, 9.0))}, "over"),
+        ({"objective": "duration"}, "objective"),
+        ({"optimizer": optax.sgd(0.1, momentum=0.9)}, "optimizer"),
+    ):
+        asked = {"scenarios": SMALL, "objective": "effort", **call, "resume": first, **changed}
+        with pytest.raises(ValueError, match=rf"resume is the result of another call: .*{said}"):
+            jp.tune(**asked)
+
+
+def test_an_objective_that_is_no_number_ends_the_descent_before_it():
+    over = {"trajectory.duration_s": (20.0, 60.0)}
+    with pytest.raises(ValueError, match="not finite at the numbers to begin with"):
+        jp.tune(SMALL, lambda t, s: jp.measures.duration(t) * jnp.nan, over=over, progress=False)
+    result = jp.tune(
+        SMALL,
+        lambda t, s: jnp.sqrt(jp.measures.duration(t) - 28.0),
+        over=over,
+        steps=6,
+        progress=False,
+    )
+    assert "beyond, the objective is not finite" in result.message
+    assert result.numbers["trajectory.duration_s"] > 28.0
+    assert np.isfinite(result.objective)
+
+
+def test_numbers_that_change_nothing_are_named():
+    result = jp.tune(SMALL, "duration", over=WEIGHTS[:1], steps=1, progress=False)
+    assert "without influence on the objective: trajectory.rate_weight" in result.message

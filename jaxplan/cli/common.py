@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
+    from jaxplan.status import Status
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
 MARK = "jaxplan"  # in the pictures that are ours
+
+
+def code_of(status: "Status") -> int:
+    """The exit code for how a plan ended."""
+    return {"OK": DONE, "UNCERTIFIED": NOT_CERTIFIED}.get(status.name, NO_PLAN)
 
 
 def complain(message: str, code: int) -> int:
@@ -78,11 +84,11 @@ def keep_compiled_code() -> None:
 
     if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
         return  # the user has chosen one
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(root) / "jaxplan" / "compiled"
     try:
+        root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(root) / "jaxplan" / "compiled"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # the latter where nobody has a home
         return  # it only saves time
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -8,8 +8,9 @@ from jaxplan.cli import common
 from jaxplan.cli.common import (
     DONE,
     MARK,
-    NO_PLAN,
     NOT_CERTIFIED,
+    code_of,
+    complain,
     load,
     print_result,
     save,
@@ -88,7 +89,7 @@ def _plan(options: argparse.Namespace) -> int:
         save_plan(result, folder / "plan.json")
         say(f"wrote {folder / 'plan.json'}")
         _draw(result, folder)
-    return {"OK": DONE, "UNCERTIFIED": NOT_CERTIFIED}.get(result.status.name, NO_PLAN)
+    return code_of(result.status)
 
 
 def _scenario(name: str) -> "Scenario":
@@ -120,17 +121,20 @@ def _plot(options: argparse.Namespace) -> int:
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     common.keep_compiled_code()
     _draw(plan, folder)
-    return DONE if plan.ok else NO_PLAN
+    return code_of(plan.status)
 
 
 def _report(options: argparse.Namespace) -> int:
+    from jaxplan.planner import check_plan
     from jaxplan.report import report_html
 
     plan = load(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     common.keep_compiled_code()
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
-    return DONE if plan.ok else NO_PLAN
+    if plan.ok and not check_plan(plan).certified:  # the page says why
+        return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
+    return code_of(plan.status)
 
 
 def _export(options: argparse.Namespace) -> int:

@@ -92,7 +92,7 @@ def export(
         FileExistsError: if there is something at the path.
     """
     faults = []
-    own, start, times, kind = plan.scenario.epoch, None, np.zeros(0), FORMATS.get(format)
+    own, start, times, kind = plan.scenario.epoch, None, np.zeros(0), FORMATS.get(str(format))
     if kind is None:
         faults.append(f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}")
     try:

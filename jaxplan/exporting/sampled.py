@@ -74,6 +74,8 @@ def instants(duration: float, step: float) -> np.ndarray:
     Raises:
         ValueError: if the step is out of range.
     """
+    if isinstance(step, bool) or not isinstance(step, int | float | np.integer | np.floating):
+        raise ValueError(f"step_s = {step!r}: must be a number of seconds")
     if not SHORTEST_STEP <= step < np.inf:
         raise ValueError(f"step_s = {step}: must lie in [{SHORTEST_STEP:g}, inf)")
     if not duration / step < MOST_SAMPLES:

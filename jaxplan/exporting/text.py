@@ -34,5 +34,5 @@ def progress(rows: Iterable[T], total: int) -> Iterable[T]:
 
 
 def plain(text: str, longest: int = 80) -> str:
-    """A line of printable ASCII, with ``?`` for every other character."""
-    return "".join(c if " " <= c <= "~" else "?" for c in text)[:longest].strip() or "?"
+    """A line of printable ASCII, with ``?`` for every other character, and for those that SPICE obeys."""
+    return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"

@@ -167,4 +167,7 @@ class PlanningError(Exception):
 
     def __init__(self, plan: Plan) -> None:
         self.plan, self.status = plan, plan.status
-        super().__init__(f"{plan.status.name}: {plan.status.value}. {plan.message}".strip())
+        super().__init__(plan)  # what a copy in another process is made from
+
+    def __str__(self) -> str:
+        return f"{self.status.name}: {self.status.value}. {self.plan.message}".strip()

@@ -11,15 +11,14 @@ import numpy as np
 
 from jaxplan.crew import Crew, check_executor
 from jaxplan.kernel_room import make_room
+from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import Chain, Query, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
-from jaxplan.scenario import MovingTargets, Scenario
-from jaxplan.scenario.moments import known_until, moves, paths
+from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.stopwatch import working_time
 from jaxplan.threads import one_thread
-from jaxplan.trajectory import METHODS
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -41,9 +40,9 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
 
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
-        TypeError: if it is no scenario.
+        TypeError: if it is no scenario, or holds what no file could.
         ValueError: if a method that it names is not known, or something that moves is not known for its
-            duration.
+            duration; `ScenarioError` for values that a scenario file may not have, with every fault.
 
     Example:
         >>> import jaxplan as jp
@@ -51,7 +50,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         >>> plan.trajectory.sample(10.0).attitude.shape
         (3, 3)
     """
-    _expect_scenario("scenario", scenario)
+    scenario = as_filed("scenario", scenario)
     with one_thread(), _bar("planning", " steps", None, progress) as bar:
 
         def show(name: str) -> None:
@@ -88,15 +87,13 @@ def plan_batch(
 
     Raises:
         TypeError: if one of them is no scenario, or the executor is none.
-        ValueError: if a method that one of them names is not known, something that moves is not known for
-            its duration, or for less than one process.
+        ValueError: as of `plan`, before anything is planned, with the number of the scenario; or for less
+            than one process.
         RuntimeError: if worker processes die; `run_study` outlives that.
     """
     if isinstance(scenarios, Scenario):
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
-    scenarios = list(scenarios)
-    for number, scenario in enumerate(scenarios):
-        _expect_scenario(f"scenarios[{number}]", scenario)
+    scenarios = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(scenarios)]
     if executor is not None:
         check_executor(executor)
     if executor is not None and scenarios:
@@ -192,40 +189,6 @@ def _search(asking: Sequence[_Run]) -> list[SearchResult]:
     for run, own in zip(asking, spent.tolist(), strict=True):
         run.clock.add("search", own + (wall - working) / len(spent), own)
     return found
-
-
-def _expect_scenario(name: str, given: object) -> None:
-    """Raise for what is none, such as the name of a file, and for methods that do not exist."""
-    if not isinstance(given, Scenario):
-        kind = type(given).__name__
-        raise TypeError(f"{name} must be a Scenario, not {kind}; jp.load_scenario reads one from a file")
-    for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
-        method = getattr(given, part).method
-        if method not in methods:
-            known = " or ".join(f'"{known}"' for known in methods)
-            raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
-    for what, path in paths(given):
-        if not path.covers(0.0):
-            known = f"[{path.times[0]:g}, {path.times[-1]:g}] s"
-            raise ValueError(f"{name}: {what} is known in {known}, and the manoeuvre begins at 0")
-    duration, (known_for, what) = given.trajectory.duration, known_until(given)
-    if isinstance(duration, str):
-        if moves(given) and given.trajectory.method == "paper":
-            raise ValueError(
-                f'{name}.trajectory.duration = "{duration}": must be a number with '
-                'trajectory.method = "paper", since something moves'
-            )
-        if given.trajectory.method == "paper" and any(
-            np.any(end.angular_velocity) or np.any(end.joint_rates)
-            for end in (given.start, given.goal)
-            if not isinstance(end, MovingTargets)
-        ):
-            raise ValueError(
-                f'{name}.trajectory.duration = "{duration}": must be a number with '
-                'trajectory.method = "paper", since stretching the time would change a rate at start or goal'
-            )
-    elif duration > known_for:
-        raise ValueError(f"{name}.trajectory.duration = {duration:g}: {what} is known until {known_for:g} s")
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from jaxplan.status import Status
 
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
 LARGEST_FILE = 64 * 2**20
+_TIMINGS = ".timings.json"
 
 
 class PlanFileError(ValueError):
@@ -38,8 +39,15 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
         plan: any plan, also one that failed.
         path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
             never the new one beside the timings of the old.
+
+    Raises:
+        ValueError: if the path is called like a file of timings.
     """
     target = FilePath(path)
+    if target.name.endswith(_TIMINGS):
+        raise ValueError(
+            f"{target}: files that end in {_TIMINGS} hold the timings of plans: take another name"
+        )
     content = {
         "schema_version": layout.SCHEMA_VERSION,
         "scenario": scenario_to_dict(plan.scenario),
@@ -104,7 +112,7 @@ def _timings(path: FilePath) -> dict[str, float]:
 
 
 def _timings_file(path: FilePath) -> FilePath:
-    return path.with_name(path.stem + ".timings.json")
+    return path.with_name(path.name.removesuffix(".json") + _TIMINGS)
 
 
 def _plain(record: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.scenario.faults import nearest
-from jaxplan.scenario.kinds import Interval, Number
+from jaxplan.scenario.kinds import Integer, Interval, Number
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import GivenState, Scenario
 from jaxplan.scenario.states import STATE, TARGETS, Goal
@@ -89,8 +89,15 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
         or not isinstance(entry.kind, Number)
         or not isinstance(value, float | int | np.number)
     ):
-        number = "is not a number here" if isinstance(entry.kind, Number) else "is no single number"
-        raise KeyError(f"{name}: {key} {number}" + (f" but {value}" if isinstance(value, str) else ""))
+        if isinstance(entry.kind, Integer):
+            number = "is a whole number, no single number that has a slope"
+        elif isinstance(entry.kind, Number) and value is None:
+            number = "is not a number here but not set: give it a value first"
+        elif isinstance(entry.kind, Number):
+            number = "is not a number here" + (f" but {value}" if isinstance(value, str) else "")
+        else:
+            number = "is no single number"
+        raise KeyError(f"{name}: {key} {number}")
     factor = np.pi / 180 if entry.kind.degrees else 1.0
     return NumberPlace(name, (*path, entry.attribute), factor, entry.kind.interval)
 

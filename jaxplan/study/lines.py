@@ -9,7 +9,7 @@ from typing import Any
 from jaxplan.study.rows import Row
 
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
-_LARGEST_HEADER = 64 * 2**20  # bytes; seeds that do not follow one another take some ten each
+LARGEST_HEADER = 64 * 2**20  # bytes; seeds that do not follow one another take up to 43 each
 _LONGEST_LINE = 2**20
 
 
@@ -35,9 +35,9 @@ def read_header(folder: Path) -> dict[str, Any]:
     path = folder / HEADER
     try:
         with path.open("rb") as file:  # what a link leads to may have no end
-            text = file.read(_LARGEST_HEADER + 1)
-        if len(text) > _LARGEST_HEADER:
-            raise ValueError(f"too large, at most {_LARGEST_HEADER} bytes are read")
+            text = file.read(LARGEST_HEADER + 1)
+        if len(text) > LARGEST_HEADER:
+            raise ValueError(f"too large, at most {LARGEST_HEADER} bytes are read")
         content = json.loads(text, parse_constant=_refuse)
     except OSError as error:
         raise StudyFolderError(f"{folder}: holds no study: {path}: {error.strerror}") from error
@@ -53,35 +53,46 @@ def read_header(folder: Path) -> dict[str, Any]:
     return content
 
 
-def read_rows(path: Path, columns: Mapping[str, type], scenes: int) -> list[Row]:
+def read_rows(path: Path, columns: Mapping[str, type], scenes: int, *, past: bool = False) -> list[Row]:
     """The rows of a file in the order of scenes; of those that are there twice the last.
 
     Args:
         path: the file; a missing one has no rows.
         columns: types of each column, beside None.
         scenes: how many the study has.
+        past: as in `scan`.
     """
-    rows = {row["scene"]: row for _, row in scan(path, columns, scenes)}
+    rows = {row["scene"]: row for _, row in scan(path, columns, scenes, past=past)}
     return [rows[number] for number in sorted(rows)]
 
 
-def whole_lines(path: Path, columns: Mapping[str, type], scenes: int) -> int:
-    """Where the last of the whole lines ends, bytes."""
-    return max((end for end, _ in scan(path, columns, scenes)), default=0)
+def whole_lines(path: Path, columns: Mapping[str, type], scenes: int, *, past: bool = False) -> int:
+    """Where the last of the whole lines ends, bytes; the arguments are those of `scan`."""
+    return max((end for end, _ in scan(path, columns, scenes, past=past)), default=0)
 
 
-def scan(path: Path, columns: Mapping[str, type], scenes: int) -> Iterator[tuple[int, Row]]:
-    """The rows of a file up to the first line that is not whole, each with where its line ends."""
+def scan(
+    path: Path, columns: Mapping[str, type], scenes: int, *, past: bool = False
+) -> Iterator[tuple[int, Row]]:
+    """The rows of a file up to the first line that is not whole, each with where its line ends.
+
+    Args:
+        path: the file; a missing one has no rows.
+        columns: types of each column, beside None.
+        scenes: how many the study has.
+        past: whether damaged lines are passed over, as where rows are not needed.
+    """
     if not path.exists():
         return
     end = 0
     with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
         while line := file.readline(_LONGEST_LINE):
             row = _row(line, columns, scenes)
-            if row is None:
+            if row is None and not (past and line.endswith(b"\n")):
                 return
             end += len(line)
-            yield end, row
+            if row is not None:
+                yield end, row
 
 
 def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:

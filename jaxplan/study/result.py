@@ -47,7 +47,7 @@ class Study:
     def _rows(self, file: str, columns: Mapping[str, type]) -> list[Row]:
         if self.folder is None:
             return sorted(self._held[file], key=lambda row: row["scene"])
-        rows = read_rows(self.folder / file, columns, self.scenes)
+        rows = read_rows(self.folder / file, columns, self.scenes, past=file == TIMINGS)
         if file == TABLE:
             return rows
         done = {row["scene"] for row in self.table}

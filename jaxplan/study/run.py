@@ -7,6 +7,8 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxplan.crew import Crew, check_executor
 from jaxplan.scenario import Scenario
 from jaxplan.study.chunks import Chunks
@@ -63,7 +65,8 @@ def run_study(
         >>> study = jp.run_study(range(200), "hard_keep_out", executor=2, out="study")
         >>> print(study.summary())
     """
-    if chunk is not None and (type(chunk) is not int or chunk < 1):
+    given: object = chunk
+    if (given is not None and not (isinstance(given, int | np.integer) and given >= 1)) or given is True:
         raise ValueError(f"chunk = {chunk!r}: must be a number of scenes, at least 1")
     if executor is not None:
         check_executor(executor)

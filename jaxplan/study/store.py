@@ -6,9 +6,9 @@
     .lock           held by the one process that works on the study; the kernel releases it at its death
 
 Lines are appended and forced to disk a chunk at a time, timings first: a scene is done when its line in the
-table is. A line that was not written to its end is cut off with all behind it when the study goes on, and its
-scene is planned again. Names of files are fixed and links are not followed, so nothing is ever written
-elsewhere.
+table is. A line of the table that was not written to its end is cut off with all behind it when the study
+goes on, and its scene is planned again; damaged timings are passed over. Names of files are fixed and links
+are not followed, so nothing is ever written elsewhere.
 """
 
 import errno
@@ -20,7 +20,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
-from jaxplan.study.lines import HEADER, TABLE, TIMINGS, StudyFolderError, read_header, scan, whole_lines
+from jaxplan.study.lines import (
+    HEADER,
+    LARGEST_HEADER,
+    TABLE,
+    TIMINGS,
+    StudyFolderError,
+    read_header,
+    scan,
+    whole_lines,
+)
 from jaxplan.study.rows import COLUMNS, TIMES
 from jaxplan.study.task import Task
 from jaxplan.study.work import Answer
@@ -51,7 +60,7 @@ class Store:
             _claim(self.folder, task.describe())
             self._timings = stack.enter_context(_open(self.folder / TIMINGS))
             self._table = stack.enter_context(_open(self.folder / TABLE))
-            _cut(self._timings, whole_lines(self.folder / TIMINGS, TIMES, len(self.done)))
+            _cut(self._timings, whole_lines(self.folder / TIMINGS, TIMES, len(self.done), past=True))
             _cut(self._table, self._resume())
             self._files = stack.pop_all()
 
@@ -106,9 +115,14 @@ _PART = f".{HEADER}.part"
 def _claim(folder: Path, description: Mapping[str, Any]) -> None:
     """Say in the folder which study it is, or see that it is this one."""
     if not (folder / HEADER).exists():
+        text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
+        if len(text) > LARGEST_HEADER:
+            raise StudyFolderError(
+                f"{folder}: seeds that do not follow one another are too many to be kept: take range(n)"
+            )
         with _open(folder / _PART) as file:
             file.truncate(0)
-            file.write(json.dumps(description, indent=1).encode() + b"\n")
+            file.write(text)
             _force(file)
         os.replace(folder / _PART, folder / HEADER)
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxplan.proportions import success_interval
-from jaxplan.study.rows import OK
+from jaxplan.study.rows import OK, TIMES
 from jaxplan.study.text import aligned, as_html
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def column_values(study: "Study", column: str, every: bool) -> np.ndarray:
     if column == "over_bound":
         bounds = ((row["duration_s"], row["duration_bound_s"]) for row in chosen)
         return np.array([duration / bound for duration, bound in bounds if duration and bound])
-    if column.endswith("_s") and study.timings and column in study.timings[0]:
+    if column in TIMES:  # of which rows may be missing
         scenes = {row["scene"] for row in chosen}
         chosen = [row for row in study.timings if row["scene"] in scenes]
     return np.array([row[column] for row in chosen if row[column] is not None], dtype=float)

@@ -20,6 +20,8 @@ from jaxplan.search import PLANNERS
 from jaxplan.version import __version__
 
 # What a study gives itself.
+_LARGEST_SEED = 2**63 - 1  # that data frames have room for
+_MOST_SCENES = 2**31
 _OWN = {
     "search.method": "given by planner",
     "search.time_limit_s": (
@@ -124,6 +126,11 @@ def make_task(
     scenes: Sequence[Any] = (
         scenarios_or_seeds if isinstance(scenarios_or_seeds, range) else tuple(scenarios_or_seeds)
     )
+    if (
+        isinstance(scenes, range)
+        and not -_MOST_SCENES < (scenes.stop - scenes.start) // scenes.step < _MOST_SCENES
+    ):
+        raise ValueError(f"scenarios_or_seeds = {scenes}: a study has less than {_MOST_SCENES} scenes")
     if not len(scenes):
         raise ValueError("scenarios_or_seeds is empty: there is nothing to plan")
     if isinstance(scenes[0], Scenario):
@@ -158,7 +165,10 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
     faults = [f"{name}: {_OWN[name]}" for name in names if name in _OWN]
     if faults:
         raise ScenarioError(faults, "settings")
-    texts = {str(name): value for name, value in settings.items()}
+    texts = {
+        str(name): "inf" if isinstance(value, float) and value == math.inf else value  # as files have it
+        for name, value in settings.items()
+    }
     try:
         plain: dict[str, Any] = json.loads(json.dumps(texts, sort_keys=True, default=_unwrapped))
     except (TypeError, ValueError) as error:
@@ -185,17 +195,22 @@ def _scenarios(scenes: Sequence[Any], kind: str | None) -> tuple[Scenario, ...]:
 def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
     faults: list[str] = []
     if isinstance(scenes, range):
-        if min(scenes) < 0:
+        least, most = sorted([scenes[0], scenes[-1]])
+        if least < 0:
             faults = [f"scenarios_or_seeds = {scenes}: seeds must be at least 0"]
+        if most > _LARGEST_SEED:
+            faults = [f"scenarios_or_seeds = {scenes}: seeds must be at most {_LARGEST_SEED}"]
         seeds: Sequence[int] = scenes
     else:
         first: dict[int, int] = {}
         for number, scene in enumerate(scenes):
-            place = f"scenarios_or_seeds[{number}] = {scene!r}"
+            place = f"scenarios_or_seeds[{number}] = {scene!r:.40}"
             if isinstance(scene, bool) or not isinstance(scene, int | np.integer):
                 raise TypeError(f"{place}: must be a seed, an integer of at least 0")
             if scene < 0:
                 faults.append(f"{place}: must be at least 0")
+            elif scene > _LARGEST_SEED:
+                faults.append(f"{place}: must be at most {_LARGEST_SEED}")
             elif first.setdefault(int(scene), number) != number:
                 faults.append(f"{place}: the same as scenarios_or_seeds[{first[int(scene)]}]")
         seeds = tuple(map(int, scenes))

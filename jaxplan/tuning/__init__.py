@@ -1,11 +1,12 @@
 """Tuning of numbers of scenarios, by the gradient of what follows from them or, without one, by trials.
 
 `parameters` keeps numbers within their bounds, `objectives` are what may be lowered, `descent` follows the
-gradient. `ranges` are the settings that `trials` vary, and `ledger` keeps what came of them.
+gradient to a `result`. `ranges` are the settings that `trials` vary, and `ledger` keeps what came of them.
 """
 
-from jaxplan.tuning.descent import Tuning, tune
+from jaxplan.tuning.descent import tune
 from jaxplan.tuning.objectives import OBJECTIVES
+from jaxplan.tuning.result import Tuning
 from jaxplan.tuning.trials import SearchTuning, tune_search
 
 __all__ = ["OBJECTIVES", "SearchTuning", "Tuning", "tune", "tune_search"]

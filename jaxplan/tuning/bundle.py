@@ -36,9 +36,7 @@ class Bundle:
     @classmethod
     def of(cls, pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...]) -> Self:
         """The bundle of what is held of plans, each with its scenario."""
-        held = tuple(
-            jax.tree.map(np.asarray, (own, replace(scenario, name="", epoch=None))) for own, scenario in pairs
-        )
+        held = tuple(jax.tree.map(np.asarray, (own, bare(scenario))) for own, scenario in pairs)
         first: dict[Any, int] = {}
         for number, pair in enumerate(held):
             shapes = tuple(leaf.shape for leaf in jax.tree.leaves(pair))
@@ -64,6 +62,11 @@ class Bundle:
                 found |= zip(numbers, pool.map(of, numbers), strict=True)
         values, slopes = zip(*(found[number] for number in range(len(self.held))), strict=True)
         return float(np.mean(values)), np.mean(slopes, axis=0)
+
+
+def bare(scenario: Scenario) -> Scenario:
+    """Without what is no number, for which kernels would be compiled anew."""
+    return replace(scenario, name="", epoch=None)
 
 
 @jax.jit(static_argnums=(3, 4))

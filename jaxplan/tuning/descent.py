@@ -6,7 +6,6 @@ beginning, and the last numbers whose plans are all certified are the answer.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -15,51 +14,17 @@ import numpy as np
 import optax
 
 from jaxplan.planner import Plan, plan_batch
-from jaxplan.scenario import Scenario
+from jaxplan.scenario import Scenario, scenario_to_dict
 from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow_and_hold, hold
-from jaxplan.tuning.bundle import Bundle
-from jaxplan.tuning.objectives import Objective, make_objective
+from jaxplan.trajectory import Trajectory
+from jaxplan.tuning.bundle import Bundle, bare
+from jaxplan.tuning.objectives import Objective, as_weights, make_objective
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
+from jaxplan.tuning.result import Asked, State, Tuning
 
 RENEWED = 40  # steps until plans are made anew; at first a quarter and a half of that
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Tuning:
-    """What tuning found.
-
-    Attributes:
-        scenarios: tuned, in the order given; planned anew and certified.
-        plans: of them.
-        numbers: the tuned numbers by name, in the file's units.
-        history: a row a step: its number, the objective, the length of its gradient in the free parameters,
-            and the numbers by name.
-        message: what was given up, empty if all is well.
-        state: of the descent, from which ``tune(resume=...)`` goes on.
-    """
-
-    scenarios: tuple[Scenario, ...]
-    plans: tuple[Plan, ...]
-    numbers: Mapping[str, float]
-    history: tuple[Mapping[str, float], ...]
-    message: str = ""
-    state: Any = field(default=None, repr=False)
-
-    @property
-    def scenario(self) -> Scenario:
-        """The first of them."""
-        return self.scenarios[0]
-
-    def __str__(self) -> str:
-        first, last = self.history[0], self.history[-1]
-        width = max(len(name) for name in (*self.numbers, "objective"))
-        lines = [f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"]
-        rows = {"objective": (first["objective"], last["objective"])}
-        rows |= {name: (first[name], value) for name, value in self.numbers.items()}
-        lines += [f"  {name:<{width}}  {a:>12.6g} -> {b:.6g}" for name, (a, b) in rows.items()]
-        return "\n".join([*lines, *([f"  {self.message}"] if self.message else [])])
 
 
 def tune(
@@ -83,21 +48,26 @@ def tune(
         optimizer: of optax, on the free parameters; Adam with a rate of 0.1 unless told.
         steps: of the optimiser.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
-        resume: an earlier result of the same call, which is gone on from; its steps count.
+        resume: an earlier result of the same call, which is gone on from; its steps count. Ctrl-C ends a
+            call with such a result.
 
     Returns:
         The tuned scenarios with certified plans, and the history. The same call gives the same result.
 
     Raises:
         KeyError: if a scenario has no such number.
+        TypeError: if resume is no result of tuning.
         ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
-            differentiated; the message says which.
+            differentiated, the objective is not finite there, or resume is of another call; the message says
+            which.
     """
     given = (scenarios,) if isinstance(scenarios, Scenario) else tuple(scenarios)
     if not given:
         raise ValueError("there are no scenarios to tune")
     if not (type(steps) is int and steps >= 1):
         raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
+    if resume is not None and not isinstance(resume, Tuning):
+        raise TypeError(f"resume must be a Tuning, not {type(resume).__name__}")
     for scenario in given:
         if moves(scenario):
             raise ValueError(f"{scenario.name} has targets or zones that move: only fixed ones can be tuned")
@@ -106,41 +76,31 @@ def tune(
     for scenario in given[1:]:
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
             find_number(scenario, one.place.name)
-    optimizer = optax.adam(0.1) if optimizer is None else optimizer
+    optimizer = optax.with_extra_args_support(optax.adam(0.1) if optimizer is None else optimizer)
     with jax.enable_x64(True):
-        if resume is None:
-            free = jnp.array([one.free() for one in tuned])
-            state = _State(free=free, memory=optimizer.init(free), plans=(), history=())
-        else:
+        free = jnp.array([one.free() for one in tuned])
+        memory = optimizer.init(free)
+        asked = Asked(
+            scenarios=[scenario_to_dict(scenario) for scenario in given],
+            over=[(one.place.name, one.low, one.high) for one in tuned],
+            objective=None if callable(objective) else as_weights(objective),
+            optimizer=jax.tree.structure(memory),
+        )
+        state = State(asked=asked, free=free, memory=memory)
+        if resume is not None:
             state = resume.state
+            state.asked.expect(asked)
         return _descend(given, aim, tuned, optimizer, steps, progress, state)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _State:
-    """Where a descent is.
-
-    Attributes:
-        free: parameters.
-        memory: of the optimiser.
-        plans: that trajectories are followed from; none to begin with.
-        history: a row for each step that was made.
-    """
-
-    free: jax.Array
-    memory: Any
-    plans: tuple[Plan, ...]
-    history: tuple[Mapping[str, float], ...]
 
 
 def _descend(
     given: tuple[Scenario, ...],
     aim: Objective,
     tuned: tuple[Parameter, ...],
-    optimizer: optax.GradientTransformation,
+    optimizer: optax.GradientTransformationExtraArgs,
     steps: int,
     progress: bool,
-    state: _State,
+    state: State,
 ) -> Tuning:
     from tqdm.auto import tqdm
 
@@ -148,45 +108,120 @@ def _descend(
         numbers = {one.place: float(one.value(z)) for one, z in zip(tuned, np.asarray(free), strict=True)}
         return tuple(with_numbers(scenario, numbers) for scenario in given)
 
-    def row(value: float, slope: np.ndarray) -> dict[str, float]:
-        found = {"step": len(history), "objective": value, "slope": float(np.linalg.norm(slope))}
-        return found | as_dict(tuned, np.asarray(free))
-
     free, memory, history = state.free, state.memory, list(state.history)
     plans = state.plans or _plans_to_begin_with(at(free), progress)
     bundle = Bundle.of(((hold(plan), plan.scenario) for plan in plans), aim, tuned)
-    checkpoints, message = [free], ""
+    checkpoints, messages = list(state.checkpoints or [free]), []
+    moved = np.zeros(len(tuned), dtype=bool)
+
+    def look() -> tuple[dict[str, float], np.ndarray] | None:
+        """The row of the next step and the gradient; None where they are not finite."""
+        value, slope = bundle.slope(free)
+        if not (np.isfinite(value) and np.all(np.isfinite(slope))):
+            return None
+        row = {"step": len(history), "objective": value, "slope": float(np.linalg.norm(slope))}
+        return row | as_dict(tuned, np.asarray(free)), slope
+
+    seen = look()
+    if seen is None:
+        raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
+    before = free, memory
     hidden = not progress or None  # None: where stderr is no terminal
-    with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
-        for step in range(len(history), len(history) + steps):
-            if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
-                renewed = _renewed(plans, at(free), aim, tuned)
-                if renewed is not None:
-                    plans, bundle = renewed
-                    checkpoints.append(free)
-            value, slope = bundle.slope(free)
-            if not (np.isfinite(value) and np.all(np.isfinite(slope))):
-                message = f"stopped after {step} steps, where the objective is not finite"
-                break
-            history.append(row(value, slope))
-            bar.set_postfix_str(f"{value:.5g}", refresh=False)
-            bar.update()
-            change, memory = optimizer.update(jnp.asarray(slope), memory, free)
-            free = optax.apply_updates(free, change)
-    reached = _State(free=free, memory=memory, plans=plans, history=tuple(history))
+    try:
+        with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
+            for step in range(len(history), len(history) + steps):
+                if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
+                    renewed = _renewed(plans, at(free), aim, tuned)
+                    if renewed is not None:
+                        plans, bundle = renewed
+                        checkpoints.append(free)
+                        seen = look() or seen
+                row, slope = seen
+                moved |= slope != 0
+                bar.set_postfix_str(f"{row['objective']:.5g}", refresh=False)
+                history.append(row)
+                before = free, memory
+                free, memory = _stepped(optimizer, slope, row["objective"], *before)
+                ahead = look()
+                if ahead is None:
+                    messages.append(f"stopped after {step} steps: beyond, the objective is not finite")
+                    break
+                seen, before = ahead, (free, memory)
+                bar.update()
+    except KeyboardInterrupt:
+        messages.append("interrupted")
+    free, memory = before
+    if history and history[-1] is seen[0]:  # of a step that was not made
+        history.pop()
+    reached = State(
+        asked=state.asked,
+        free=free,
+        memory=memory,
+        plans=plans,
+        history=tuple(history),
+        checkpoints=tuple(checkpoints),
+    )
     for answer in (free, *reversed(checkpoints)):
         final = plan_batch(at(answer), progress=progress)
         if all(plan.ok for plan in final):
             break
-        message = "the last numbers have no certified plans, so these are earlier ones"
+    if answer is not free:
+        messages.append("the last numbers have no certified plans, so these are earlier ones")
+    return _result(aim, tuned, final, as_dict(tuned, np.asarray(answer)), seen[0], reached, moved, messages)
+
+
+def _stepped(
+    optimizer: optax.GradientTransformationExtraArgs,
+    slope: np.ndarray,
+    value: float,
+    free: jax.Array,
+    memory: Any,
+) -> tuple[jax.Array, Any]:
+    """Parameters and memory after a step."""
+    try:
+        change, memory = optimizer.update(jnp.asarray(slope), memory, free, value=jnp.asarray(value))
+    except TypeError as error:
+        raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
+    stepped: jax.Array = optax.apply_updates(free, change)
+    return stepped, memory
+
+
+def _result(
+    aim: Objective,
+    tuned: tuple[Parameter, ...],
+    plans: list[Plan],
+    numbers: dict[str, float],
+    last: dict[str, float],
+    reached: State,
+    moved: np.ndarray,
+    messages: list[str],
+) -> Tuning:
+    """The answer, and what there is to say about it."""
+    own = (jax.tree.map(np.asarray, (plan.trajectory, bare(plan.scenario))) for plan in plans)
+    value = float(np.mean([float(_number(*one, aim)) for one in own]))
+    history = (*reached.history, last)
+    if not value <= history[0]["objective"]:
+        messages.append(
+            "the objective is no lower than at the beginning: try smaller steps, or other numbers"
+        )
+    still = [one.place.name for one, has in zip(tuned, moved, strict=True) if not has]
+    if still and reached.history:
+        messages.append(f"without influence on the objective: {', '.join(still)}")
     return Tuning(
-        scenarios=tuple(plan.scenario for plan in final),
-        plans=tuple(final),
-        numbers=as_dict(tuned, np.asarray(answer)),
-        history=(*history, row(*bundle.slope(free))),
-        message=message,
+        scenarios=tuple(plan.scenario for plan in plans),
+        plans=tuple(plans),
+        numbers=numbers,
+        objective=value,
+        history=history,
+        message="; ".join(messages),
         state=reached,
     )
+
+
+@jax.jit(static_argnums=2)
+def _number(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
+    """The objective of a plan."""
+    return aim(trajectory, scenario)
 
 
 def _plans_to_begin_with(scenarios: tuple[Scenario, ...], progress: bool) -> tuple[Plan, ...]:

@@ -18,8 +18,16 @@ _DEGREE = np.pi / 180
 
 def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
     craft = scenario.spacecraft
+    if not (scenario.keep_out or scenario.keep_in):
+        raise ValueError("objective smallest_margin needs zones, of which there are none")
     cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
     return measures.least_margin(trajectory, craft, cones) / _DEGREE
+
+
+def _torque(trajectory: Trajectory, scenario: Scenario) -> Array:
+    if scenario.spacecraft.inertia is None:
+        raise ValueError("objective peak_torque needs spacecraft.inertia_kg_m2, which is not set")
+    return measures.peak_torque(trajectory, scenario.spacecraft)
 
 
 # Ready-made ones by name; the margin is to grow, so it counts negative.
@@ -28,7 +36,7 @@ OBJECTIVES: dict[str, Objective] = {
     "smooth_peak_acceleration": lambda t, s: measures.power_mean(t, "angular_acceleration") / _DEGREE,
     "peak_rate": lambda t, s: measures.peak(t, "angular_velocity") / _DEGREE,
     "peak_jerk": lambda t, s: measures.peak(t, "angular_jerk") / _DEGREE,
-    "peak_torque": lambda t, s: measures.peak_torque(t, s.spacecraft),
+    "peak_torque": _torque,
     "effort": lambda t, s: measures.effort(t) / _DEGREE**2,
     "roughness": lambda t, s: measures.roughness(t) / _DEGREE**2,
     "duration": lambda t, s: measures.duration(t),
@@ -44,16 +52,35 @@ def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
             scenario.
 
     Raises:
-        ValueError: if a name is not known.
+        TypeError: if it is none of these.
+        ValueError: if a name is not known, or a weight no finite number.
     """
     if callable(given):
         return given
+    return _weighted(tuple(as_weights(given).items()))
+
+
+def as_weights(given: object) -> dict[str, float]:
+    """An objective that is a name or weights by name, as the latter.
+
+    Raises:
+        TypeError: if it is neither.
+        ValueError: if a name is not known, or a weight no finite number.
+    """
+    if not isinstance(given, str | Mapping):
+        raise TypeError(
+            f"objective must be a name, weights by name or a function, not {type(given).__name__}"
+        )
     weights = {given: 1.0} if isinstance(given, str) else dict(given)
-    for name in weights:
+    if not weights:
+        raise ValueError("objective has no weights: there is nothing to lower")
+    for name, weight in weights.items():
         if name not in OBJECTIVES:
             raise ValueError(f"unknown objective {name!r}: must be one of {', '.join(OBJECTIVES)}")
-
-    return _weighted(tuple(weights.items()))
+        number = isinstance(weight, int | float | np.number) and not isinstance(weight, bool)
+        if not (number and np.isfinite(weight)):
+            raise ValueError(f"objective[{name!r}] = {weight!r}: must be a finite number")
+    return {name: float(weight) for name, weight in weights.items()}
 
 
 @cache

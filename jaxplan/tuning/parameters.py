@@ -70,14 +70,22 @@ def parameters(
         KeyError: if a scenario has no such number.
         ValueError: if bounds are none, or the first value does not lie between them.
     """
+    if isinstance(over, str):
+        raise ValueError(f'over = "{over}": must be a list of names, or their bounds by name')
     found = []
     for name in over:
+        if not isinstance(name, str):
+            raise ValueError(f"over has {name!r}: must be the name of a number")
+        if name.startswith("search."):
+            raise ValueError(
+                f"{name}: settings of the search have no gradient, jp.tune_search tries them out"
+            )
         place = find_number(scenario, name)
         first = float(place.get(scenario))
-        low, high = over[name] if isinstance(over, Mapping) else _usual(place, first)
-        inside = low < first < high and math.isfinite(low) and math.isfinite(high)
-        if not inside:
-            raise ValueError(f"{name} = {first:g}: must lie between its bounds {low:g} and {high:g}")
+        low, high = _pair(name, over[name]) if isinstance(over, Mapping) else _usual(place, first)
+        if not low < first < high:
+            hint = "" if isinstance(over, Mapping) else ", which over may give"
+            raise ValueError(f"{name} = {first:g}: must lie between its bounds {low:g} and {high:g}{hint}")
         for bound in (low, high):
             if place.interval is not None and not place.interval.low <= bound <= place.interval.high:
                 raise ValueError(f"bound {bound:g} of {name}: must {place.interval.wanted}")
@@ -85,6 +93,15 @@ def parameters(
     if not found:
         raise ValueError("over names nothing to tune")
     return tuple(found)
+
+
+def _pair(name: str, bounds: object) -> tuple[float, float]:
+    """Bounds that are given."""
+    good = isinstance(bounds, tuple | list) and len(bounds) == 2
+    numbers = [float(bound) for bound in bounds if isinstance(bound, int | float | np.number)] if good else []  # type: ignore[attr-defined]
+    if not (len(numbers) == 2 and all(map(math.isfinite, numbers)) and numbers[0] < numbers[1]):
+        raise ValueError(f"bounds of {name} = {bounds!r}: must be two finite numbers, the lower one first")
+    return numbers[0], numbers[1]
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:

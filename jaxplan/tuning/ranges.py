@@ -23,7 +23,7 @@ class Range:
         low: the least value, in the file's unit.
         high: the largest.
         integer: whether the setting is a whole number.
-        own: what the scenes have; NaN where they differ, or have a word there.
+        own: what the scenes have; NaN where they differ, or have a word or nothing there.
     """
 
     name: str
@@ -85,12 +85,13 @@ def _is_pair(bounds: Any) -> bool:
 def _range(name: str, bounds: tuple[float, float], scenarios: tuple[Scenario, ...]) -> Range:
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
-    values = [entry.kind.write(getattr(getattr(scenario, table), entry.attribute)) for scenario in scenarios]
-    shared = type(values[0]) in (int, float) and all(value == values[0] for value in values)
+    held = [getattr(getattr(scenario, table), entry.attribute) for scenario in scenarios]
+    values: list[Any] = [None if value is None else entry.kind.write(value) for value in held]  # not set
+    first = values[0]
     return Range(
         name=name,
         low=bounds[0],
         high=bounds[1],
         integer=isinstance(entry.kind, Integer),
-        own=values[0] if shared else math.nan,
+        own=first if type(first) in (int, float) and values.count(first) == len(values) else math.nan,
     )

@@ -154,10 +154,15 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
     return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
 
+def end_margins(problem: Problem, request: Request) -> np.ndarray:
+    """Margins (2, D, Z) at start and goal, as `Motion` has them."""
+    ends = [0, -1]
+    seen = cosines(problem, np.array([0.0, 1.0]), request.attitudes[ends], request.joints[ends])
+    return margins(problem.cones, seen)
+
+
 def _wanted(problem: Problem, request: Request) -> np.ndarray:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
-    cones, ends = problem.cones, [0, -1]
-    seen = cosines(problem, np.array([0.0, 1.0]), request.attitudes[ends], request.joints[ends])
-    found = margins(cones, seen)
+    cones, found = problem.cones, end_margins(problem, request)
     room = np.where(cones.side > 0, np.pi - cones.half_angle, cones.half_angle)
     return np.minimum(CLEARANCE, OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))

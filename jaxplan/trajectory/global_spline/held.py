@@ -99,6 +99,8 @@ class Held:
         windings: (m + 1,) whole turns added to the logarithm at each node.
         long_way: 1 where the chart turns the long way round, else 0.
         tightened: (Q, 3) share of the limits on the platform's loads that the rows take.
+        widened: of the tube that was asked for, the one that was kept.
+        counted: (2, D, Z) bool, which margins at the two ends count: of a group those of the best zone.
         duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
         linear: rows that bind, as the next two.
         loads: of the platform's.
@@ -120,6 +122,8 @@ class Held:
     windings: Traced
     long_way: Traced
     tightened: Traced
+    widened: Traced
+    counted: Traced
     duration: Traced
     linear: LinearRows
     loads: LoadRows

@@ -6,7 +6,9 @@ import jax
 import numpy as np
 
 from jaxplan.path import Path
+from jaxplan.scenario.model import MINIMUM
 from jaxplan.trajectory.global_spline import program, sqp
+from jaxplan.trajectory.global_spline.build import end_margins
 from jaxplan.trajectory.global_spline.chart import Chart
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
@@ -51,8 +53,9 @@ class Origin:
                 found that binds there, as where one is about to.
         """
         task, point = self.attempt.task, self.attempt.point
-        if task.free_time:
-            raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s longer")
+        asked = self.job.settings.duration
+        if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
+            raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
         objective = sqp.Objective(task, point)
         rows = {family.name: family for family in task.rows_at(point)}
         proposal = program.propose(
@@ -96,7 +99,7 @@ class Origin:
             joints=padded(job.joints, FEWEST_NODES),
             edge_costs=np.zeros(0),
         )
-        settings = replace(job.settings, node_tube=self.attempt.radius, duration=0.0)  # given beside
+        settings = replace(job.settings, duration=0.0)  # given beside
         z = np.concatenate([held.x.ravel(), held.multipliers])
         with jax.enable_x64(True):
             inputs = _inputs(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
@@ -115,6 +118,11 @@ class Origin:
             return None
         x = best[: held.x.size].reshape(held.x.shape)
         return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
+
+    def _widened(self) -> float:
+        """Of the tube that was asked for, the one that was kept; one where there is none, or no width."""
+        asked, kept = self.job.radius(free_time=False), self.attempt.radius
+        return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, point: sqp.Point) -> np.ndarray:
         """(k, A) ``x`` of a curve."""
@@ -148,6 +156,8 @@ class Origin:
             windings=padded(_windings(problem.chart, job.attitudes, places), FEWEST_NODES),
             long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
             tightened=problem.limits / np.where(np.isfinite(own.limits), own.limits, 1),
+            widened=np.array(self._widened()),
+            counted=np.isfinite(end_margins(problem, self.attempt.request)),
             duration=np.array(point.duration if self.stretched else np.nan),
             linear=linear,
             loads=loads,

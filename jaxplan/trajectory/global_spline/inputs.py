@@ -79,7 +79,7 @@ def gather_inputs(
     weights = jnp.stack(
         [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
     )
-    radius = TUBE_RADIUS if settings.node_tube is None else settings.node_tube
+    radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     scales = [
         craft.joint_rate_limits * duration,
@@ -99,6 +99,7 @@ def gather_inputs(
     margins = cones.side * (
         _angles(body @ jnp.swapaxes(attitudes[jnp.array([0, -1])], -1, -2), cones) - cones.half_angle
     )
+    margins = jnp.where(held.counted, margins, jnp.inf)
     room = jnp.where(cones.side > 0, jnp.pi - cones.half_angle, cones.half_angle)
     wanted = jnp.minimum(CLEARANCE, OF_ENDS * jnp.minimum(jnp.maximum(jnp.min(margins, axis=0), 0), room))
     return Inputs(

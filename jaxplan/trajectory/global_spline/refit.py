@@ -1,8 +1,8 @@
 """A fit as a pure function of its inputs, near those of a fit that was made (`held`).
 
 Newton's method on ``F(z; inputs) = 0`` with ``z = (x, y)``; the matrix is exact, with the curvature of loads
-and margins in it. Its last step is written so that automatic differentiation, forward or reverse, gives
-``dz = -K^-1 (dF / d inputs)``, the implicit function theorem.
+and margins in it. Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)``, the
+implicit function theorem, and refuses to differentiate that again.
 """
 
 from collections.abc import Callable
@@ -19,6 +19,7 @@ from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.first_order import first_derivatives_only
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
 from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs
@@ -82,7 +83,12 @@ def linearised(held: Held, inputs: Inputs, z: ArrayLike) -> tuple[Traced, Traced
 
 def _solve(held: Held, inputs: Inputs) -> Traced:
     """The root ``z``, flat."""
-    fixed = jax.lax.stop_gradient((held, inputs))
+    return _root(held, inputs)[0]
+
+
+@jax.custom_jvp
+def _root(held: Held, inputs: Inputs) -> tuple[Traced, tuple[Traced, Traced]]:
+    """The root, and the factors of the matrix there."""
     z = jnp.concatenate([held.x.ravel(), held.multipliers])
 
     def far(at: tuple[Any, ...]) -> Traced:
@@ -91,14 +97,24 @@ def _solve(held: Held, inputs: Inputs) -> Traced:
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
         count, z, _, _ = at
-        left, factors = _residual(*fixed, z), lu_factor(_matrix(*fixed, z))
+        left, factors = _residual(held, inputs, z), lu_factor(_matrix(held, inputs, z))
         return count + 1, z - lu_solve(factors, left), left, factors
 
     none = jnp.zeros((len(z), len(z)), z.dtype), jnp.zeros(len(z), jnp.int32)
     start = jnp.array(0), z, jnp.full_like(z, jnp.inf), none
     # The factors are those of the step before, which at the root are the same.
-    _, z, _, factors = jax.lax.stop_gradient(jax.lax.while_loop(far, ahead, jax.lax.stop_gradient(start)))
-    return z - lu_solve(factors, _residual(held, inputs, z))
+    _, z, _, factors = jax.lax.while_loop(far, ahead, start)
+    return z - lu_solve(factors, _residual(held, inputs, z)), factors
+
+
+@_root.defjvp
+def _root_slope(primals: tuple[Held, Inputs], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The implicit function theorem; its matrix is held, so it must not be differentiated again."""
+    z, factors = _root(*primals)
+    held, inputs = first_derivatives_only(primals)
+    _, left = jax.jvp(lambda held, inputs: _residual(held, inputs, z), (held, inputs), tangents)
+    none = jnp.zeros_like(factors[0]), np.zeros(factors[1].shape, jax.dtypes.float0)
+    return (z, factors), (-lu_solve(factors, left), none)
 
 
 def _split(held: Held, z: Traced) -> tuple[Traced, Traced]:

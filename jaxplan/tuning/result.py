@@ -1,0 +1,94 @@
+"""What tuning found, and what it takes to go on from there."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import jax
+
+from jaxplan.planner import Plan
+from jaxplan.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What a descent was asked for, as far as it can be told.
+
+    Attributes:
+        scenarios: as tables of files.
+        over: names of the numbers, with their bounds.
+        objective: names and weights, None for a function.
+        optimizer: the structure of its memory.
+    """
+
+    scenarios: Any
+    over: Any
+    objective: Any
+    optimizer: Any
+
+    def expect(self, other: "Asked") -> None:
+        """Raise where a call that resumes asks for something else."""
+        differing = [one.name for one in fields(self) if getattr(self, one.name) != getattr(other, one.name)]
+        if differing:
+            raise ValueError(
+                f"resume is the result of another call: {', '.join(differing)} must be those of then"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Where a descent is.
+
+    Attributes:
+        asked: of it.
+        free: parameters.
+        memory: of the optimiser.
+        plans: that trajectories are followed from; none to begin with.
+        history: a row for each step that was made.
+        checkpoints: parameters at which plans were made anew, the first ones certified.
+    """
+
+    asked: Asked
+    free: jax.Array
+    memory: Any
+    plans: tuple[Plan, ...] = ()
+    history: tuple[Mapping[str, float], ...] = ()
+    checkpoints: tuple[jax.Array, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tuning:
+    """What tuning found.
+
+    Attributes:
+        scenarios: tuned, in the order given; planned anew and certified.
+        plans: of them.
+        numbers: the tuned numbers by name, in the file's units.
+        objective: of these plans.
+        history: a row a step: its number, the objective, the length of its gradient in the free parameters,
+            and the numbers by name. Its trajectories are followed, not searched anew.
+        message: what was given up, empty if all is well.
+        state: of the descent, from which ``tune(resume=...)`` goes on.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    plans: tuple[Plan, ...]
+    numbers: Mapping[str, float]
+    objective: float
+    history: tuple[Mapping[str, float], ...]
+    message: str = ""
+    state: Any = field(default=None, repr=False)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The first of them."""
+        return self.scenarios[0]
+
+    def __str__(self) -> str:
+        first = self.history[0]
+        width = max(len(name) for name in (*self.numbers, "objective"))
+        lines = [f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"]
+        rows = {"objective": (first["objective"], self.objective)}
+        rows |= {name: (first[name], value) for name, value in self.numbers.items()}
+        lines += [f"  {name:<{width}}  {a:>12.6g} -> {b:.6g}" for name, (a, b) in rows.items()]
+        return "\n".join([*lines, *([f"  {self.message}"] if self.message else [])])
