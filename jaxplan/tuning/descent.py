@@ -6,6 +6,7 @@ beginning, and the last numbers whose plans are all certified are the answer.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -19,6 +20,7 @@ from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.bundle import Bundle, bare
 from jaxplan.tuning.objectives import Objective, as_weights, make_objective
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
@@ -197,8 +199,7 @@ def _result(
     messages: list[str],
 ) -> Tuning:
     """The answer, and what there is to say about it."""
-    own = (jax.tree.map(np.asarray, (plan.trajectory, bare(plan.scenario))) for plan in plans)
-    value = float(np.mean([float(_number(*one, aim)) for one in own]))
+    value = float(np.mean([_number(plan, aim) for plan in plans]))
     history = (*reached.history, last)
     if not value <= history[0]["objective"]:
         messages.append(
@@ -218,9 +219,16 @@ def _result(
     )
 
 
-@jax.jit(static_argnums=2)
-def _number(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
+def _number(plan: Plan, aim: Objective) -> float:
     """The objective of a plan."""
+    curve = plan.trajectory
+    assert curve is not None  # it is OK
+    curve = replace(curve, node_times=padded(curve.node_times, FEWEST_NODES))  # as `replan` gives them
+    return float(_valued(*jax.tree.map(np.asarray, (curve, bare(plan.scenario))), aim))
+
+
+@jax.jit(static_argnums=2)
+def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
     return aim(trajectory, scenario)
 
 
