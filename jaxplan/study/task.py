@@ -19,9 +19,10 @@ from jaxplan.scenario import Scenario, ScenarioError, scenario_to_dict, with_set
 from jaxplan.search import PLANNERS
 from jaxplan.version import __version__
 
-# What a study gives itself.
 _LARGEST_SEED = 2**63 - 1  # that data frames have room for
 _MOST_SCENES = 2**31
+
+# What a study gives itself.
 _OWN = {
     "search.method": "given by planner",
     "search.time_limit_s": (

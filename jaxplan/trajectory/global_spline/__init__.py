@@ -2,7 +2,8 @@
 
 `method` chooses durations and `attempts` what to try; `build` makes a task of a path; `sqp` improves a curve
 of a `curve_space` step by step, each by a `program` over `families` of rows, which look at the `motion` in
-its `chart`. `holding` tells which rows bind at the end, `refit` follows the curve while its `inputs` change.
+its `chart`. `holding` tells which rows are `binding` at the end, `refit` follows the curve while its `inputs`
+change.
 """
 
 from jaxplan.trajectory.global_spline.method import fit_global

@@ -8,6 +8,7 @@ import numpy as np
 from jaxplan.path import Path
 from jaxplan.scenario.model import MINIMUM
 from jaxplan.trajectory.global_spline import program, sqp
+from jaxplan.trajectory.global_spline.binding import Masks, independent, next_rows
 from jaxplan.trajectory.global_spline.build import end_margins
 from jaxplan.trajectory.global_spline.chart import Chart
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
@@ -22,12 +23,10 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
 
 _LOOKS = 20  # at which rows bind
-_TOUCHING = 1e-6  # room of a row that may bind
 _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
 _ROUNDED = 1e-8  # what rounding may leave of it, where little moves
 
-Masks = dict[str, np.ndarray]
 _inputs = jax.jit(gather_inputs)
 
 
@@ -74,7 +73,8 @@ class Origin:
                 multipliers = _named(rows, binding, held, found)
                 least = -_PULLING * np.max(found, initial=1.0)
                 after = {
-                    name: _next(rows[name], own, multipliers[name], least) for name, own in binding.items()
+                    name: next_rows(rows[name], own, multipliers[name], least)
+                    for name, own in binding.items()
                 }
                 if all(np.array_equal(after[name], own) for name, own in binding.items()):
                     return replace(held, x=self._free(point), multipliers=found)
@@ -84,7 +84,7 @@ class Origin:
             # Where a rate stays at its limit, rows beside each other follow from each other.
             crowded = crowded or root is None
             if crowded:
-                multipliers = _independent(rows, binding, objective.quadratic(point, 0.0))
+                multipliers = independent(rows, binding, objective.quadratic(point, 0.0))
                 binding = {name: own > 0 for name, own in multipliers.items()}
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
@@ -167,41 +167,6 @@ class Origin:
             powers=tuple(int(power) for power in problem.powers),
             stretched=self.stretched,
         )
-
-
-def _next(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: float) -> np.ndarray:
-    """Which rows of a family to try next: without those that pull, with those that are broken.
-
-    Of rows at places only the worst of each zone or load, since those beside it mean the same.
-    """
-    pulling = binding & (multipliers < least)
-    room = family.room
-    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room)
-    if not family.linear:
-        worst = np.arange(len(room)).reshape(-1, *[1] * (room.ndim - 1))
-        if np.any(pulling):
-            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=0)))
-        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=0)
-    return (binding & ~pulling) | broken
-
-
-def _independent(families: dict[str, Family], binding: Masks, quadratic: program.Quadratic) -> Masks:
-    """Multipliers of few of the rows that bind or touch, none of which follows from the others.
-
-    They are those that push and hold the objective's gradient best.
-    """
-    from scipy.optimize import nnls
-
-    touching = {name: np.nonzero(binding[name] | (f.room < _TOUCHING)) for name, f in families.items()}
-    slopes = [families[name].slopes(index) @ quadratic.free for name, index in touching.items()]
-    gradient = (quadratic.free.T @ quadratic.gradient).T
-    every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
-    flat = nnls(every.T, -gradient.ravel())[0] if len(every) else np.zeros(0)  # it crashes on none
-    found = {}
-    for name, index in touching.items():
-        found[name] = np.zeros(families[name].room.shape)
-        found[name][index], flat = flat[: len(index[0])], flat[len(index[0]) :]
-    return found
 
 
 def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index]]:
