@@ -281,3 +281,45 @@ def test_second_derivatives_and_numbers_of_32_bits_are_refused():
         jax.eval_shape(jax.grad(jax.grad(end)), 30.0)
     with jax.enable_x64(False), pytest.raises(ValueError, match=r"call it within jax\.enable_x64"):
         replan(held, plan.scenario)
+
+
+@pytest.mark.parametrize("method", ["global", "paper"])
+def test_slopes_of_a_batch_are_those_of_each_and_of_differences_forward_and_reverse(method):
+    scenario = make_scenario(1)
+    settings = replace(scenario.trajectory, method=method, duration=30.0, rate_weight=1.0)
+    scenario = jax.tree.map(np.asarray, replace(scenario, trajectory=settings))
+    held = hold(jp.plan(scenario))
+
+    def number_of(weight, duration, rotation):
+        settings = replace(scenario.trajectory, rate_weight=weight, duration=duration)
+        start = replace(scenario.start, rotation_vector=rotation)
+        return 1e4 * jp.measures.effort(replan(held, replace(scenario, start=start, trajectory=settings)))
+
+    rng = np.random.default_rng(0)
+    rotation = scenario.start.rotation_vector
+    batch = (
+        1 + 1e-2 * rng.normal(size=64),
+        30 + 1e-2 * rng.normal(size=64),
+        rotation + 1e-3 * rng.normal(size=(64, 3)),
+    )
+    every = (0, 1, 2)
+    with jax.enable_x64(True):
+        reverse = quick_jit(jax.vmap(jax.grad(number_of, every)))(*batch)
+        forward = quick_jit(jax.vmap(jax.jacfwd(number_of, every)))(*batch)
+        alone = quick_jit(jax.grad(number_of, every))(*(own[5] for own in batch))
+        value = quick_jit(jax.vmap(number_of))
+        ways = [rng.normal(size=own.shape) for own in batch]
+        at = {
+            share: np.asarray(
+                value(*(own + share * 1e-4 * way for own, way in zip(batch, ways, strict=True)))
+            )
+            for share in (-2, -1, 1, 2)
+        }
+    found = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * 1e-4)
+    slope = sum(
+        (np.asarray(own) * way).reshape(64, -1).sum(axis=1) for own, way in zip(reverse, ways, strict=True)
+    )
+    assert np.all(np.abs(slope - found) <= 1e-6 * np.abs(found).max())
+    for one, other, single in zip(reverse, forward, alone, strict=True):
+        assert np.allclose(one, other, rtol=1e-9, atol=1e-10)
+        assert np.allclose(one[5], single, rtol=1e-9, atol=1e-10)
