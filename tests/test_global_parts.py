@@ -88,6 +88,21 @@ def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
         assert np.all(values >= hull.min(axis=0) - room)
 
 
+@BREAKS
+def test_places_within_are_evenly_spread_on_each_interval(breaks):
+    basis = Basis.on(breaks)
+    places, rows = basis.within(4)
+    expected = np.concatenate([np.linspace(*ends, 4, endpoint=False) for ends in pairwise(breaks)])
+    np.testing.assert_allclose(places, expected, atol=1e-15)
+    np.testing.assert_array_equal(rows, basis.rows(places))
+
+
+def test_an_even_basis_is_that_of_breaks_at_equal_distances():
+    basis = Basis.even(7)
+    np.testing.assert_array_equal(basis.breaks, np.linspace(0, 1, 8))
+    assert [len(matrix) for matrix in basis.differences] == [12, 11, 10, 9]  # the curve and three derivatives
+
+
 @pytest.mark.parametrize("rest", [True, False])
 def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
     rng = np.random.default_rng(5)
@@ -104,6 +119,23 @@ def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
             np.testing.assert_allclose(at_ends[2], 0, atol=1e-9)
     np.testing.assert_allclose(basis.rows(places, 1)[0] @ coefficients, nodes, atol=1e-12)
     assert one.free.shape[1] == space.free.shape[1] - len(places)
+    # The same from what is given, which derivatives are taken of.
+    np.testing.assert_allclose(one.of_values @ np.concatenate([values, nodes]), one.fixed, atol=1e-12)
+    np.testing.assert_allclose(one.of_rates @ rates, one.by_time, atol=1e-12)
+
+
+def test_the_energy_is_the_weighted_integral_of_squares_over_time():
+    rng = np.random.default_rng(6)
+    basis, duration, weights = Basis.on(UNEVEN), 17.0, (0.7, 30.0, 900.0)
+    space = CurveSpace.of(basis, Ends(values=np.zeros((2, 1)), rates=np.zeros((2, 1)), rest=True))
+    coefficients = rng.normal(size=basis.size)
+    nodes, shares = np.polynomial.legendre.leggauss(12)
+    half = np.diff(UNEVEN)[:, None] / 2
+    places, steps = (UNEVEN[:-1, None] + half * (nodes + 1)).ravel(), duration * (half * shares).ravel()
+    squares = [(scipy_curve(basis, coefficients, d)(places) / duration**d) ** 2 for d in (1, 2, 3)]
+    expected = sum(weight * (steps @ square) for weight, square in zip(weights, squares, strict=True))
+    energy = coefficients @ space.energy(duration, weights) @ coefficients
+    assert energy == pytest.approx(expected, rel=1e-11)
 
 
 TURNS = [[0, 20], [0, 180], [0, 90, 180], [0, 60, 120, 180, 240, 300], [0, 100, 190], [0, 170, 10], [0, 0, 5]]
