@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
 from jaxplan.search import PLANNERS, mha_paper, mha_rules
-from jaxplan.search.fields import SIZE, distance_fields, no_fields
+from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
 from jaxplan.search.lockstep import alone
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
@@ -163,6 +163,8 @@ def test_attitude_moves_and_heuristics_are_those_of_the_paper():
         np.abs(difference).sum(axis=1)[:, None] + left.sum(axis=1),
     ]
     assert np.allclose(heuristics, expected, atol=1e-12)
+    angles_left = (ends.inv() * goal).magnitude()[:, None]
+    assert np.allclose(found.heuristics[0], steps_between(scene, angles_left, left), atol=1e-12)
     assert np.allclose(cost, scene.attitude_step + scene.joint_steps.sum())  # (16)
 
 
@@ -213,6 +215,27 @@ def test_fields_lead_around_zones():
         straight = np.arccos(np.clip(seen @ goal, -1, 1))
         assert np.all(row >= straight - 0.2), "no way is shorter than the straight one, but for the grid"
     assert np.allclose(found.fields[0], found.fields[1]), "with one device the sum is the largest"
+
+
+@pytest.mark.parametrize("edges", [True, False])
+def test_every_child_is_told_what_the_fields_say_where_its_move_ends(edges):
+    scene = SCENES["two terminals"]()
+    node, rng = make_root(scene), np.random.default_rng(0)
+    table = rng.uniform(0, 3, (2, SIZE, SIZE))
+    moves = mha_rules.propose(scene, node, rng, make_scenario().search, 1)
+    wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
+    found = alone(
+        scene, expand(node.packed, moves.turns, moves.options, moves.choice, wanted, table, edges=edges)
+    )
+    ends = ends_of(scene, found).as_matrix()
+    every = np.broadcast_to(moves.options, (len(ends), *moves.options.shape[1:]))
+    count = len(moves.choice)
+    seen = np.array([
+        boresights(scene, np.broadcast_to(end, (count, 3, 3)), node.joints + chosen(options, moves.choice))
+        for end, options in zip(ends, every, strict=True)
+    ])  # fmt: skip
+    told = np.asarray(look_up(table, np.moveaxis(seen, -1, 0)))
+    assert np.allclose(found.fields, [told.sum(axis=-1), told.max(axis=-1)], atol=1e-12)
 
 
 def test_without_zones_fields_are_distances_on_the_sphere():
