@@ -13,11 +13,14 @@ from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.path import Path
 from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow, hold, replan
 from jaxplan.trajectory import evaluate, fit_global
+from jaxplan.trajectory.paper import counting
+from jaxplan.trajectory.paper.refit import nominal_duration
 from jaxplan.zones import KeepIn, tabulate
 
 TIMES = np.array([0.13, 0.37, 0.5, 0.81])
@@ -172,6 +175,22 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
         assert expected == pytest.approx(found, rel=1e-6, abs=1e-7), part
 
 
+@pytest.mark.parametrize("deciding", [0, 1])
+def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
+    path = load("astar_c3")
+    turns = so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])
+    moves = np.concatenate([turns, np.diff(path.joints, axis=0)], axis=1)
+    fractions = np.linspace(0, 1, len(moves) + 1) ** 1.3
+    limits = np.random.default_rng(0).uniform(0.5, 2.0, (2, moves.shape[1]))
+    limits[deciding] /= 100
+    expected = counting.shortest_duration(moves, fractions, *limits)
+    last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
+    with jax.enable_x64(True):
+        for own in (np.arange(len(fractions)), last):
+            found = nominal_duration(path.attitudes[own], path.joints[own], fractions[own], limits)
+            assert float(found) == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
@@ -215,8 +234,13 @@ def assert_replanned(plan):
     scenario = jax.tree.map(np.asarray, replace(plan.scenario, name="", epoch=None))
     with jax.enable_x64(True):
         again = quick_jit(replan)(hold(plan), scenario)
-    assert np.allclose(again.coefficients, plan.trajectory.coefficients, rtol=0, atol=1e-7)
-    assert np.allclose(again.joint_coefficients, plan.trajectory.joint_coefficients, rtol=0, atol=1e-7)
+    # Its times of nodes are each told once, and then padded.
+    again, expected = (
+        replace(each, node_times=np.unique(each.node_times)) for each in (again, plan.trajectory)
+    )
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(expected), strict=True):
+        assert np.shape(one) == np.shape(other)
+        assert np.allclose(one, other, rtol=0, atol=1e-7)
 
 
 def test_plans_whose_tube_was_widened_are_replanned_as_they_are():

@@ -91,7 +91,7 @@ def refit(
     limits = jnp.broadcast_to(limits[:, None], (2, 3))
     duration: Any = settings.duration
     if held.stretched:
-        duration = _nominal_duration(
+        duration = nominal_duration(
             attitudes, joints, held.fractions, jnp.concatenate([limits, joint_limits], axis=1)
         )
     times = jnp.asarray(held.fractions * duration)
@@ -127,7 +127,7 @@ def refit(
     return to_limits(curve, spacecraft) if held.stretched else curve
 
 
-def _nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
+def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
     """`counting.shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
