@@ -28,14 +28,14 @@ PARTS = {
     "so3": (["so3.py"], ["test_so3.py"]),
     "zones": (["zones.py"], ["test_zones.py", "test_path.py"]),
     "spacecraft": (["spacecraft.py"], ["test_spacecraft.py"]),
-    "kernels": (["search/kernels.py"], ["test_expansion.py"]),
+    "kernels": (["search/kernels.py"], ["test_expansion.py", "test_smoothing.py"]),
     "rows": (
         ["trajectory/global_spline/place_rows.py", "trajectory/global_spline/linear_rows.py"],
         ["test_global_parts.py", "test_global_spline.py"],
     ),
     "spline": (
         ["trajectory/global_spline/bases.py", "trajectory/global_spline/curve_space.py"],
-        ["test_global_parts.py"],
+        ["test_global_parts.py", "test_global_spline.py"],
     ),
     "paper": (["trajectory/paper/assembly.py"], ["test_trajectory_paper.py"]),
     "certificate": (
