@@ -1,7 +1,9 @@
 """How many of the wrong signs, terms and comparisons that one could write do the tests find?
 
 Cosmic Ray changes one operator at a time in a copy of the repository and runs the tests that should notice.
-Prints a row for each part, and every mutant that survives, to be explained or to get a test.
+Prints a row for each part, and every mutant that survives: with the reason where it is known to mean the same
+(`data/equivalent_mutants.toml`), else to be explained there or to get a test. Ends with 1 where less than
+`LEAST_SHARE` of those that do not mean the same are found.
 
     python tests/trust_mutants.py [--parts so3 zones] [--most 40] [--seed 0]
 """
@@ -15,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 
 from cosmic_ray.work_db import WorkDB, use_db
@@ -54,6 +57,8 @@ CHANGES = re.compile(
     r"|ReplaceComparisonOperator_(Lt_Gt|Gt_Lt|LtE_GtE|GtE_LtE))"
 )
 TIMEOUT = 600  # s, after which a mutant that hangs counts as found
+LEAST_SHARE = 0.95
+EQUIVALENT = tomllib.loads((ROOT / "tests/data/equivalent_mutants.toml").read_text())["mutant"]
 
 
 def try_part(name: str, most: int, seed: int) -> tuple[int, list[str]]:
@@ -117,18 +122,48 @@ def of_axis(item: WorkItem) -> bool:
     return (ROOT / mutation.module_path).read_text().splitlines()[row - 1][:column].endswith("axis=")
 
 
-if __name__ == "__main__":
+def changed_lines(diff: str) -> str:
+    """What a diff takes away and puts in, with the file and where."""
+    return "\n".join(line for line in diff.splitlines() if re.match("[-+@]", line) and line[:3] != "---")
+
+
+def reason(diff: str) -> str | None:
+    """Why a mutant means the same, None where that is not known."""
+    for known in EQUIVALENT:
+        if f"+++ b/{known['file']}" in diff and any(
+            line[:1] == "+" and line[1:].strip() == known["line"] for line in diff.splitlines()
+        ):
+            return str(known["why"])
+    return None
+
+
+def show(name: str, tried: int, survived: int, same: int) -> None:
+    """Print a row of the table."""
+    telling = tried - same
+    share = (tried - survived) / max(1, telling)
+    print(f"{name:<12} {tried:>7} {tried - survived:>6} {same:>10} {share:>6.1%}", flush=True)
+
+
+def main() -> int:
+    """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--most", type=int, default=10**6, help="mutants of a part, drawn at random")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    print(f"{'part':<12} {'mutants':>7} {'found':>6} {'share':>6}", flush=True)
-    total = lost = 0
+    print(f"{'part':<12} {'mutants':>7} {'found':>6} {'equivalent':>10} {'share':>6}", flush=True)
+    tried = lost = same = 0
     for name in tqdm(options.parts, disable=None):
-        tried, survived = try_part(name, options.most, options.seed)
-        total, lost = total + tried, lost + len(survived)
-        print(f"{name:<12} {tried:>7} {tried - len(survived):>6} {1 - len(survived) / max(1, tried):>6.1%}")
-        for diff in survived:
-            print("\n".join(line for line in diff.splitlines()[1:] if line[:1] in "+-@"), flush=True)
-    print(f"{'all':<12} {total:>7} {total - lost:>6} {1 - lost / max(1, total):>6.1%}")
+        count, survived = try_part(name, options.most, options.seed)
+        reasons = [reason(diff) for diff in survived]
+        known = sum(why is not None for why in reasons)
+        show(name, count, len(survived), known)
+        for diff, why in zip(survived, reasons, strict=True):
+            print(f"{changed_lines(diff)}\n  {why or 'survived: explain it or write a test'}", flush=True)
+        tried, lost, same = tried + count, lost + len(survived), same + known
+    show("all", tried, lost, same)
+    return int(tried - lost < LEAST_SHARE * (tried - same))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
