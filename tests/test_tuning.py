@@ -1,7 +1,9 @@
 """Tuning by the gradient, the numbers it may tune and the bounds it keeps."""
 
+import re
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -17,6 +19,22 @@ from jaxplan.tuning.objectives import OBJECTIVES, make_objective
 from jaxplan.tuning.parameters import parameters
 
 CASE = paper_case(1)  # the paper's method in 80 s
+ARRAYS = replace(
+    CASE,
+    spacecraft=replace(
+        CASE.spacecraft,
+        inertia=np.diag([20.0, 25.0, 30.0]),
+        torque_limit=np.array([0.2, 0.25, 0.3]),
+        wheel_momentum_limit=np.full(3, 12.0),
+    ),
+    start=replace(
+        CASE.start,
+        rotation_vector=np.array([0.1, -0.3, 0.2]),
+        joints=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]),
+        angular_velocity=np.array([0.001, 0.002, 0.003]),
+        joint_rates=0.002 + 0.001 * np.arange(6),
+    ),
+)
 SMALL = make_scenario(1)
 SMALL = replace(SMALL, trajectory=replace(SMALL.trajectory, method="paper", duration=30.0))
 WEIGHTS = ("trajectory.rate_weight", "trajectory.acceleration_weight")
@@ -31,14 +49,40 @@ WEIGHTS = ("trajectory.rate_weight", "trajectory.acceleration_weight")
         ("spacecraft.rate_limit_deg_s", 3.0),
         ("search.clearance_deg", 0.5),
         ("goal.yaw_limit_deg", 88.0),
+        ("start.attitude[1]", -0.3),
+        ("start.yaw_rad[1]", 0.2),
+        ("start.pitch_rad[0]", 0.4),
+        ("start.angular_velocity_rad_s[2]", 0.003),
+        ("start.joint_rates_rad_s[3]", 0.005),
+        ("spacecraft.torque_limit_nm[1]", 0.25),
+        ("spacecraft.wheel_momentum_limit_nms", 12.0),
     ],
 )
 def test_a_number_is_found_by_its_name_and_replaced(name, value):
-    place = find_number(CASE, name)
-    assert place.get(CASE) == pytest.approx(value)
-    changed = with_numbers(CASE, {place: 0.9 * value})
+    place = find_number(ARRAYS, name)
+    assert place.get(ARRAYS) == pytest.approx(value)
+    changed = with_numbers(ARRAYS, {place: 0.9 * value})
     assert place.get(changed) == pytest.approx(0.9 * value)
-    assert scenario_to_dict(with_numbers(changed, {place: value})) == scenario_to_dict(CASE)
+    held = scenario_to_dict(changed)
+    for part in re.findall(r"\w+", name):
+        held = held[int(part) if part.isdigit() else part]
+    assert held == pytest.approx(0.9 * value), "as the file has it"
+    assert scenario_to_dict(with_numbers(changed, {place: value})) == scenario_to_dict(ARRAYS)
+
+
+def test_numbers_of_arrays_are_traced_where_they_stand():
+    names = ("start.pitch_rad[0]", "spacecraft.torque_limit_nm[1]", "spacecraft.wheel_momentum_limit_nms")
+    places = [find_number(ARRAYS, name) for name in names]
+
+    def total(numbers):
+        changed = with_numbers(ARRAYS, dict(zip(places, numbers, strict=True)))
+        craft = changed.spacecraft
+        weights = jnp.arange(1.0, 7.0)
+        return (
+            weights @ changed.start.joints + jnp.sum(craft.torque_limit) + jnp.sum(craft.wheel_momentum_limit)
+        )
+
+    assert jax.grad(total)(jnp.ones(3)).tolist() == [4.0, 1.0, 3.0]  # the first pitch comes after three yaws
 
 
 @pytest.mark.parametrize(
@@ -47,8 +91,16 @@ def test_a_number_is_found_by_its_name_and_replaced(name, value):
         ("trajectory.acceleration_wait", "perhaps acceleration_weight is meant"),
         ("keep_out[9].half_angle_deg", "keep_out has"),
         ("keep_out.half_angle_deg", r"write keep_out\[0\]"),
-        ("keep_out[0].direction", "no single number"),
-        ("start.attitude", "no single number"),
+        ("keep_out[0].direction", "depend on each other"),
+        ("keep_out[0].direction[1]", "depend on each other"),
+        ("goal.targets[0]", "depend on each other"),
+        ("spacecraft.inertia_kg_m2", "depend on each other"),
+        ("start.attitude", r"has 3 numbers, write attitude\[0\]"),
+        ("start.yaw_rad[3]", "has 3 numbers"),
+        ("start.joint_rates_rad_s[6]", "has 6 numbers"),
+        ("start.yaw_deg[0]", "is held as yaw_rad"),
+        ("spacecraft.torque_limit_nm", r"three numbers that differ, write torque_limit_nm\[0\]"),
+        ("spacecraft.rate_limit_deg_s[0]", "is a single number: write no index"),
         ("search.seed", "no single number"),
         ("search[0].clearance_deg", "no table with rows"),
         ("trajectory.", "is no key"),
@@ -58,7 +110,12 @@ def test_a_number_is_found_by_its_name_and_replaced(name, value):
 )
 def test_what_is_no_number_is_told_what_there_is(name, said):
     with pytest.raises(KeyError, match=said):
-        find_number(CASE, name)
+        find_number(ARRAYS, name)
+
+
+def test_limits_that_are_not_set_are_no_numbers():
+    with pytest.raises(KeyError, match="not set: give it a value first"):
+        find_number(CASE, "spacecraft.torque_limit_nm[0]")
 
 
 def test_a_word_is_no_number():

@@ -174,6 +174,7 @@ class PerAxis(Kind):
     """A positive number for all body axes, or three."""
 
     wanted = "a number, or 3 numbers, one a body axis"
+    of = _POSITIVE
     range = _POSITIVE.range
 
     def read(self, value: object, place: Place) -> np.ndarray | None:

@@ -1,25 +1,30 @@
 """Single numbers of a scenario by their dotted names, such as ``keep_out[0].half_angle_deg``.
 
-A name spells the tables and keys of a scenario file, rows counted from zero; values are in the file's units.
-Reading and replacing a number work with traced values, so they may stand between a parameter that is
-differentiated and the scenario.
+A name spells the tables and keys of a scenario file, rows and numbers of an array counted from zero, as in
+``start.angular_velocity_rad_s[2]``; values are in the file's units. Replacing a number works with traced
+values, so it may stand between a parameter that is differentiated and the scenario.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import EllipsisType
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxplan.scenario.arrays import Direction, Each, Inertia, PerAxis, Vector
 from jaxplan.scenario.faults import nearest
 from jaxplan.scenario.kinds import Integer, Interval, Number
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import GivenState, Scenario
 from jaxplan.scenario.states import STATE, TARGETS, Goal
-from jaxplan.scenario.tables import Rows, Table
+from jaxplan.scenario.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
+_JOINTS = {"yaws": ("joints", 0), "pitches": ("joints", 1)}  # what holds them, and which half of it
 
 
 @dataclass(frozen=True)
@@ -28,13 +33,14 @@ class NumberPlace:
 
     Attributes:
         name: dotted, in the file's keys.
-        path: attributes and indices from the scenario to the number.
+        path: attributes and indices from the scenario to the number; ``...`` for all numbers of an array, of
+            which the first is told.
         factor: what takes the file's unit to the model's.
         interval: where it must lie, in the file's units; None for anywhere.
     """
 
     name: str
-    path: tuple[str | int, ...]
+    path: tuple[str | int | EllipsisType, ...]
     factor: float
     interval: Interval | None
 
@@ -42,7 +48,7 @@ class NumberPlace:
         """The number, in the file's units."""
         value: Any = scenario
         for step in self.path:
-            value = value[step] if isinstance(step, int) else getattr(value, step)
+            value = getattr(value, step) if isinstance(step, str) else value[0 if step is ... else step]
         return value / self.factor
 
 
@@ -83,23 +89,41 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     held = next(other.key for other in table.fields if other.attribute == entry.attribute)
     if held != key:
         raise KeyError(f"{name}: {key} is held as {held}")
-    value = getattr(value, entry.attribute, None)
-    if (
-        row is not None
-        or not isinstance(entry.kind, Number)
-        or not isinstance(value, float | int | np.number)
-    ):
-        if isinstance(entry.kind, Integer):
-            number = "is a whole number, no single number that has a slope"
-        elif isinstance(entry.kind, Number) and value is None:
-            number = "is not a number here but not set: give it a value first"
-        elif isinstance(entry.kind, Number):
-            number = "is not a number here" + (f" but {value}" if isinstance(value, str) else "")
-        else:
-            number = "is no single number"
-        raise KeyError(f"{name}: {key} {number}")
-    factor = np.pi / 180 if entry.kind.degrees else 1.0
-    return NumberPlace(name, (*path, entry.attribute), factor, entry.kind.interval)
+    steps, kind = _number(entry, row, value, name)
+    return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, kind.interval)
+
+
+def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple[Any, ...], Number]:
+    """The steps from a table to a number of it, and the number's kind."""
+    key, kind = entry.key, entry.kind
+    attribute, first = _JOINTS.get(entry.attribute, (entry.attribute, 0))
+    value: Any = getattr(table, attribute, None)
+    if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
+        return (attribute,), kind
+    if value is None and isinstance(kind, Number | PerAxis | Vector | Each):
+        raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
+    if isinstance(kind, PerAxis) and row is None:
+        if len(set(np.asarray(value).tolist())) == 1:
+            return (attribute, ...), kind.of
+        raise KeyError(f"{name}: {key} has three numbers that differ, write {key}[0] for the first")
+    if isinstance(kind, PerAxis | Vector | Each) and isinstance(kind.of, Number):
+        count = len(value) // 2 if attribute != entry.attribute else len(value)
+        if row is None or not row < count:
+            raise KeyError(f"{name}: {key} has {count} numbers, write {key}[0] for the first")
+        return (attribute, first * count + row), kind.of
+    if isinstance(kind, Integer):
+        said = "is a whole number, no single number that has a slope"
+    elif isinstance(kind, Number):
+        said = (
+            f"is not a number here but {value}"
+            if isinstance(value, str)
+            else "is a single number: write no index"
+        )
+    elif isinstance(kind, Direction | Inertia | Each):
+        said = "is no single number: its numbers depend on each other, and none may change by itself"
+    else:
+        said = "is no single number"
+    raise KeyError(f"{name}: {key} {said}")
 
 
 def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scenario:
@@ -109,13 +133,19 @@ def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scen
     return scenario
 
 
-def _replaced(value: Any, path: tuple[str | int, ...], number: Any) -> Any:
+def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
     if not path:
         return number
     step, *rest = path
-    if isinstance(step, int):
+    if isinstance(step, str):
+        return replace(value, **{step: _replaced(getattr(value, step), tuple(rest), number)})
+    if isinstance(value, tuple):
         return (*value[:step], _replaced(value[step], tuple(rest), number), *value[step + 1 :])
-    return replace(value, **{step: _replaced(getattr(value, step), tuple(rest), number)})
+    if isinstance(number, jax.Array) or isinstance(value, jax.Array):
+        return jnp.asarray(value).at[step].set(number)
+    changed = np.array(value)
+    changed[step] = number
+    return changed
 
 
 def _parsed(part: str, name: str) -> tuple[str, int | None]:
