@@ -7,6 +7,9 @@ import pytest
 from manoeuvres import craft, grid, joints_of, judge, manoeuvre, spin_of
 from scipy.optimize import minimize_scalar
 
+from jaxplan.certificate.bounds import Minima
+from jaxplan.certificate.limits import Quantity, faults
+
 
 def largest(trajectory, curve):
     """Largest |component| of a curve time -> (k, c), with the maximum between samples, and when."""
@@ -87,5 +90,15 @@ def test_each_limit_is_held_to_a_millionth(name):
         assert report.certified is verdict
         assert report.peaks[name] == pytest.approx(1 + over, abs=1e-7)
     assert len(report.faults) == 1
-    assert report.faults[0].startswith(name.replace("_", " "))
+    assert re.match(rf"{name.replace('_', ' ')} (about [xyz]|of .*) reaches ", report.faults[0])
     assert float(re.search(r"t = (\S+) s", report.faults[0])[1]) == pytest.approx(when, abs=0.1)
+
+
+def test_a_bound_over_the_limit_is_no_breach_that_was_met():
+    values = np.zeros((3, 1, 1))
+    quantity = Quantity("torque", ("about x", "about y", "about z"), values, values[0], values[0], np.ones(3))
+    minima = Minima(bound=np.array([-0.5, -0.5, 0.1]), seen=np.array([-0.25, 0.25, 0.2]), time=np.arange(3.0))
+    assert list(faults([quantity], minima, 1e-6)) == [
+        "torque about x reaches 1.25 N m, 1.25 of its limit, at t = 0 s",
+        "torque about y is not proved to keep its limit: 0.75 of it was met at t = 1 s, the bound is 1.5",
+    ]

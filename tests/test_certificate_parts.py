@@ -10,11 +10,13 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import bounds, errors, jets, limits
+from jaxplan.certificate.axes import Way
 from jaxplan.certificate.bounds import Layout, Minima, Rows
 from jaxplan.certificate.errors import Errors, Evidence
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion
 from jaxplan.certificate.pieces import ROUNDING, Pieces
+from jaxplan.moving import DirectionPath
 from jaxplan.zones import KeepOut, tabulate
 
 RNG = np.random.default_rng
@@ -213,6 +215,94 @@ def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
             share[name] = max(share.get(name, 0), np.max(off / stated))
     assert len(share) == 10
     assert min(share.values()) > {6: 0, 12: 3e-5, 40: 1e-3}[parts], share  # the bounds have the right size
+
+
+def test_errors_go_with_the_unit_of_time():
+    """What is stated of the same motion eight times as slow is the same in the new unit, to rounding."""
+    spacecraft = craft(
+        2, joints={}, jerk_limit=1.0, torque_limit=1.0, wheel_momentum_limit=1.0, inertia=INERTIA
+    )
+    derivatives = {"angular_velocity": 1, "angular_acceleration": 2, "jerk": 3, "joint_rates": 1}
+    derivatives |= {"joint_accelerations": 2, "yaw": 0, "pitch": 0, "torque": 2, "wheel_momentum": 1}
+    found = []
+    for slower in (1.0, 8.0):
+        motion = random_motion(50, size=0.1, duration=60.0 * slower)
+        edges = slower * np.union1d(np.linspace(0, 60, 31), motion.platform.breaks / slower)
+        on = motion.between(edges)
+        majorants = errors.majorants(motion, on)
+        left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
+        evidence = Evidence(
+            on=on, samples=motion.sample(on), majorants=majorants, left_out=left_out, rounding=rounding
+        )
+        limited = {q.name: q for q in limits.quantities(spacecraft, evidence)}
+        assert limited.keys() == derivatives.keys()
+        found.append((left_out.direction, rounding.direction, majorants, limited))
+    once, slow = found
+    for own, other in zip(once[:2], slow[:2], strict=True):
+        np.testing.assert_allclose(other, own, rtol=1e-9)
+    for name in ("turning", "direction", "spin", "joints"):
+        np.testing.assert_allclose(getattr(slow[2], name), getattr(once[2], name), rtol=1e-9, atol=1e-300)
+    for name, order in derivatives.items():
+        own, other = once[3][name], slow[3][name]
+        for part in ("left_out", "rounding"):
+            np.testing.assert_allclose(8.0**order * getattr(other, part), getattr(own, part), rtol=1e-9)
+
+
+def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
+    spacecraft = craft(2, joints={}, torque_limit=1.0, inertia=INERTIA)
+    motion, rng = random_motion(51), RNG(51)
+    on = motion.between(np.union1d(np.linspace(0, 60, 31), motion.platform.breaks))
+    majorants, samples = errors.majorants(motion, on), motion.sample(on)
+    none = errors.interpolation(on, majorants)
+    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
+    for sizes in ((1e-6, 1e-12), (1e-12, 1e-6)):  # of the velocity, of the acceleration
+        size = np.array([*sizes, 0.0])[:, None]
+        rounding = replace(none, spin=none.spin + size)
+
+        def torque(spin, rounding=rounding):
+            evidence = Evidence(
+                on=on,
+                samples=replace(samples, spin=spin),
+                majorants=majorants,
+                left_out=none,
+                rounding=rounding,
+            )
+            return next(q for q in limits.quantities(spacecraft, evidence) if q.name == "torque")
+
+        exact, off = torque(samples.spin), 0.0
+        for _ in range(300):
+            noise = rng.normal(size=samples.spin.shape)
+            noise *= size[..., None, None] / np.linalg.norm(noise, axis=1, keepdims=True)
+            moved = np.abs(torque(samples.spin + noise).values - exact.values).max(axis=-1)
+            off = np.maximum(off, moved / exact.rounding)
+        assert 0.1 < off.max() <= 1 + 1e-5
+
+
+@pytest.mark.parametrize("tight", ["direction", "spin", "joints"])
+def test_intervals_are_cut_until_so_little_is_left_out_and_no_finer(tight):
+    motion = random_motion(52, size=0.1)
+    sizes = {"direction": np.ones(3), "spin": np.ones(3), "joints": np.ones((3, 4))}
+    wanted = Errors(**{name: ones * (1e-9 if name == tight else 1e99) for name, ones in sizes.items()})
+    evidence = errors.gather(motion, wanted)
+    shares = {
+        name: np.max(getattr(evidence.left_out, name) / getattr(wanted, name)[..., None]) for name in sizes
+    }
+    assert max(shares.values()) == shares[tight] <= 1
+    edges = np.append(evidence.on.centre - evidence.on.half, 60.0)
+    on = motion.between(np.union1d(edges[::3], motion.platform.breaks))  # two thirds of the cuts left out
+    coarse = getattr(errors.interpolation(on, errors.majorants(motion, on)), tight)
+    assert np.max(coarse) > 1e-9
+
+
+def test_intervals_stay_within_the_pieces_of_axes_that_move():
+    motion = random_motion(53, size=0.01)
+    times = np.array([-5.0, 7.0, 31.0, 55.0, 70.0])
+    samples = np.array([[1, 0, 0], [1, 0.1, 0], [1, 0.2, 0.1], [1, 0.2, 0.3], [1, 0, 0.4]])
+    way = Way.of(DirectionPath.through(times, samples / np.linalg.norm(samples, axis=1, keepdims=True)))
+    loose = Errors(direction=np.full(3, 1e99), spin=np.full(3, 1e99), joints=np.full((3, 4), 1e99))
+    on = errors.gather(motion, loose, [way]).on
+    edges = np.append(on.centre - on.half, on.centre[-1] + on.half[-1])
+    np.testing.assert_allclose(edges, [0, 7, 24, 31, 55, 60], atol=1e-12)
 
 
 @pytest.mark.parametrize("duration", [0.5, 20.0])

@@ -43,7 +43,10 @@ PARTS = {
     "paper": (["trajectory/paper/assembly.py"], ["test_trajectory_paper.py"]),
     "certificate": (
         [f"certificate/{name}.py" for name in ("bounds", "errors", "jets", "limits", "margins", "motion")],
-        ["test_certificate.py", "test_certificate_parts.py", "test_certificate_limits.py"],
+        [
+            f"test_{name}.py"
+            for name in ("certificate_parts", "certificate_limits", "certificate", "moving_certificate")
+        ],
     ),
     "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
     "refit": (
