@@ -19,8 +19,12 @@ from jaxplan.path import Path
 from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow, hold, replan
 from jaxplan.trajectory import evaluate, fit_global
+from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.refit import nominal_duration
+from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
+from jaxplan.trajectory.paper.holding import Origin
+from jaxplan.trajectory.paper.refit import nominal_duration, refit
+from jaxplan.trajectory.scaling import SAFETY
 from jaxplan.zones import KeepIn, tabulate
 
 TIMES = np.array([0.13, 0.37, 0.5, 0.81])
@@ -140,6 +144,15 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
     with jax.enable_x64(True):
         value, gradient = kernel(case)(scenario, hold(plan))
     assert float(value) == pytest.approx(made_anew(case, scenario), rel=1e-9)
+    # Some way off it is the optimum, too, while the same rows bind.
+    settings = replace(
+        scenario.trajectory, acceleration_weight=1.001 * scenario.trajectory.acceleration_weight
+    )
+    heavier = replace(scenario, trajectory=settings)
+    with jax.enable_x64(True):
+        off = float(kernel(case)(heavier, hold(plan))[0])
+    assert off == pytest.approx(made_anew(case, heavier), rel=1e-9)
+    assert abs(off - float(value)) > 1e-7
     leaves, tree = jax.tree_util.tree_flatten_with_path(scenario)
     slopes = [np.asarray(slope) for slope in jax.tree.leaves(gradient)]
     names = [jax.tree_util.keystr(path) for path, _ in leaves]
@@ -189,6 +202,68 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
         for own in (np.arange(len(fractions)), last):
             found = nominal_duration(path.attitudes[own], path.joints[own], fractions[own], limits)
             assert float(found) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("derivative", [0, 1])
+def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivative):
+    path, craft, count = load("astar_c3"), paper_case(3).spacecraft, 3
+    settings = replace(paper_case(3).trajectory, duration=80.0)
+    still = tuple(np.zeros((2, size)) for size in (3, path.joints.shape[1]))
+    nodes = Nodes(
+        attitudes=path.attitudes,
+        joints=path.joints,
+        fractions=np.linspace(0, 1, len(path.attitudes)),
+        turns=np.asarray(so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])),
+        start=still,
+        end=still,
+    )
+
+    def with_limits(limits):
+        """Rate and acceleration of the platform, rates and then accelerations of the terminals' joints."""
+        terminals = [
+            replace(one, rate_limit=limits[2 + i], acceleration_limit=limits[5 + i])
+            for i, one in enumerate(craft.terminals)
+        ]
+        return replace(craft, rate_limit=limits[0], acceleration_limit=limits[1], terminals=tuple(terminals))
+
+    def anew(limits, duration):
+        own = with_limits(limits)
+        platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
+        at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
+        curve = fit_nodes(nodes, duration, count, settings, at_joins)
+        return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
+
+    # Limits a little below what the largest would be at the joins without.
+    free = fit_nodes(nodes, 80.0, count, settings, None)
+    ends = end_derivatives(settings.order)
+    platform = ends[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
+    joints = ends[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2
+    largest = [
+        np.max(np.abs(found[:, d]) / half ** (d + 1), axis=0)
+        for found, half in (platform, joints)
+        for d in range(2)
+    ]
+    of_terminals = [np.max(each.reshape(2, -1), axis=0) for each in largest[2:]]
+    limits = np.concatenate([[each.max() for each in largest[:2]], *of_terminals])
+    binding = np.array([0, 1, 0, 0, 0, 1, 1, 1]) == derivative  # rates, or accelerations
+    limits *= np.where(binding, 0.9, 10.0)
+    _, held = anew(limits, 80.0)
+    assert all(np.any(chain.sides[:, derivative] != 0) for chain in (held.platform, held.joints))
+
+    def number_of(limits, duration):
+        changed = replace(settings, duration=duration)
+        return metric(refit(held, path, with_limits(limits), changed, None, np.zeros((2, 9))))
+
+    with jax.enable_x64(True):
+        slopes = quick_jit(jax.grad(number_of, (0, 1)))(limits, 80.0)
+        assert np.array_equal(slopes[0] != 0, binding)
+        way, step = limits * np.random.default_rng(0).normal(size=len(limits)), 1e-5
+        value = {
+            share: float(number()(anew(limits + share * step * way, 80.0 + share * step * 50)[0]))
+            for share in (-2, -1, 1, 2)
+        }
+    found = (8 * (value[1] - value[-1]) - (value[2] - value[-2])) / (12 * step)
+    assert float(slopes[0] @ way + slopes[1] * 50) == pytest.approx(found, rel=1e-6)
 
 
 @pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
