@@ -4,90 +4,22 @@ from dataclasses import replace
 from functools import cache
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from node_paths import load
+from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
 from quick import quick_jit
 from scenes import make_scenario
-from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan import so3
-from jaxplan.cases import paper_case
 from jaxplan.path import Path
-from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow, hold, replan
-from jaxplan.trajectory import evaluate, fit_global
-from jaxplan.trajectory.basis import end_derivatives
-from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
-from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.paper.refit import nominal_duration, refit
-from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory import fit_global
 from jaxplan.zones import KeepIn, tabulate
 
-TIMES = np.array([0.13, 0.37, 0.5, 0.81])
 STEP = 5e-6  # twice that is within what the rows that bind allow
 
 
-def zig_zag():
-    """The paper's third case along other nodes, without its zones."""
-    scenario = replace(paper_case(3), keep_out=(), keep_in=())
-    settings = replace(scenario.trajectory, method="paper", duration=STRETCHED)
-    scenario = replace(scenario, trajectory=settings)
-    return follow(replace(jp.plan(scenario), path=load("astar_c3")), scenario)
-
-
-def near_a_zone():
-    """Joint rates, a zone and nodes' tubes bind."""
-    scenario = paper_case(2)
-    return jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, method="global", duration=31.0)))
-
-
-def turned(duration, **limits):
-    """A plan that turns by more than half a turn, along nodes that leave room."""
-    turn = np.deg2rad(200.0) * np.array([0.36, -0.48, 0.8])
-    scenario = make_scenario(1, turn=turn)
-    settings = replace(scenario.trajectory, duration=duration, node_tube=0.2)
-    scenario = replace(scenario, spacecraft=replace(scenario.spacecraft, **limits), trajectory=settings)
-    start, shares = Rotation.from_rotvec(scenario.start.rotation_vector), np.linspace(0, 1, 9)
-    path = Path(
-        attitudes=(start * Rotation.from_rotvec(np.outer(shares, turn))).as_matrix(),
-        joints=scenario.start.joints + np.outer(shares, scenario.goal.joints - scenario.start.joints),
-        edge_costs=np.ones(8),
-    )
-    return follow(replace(jp.plan(scenario), path=path), scenario)
-
-
-def the_long_way():
-    """Accelerations of the platform bind."""
-    return turned(66.0, rate_limit=np.deg2rad(6.0), acceleration_limit=np.deg2rad(0.2))
-
-
-CASES = {
-    "paper, zig-zag, stretched": zig_zag,
-    "limits and a zone": near_a_zone,
-    "limits of the platform, the long way round": the_long_way,
-}
 cases = pytest.mark.parametrize("case", CASES)
-
-
-@cache
-def plan_of(case):
-    plan = CASES[case]()
-    assert plan.ok, plan.message
-    return plan
-
-
-def metric(trajectory):
-    """A number on which every quantity of a trajectory has a say."""
-    duration = jnp.asarray(trajectory.breaks)[-1]
-    s = evaluate(trajectory, TIMES * duration)
-    platform = (
-        jnp.sin(3 * s.attitude).sum() + jnp.sin(100 * s.angular_acceleration + 30 * s.angular_velocity).sum()
-    )
-    return platform + jnp.sum(jnp.cos(2 * s.joints) + 50 * s.joint_accelerations) + duration / 10
 
 
 @cache
@@ -97,11 +29,6 @@ def kernel(case):
     compiled = quick_jit(function)
     # Numbers of Python, of numpy and of both would be compiled for anew.
     return lambda scenario, held: compiled(jax.tree.map(np.asarray, scenario), held)
-
-
-@cache
-def number():
-    return quick_jit(metric)
 
 
 @cache
@@ -117,7 +44,7 @@ def made_anew(case, scenario):
     assert plan.trajectory is not None, plan.message
     with jax.enable_x64(True):
         if scenario.trajectory.method == "paper":  # its programs are solved to rounding
-            return float(number()(plan.trajectory))
+            return float(valued()(plan.trajectory))
         craft, start = scenario.spacecraft, scenario.start
         fit = fit_global(
             plan.path,
@@ -195,84 +122,6 @@ def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
             assert float(kernel(case)(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
 
 
-@pytest.mark.parametrize("deciding", [0, 1])
-def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
-    path = load("astar_c3")
-    turns = so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])
-    moves = np.concatenate([turns, np.diff(path.joints, axis=0)], axis=1)
-    fractions = np.linspace(0, 1, len(moves) + 1) ** 1.3
-    limits = np.random.default_rng(0).uniform(0.5, 2.0, (2, moves.shape[1]))
-    limits[deciding] /= 100
-    expected = counting.shortest_duration(moves, fractions, *limits)
-    last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
-    with jax.enable_x64(True):
-        for own in (np.arange(len(fractions)), last):
-            found = nominal_duration(path.attitudes[own], path.joints[own], fractions[own], limits)
-            assert float(found) == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.parametrize("derivative", [0, 1])
-def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivative):
-    path, craft, count = load("astar_c3"), paper_case(3).spacecraft, 3
-    settings = replace(paper_case(3).trajectory, duration=80.0)
-    still = tuple(np.zeros((2, size)) for size in (3, path.joints.shape[1]))
-    nodes = Nodes(
-        attitudes=path.attitudes,
-        joints=path.joints,
-        fractions=np.linspace(0, 1, len(path.attitudes)),
-        turns=np.asarray(so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])),
-        start=still,
-        end=still,
-    )
-
-    def with_limits(limits):
-        """Rate and acceleration of the platform, rates and then accelerations of the terminals' joints."""
-        terminals = [
-            replace(one, rate_limit=limits[2 + i], acceleration_limit=limits[5 + i])
-            for i, one in enumerate(craft.terminals)
-        ]
-        return replace(craft, rate_limit=limits[0], acceleration_limit=limits[1], terminals=tuple(terminals))
-
-    def anew(limits, duration):
-        own = with_limits(limits)
-        platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
-        at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
-        curve = fit_nodes(nodes, duration, count, settings, at_joins)
-        return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
-
-    # Limits a little below what the largest would be at the joins without.
-    free = fit_nodes(nodes, 80.0, count, settings, None)
-    ends = end_derivatives(settings.order)
-    platform = ends[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
-    joints = ends[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2
-    largest = [
-        np.max(np.abs(found[:, d]) / half ** (d + 1), axis=0)
-        for found, half in (platform, joints)
-        for d in range(2)
-    ]
-    of_terminals = [np.max(each.reshape(2, -1), axis=0) for each in largest[2:]]
-    limits = np.concatenate([[each.max() for each in largest[:2]], *of_terminals])
-    binding = np.array([0, 1, 0, 0, 0, 1, 1, 1]) == derivative  # rates, or accelerations
-    limits *= np.where(binding, 0.9, 10.0)
-    _, held = anew(limits, 80.0)
-    assert all(np.any(chain.sides[:, derivative] != 0) for chain in (held.platform, held.joints))
-
-    def number_of(limits, duration):
-        changed = replace(settings, duration=duration)
-        return metric(refit(held, path, with_limits(limits), changed, None, np.zeros((2, 9))))
-
-    with jax.enable_x64(True):
-        slopes = quick_jit(jax.grad(number_of, (0, 1)))(limits, 80.0)
-        assert np.array_equal(slopes[0] != 0, binding)
-        way, step = limits * np.random.default_rng(0).normal(size=len(limits)), 1e-5
-        value = {
-            share: float(number()(anew(limits + share * step * way, 80.0 + share * step * 50)[0]))
-            for share in (-2, -1, 1, 2)
-        }
-    found = (8 * (value[1] - value[-1]) - (value[2] - value[-2])) / (12 * step)
-    assert float(slopes[0] @ way + slopes[1] * 50) == pytest.approx(found, rel=1e-6)
-
-
 @pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
@@ -326,13 +175,7 @@ def assert_replanned(plan):
 
 
 def test_plans_whose_tube_was_widened_are_replanned_as_they_are():
-    scenario = make_scenario(1)
-    settings = replace(scenario.trajectory, duration=18.0, node_tube=np.deg2rad(0.4))
-    scenario = replace(scenario, trajectory=settings)
-    plan = jp.plan(scenario)
-    joints = plan.path.joints.copy()
-    joints[1:-1] += np.deg2rad(2.0) * (-1.0) ** np.arange(len(joints) - 2)[:, None]
-    plan = follow(replace(plan, path=replace(plan.path, joints=joints)), scenario)
+    plan = widened_tube()
     assert "within 1.2 deg" in plan.message
     assert_replanned(plan)
 

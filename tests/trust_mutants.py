@@ -51,7 +51,7 @@ PARTS = {
     "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
     "refit": (
         [f"trajectory/{name}.py" for name in ("paper/refit", "global_spline/refit", "global_spline/inputs")],
-        ["test_sensitivity.py"],
+        ["test_refit_parts.py", "test_sensitivity.py"],
     ),
 }
 CHANGES = re.compile(

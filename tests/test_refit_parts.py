@@ -1,0 +1,151 @@
+"""What a plan that is followed depends on, part by part: against the fit's own, and differences."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from held_plans import at_speed, metric, one_of_two_links, plan_of, valued, widened_tube
+from node_paths import load
+from quick import quick_jit
+
+import jaxplan as jp
+from jaxplan import so3
+from jaxplan.cases import paper_case
+from jaxplan.path import Path
+from jaxplan.planner.chain import fit
+from jaxplan.trajectory.basis import end_derivatives
+from jaxplan.trajectory.global_spline.inputs import gather_inputs
+from jaxplan.trajectory.paper import counting
+from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
+from jaxplan.trajectory.paper.holding import Origin
+from jaxplan.trajectory.paper.refit import nominal_duration, refit
+from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+
+FITS = {
+    "limits and a zone": lambda: plan_of("limits and a zone"),
+    "the long way round": lambda: plan_of("limits of the platform, the long way round"),
+    "a link that is not held": lambda: jp.plan(one_of_two_links(narrow=0.2)),
+    "at speed": lambda: jp.plan(at_speed()),
+    "a wider tube": widened_tube,
+}
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
+    plan = FITS[name]()
+    craft, settings = plan.scenario.spacecraft, plan.scenario.trajectory
+    origin = fit(plan.scenario, plan.path, plan.goal).origin
+    held, job, task = origin.hold(), origin.job, origin.attempt.task
+    duration = origin.attempt.point.duration
+    path = Path(
+        attitudes=padded(job.attitudes, FEWEST_NODES),
+        joints=padded(job.joints, FEWEST_NODES),
+        edge_costs=np.zeros(0),
+    )
+    with jax.enable_x64(True):
+        inputs = jax.tree.map(
+            np.asarray, gather_inputs(held, path, craft, settings, job.cones, job.rates, duration)
+        )
+    problem, space, places = task.problem, task.space, origin.attempt.request.places
+    chart, count = problem.chart, len(places)
+    expected = {
+        "attitude": chart.attitude,
+        "turn": chart.turn,
+        "offset": space.fixed + duration * space.by_time,
+        "limits": problem.limits * duration ** problem.powers[:, None],
+        "wanted": task.wanted,
+        "inertia": problem.inertia,
+    }
+    for part, own in expected.items():
+        np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
+    nodes = np.concatenate([chart.coordinates(job.attitudes, places), job.joints], axis=1)
+    np.testing.assert_allclose(inputs.nodes[:count], nodes, atol=1e-12)
+    energy = space.energy(duration, task.weights)
+    np.testing.assert_allclose(inputs.energy / inputs.energy.max(), energy / energy.max(), atol=1e-13)
+    joints = job.joints.shape[1]
+    tube = np.full(3 + joints, job.radius(free_time=False)) if task.tube is None else task.tube.radius
+    rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
+    scales = np.concatenate([*rates, craft.joint_limits, tube])
+    np.testing.assert_allclose(inputs.scales[: 3 * joints], scales[: 3 * joints], rtol=1e-12)
+    if task.tube is not None:
+        np.testing.assert_allclose(inputs.scales, scales, rtol=1e-12)
+
+
+@pytest.mark.parametrize("deciding", [0, 1])
+def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
+    path = load("astar_c3")
+    turns = so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])
+    moves = np.concatenate([turns, np.diff(path.joints, axis=0)], axis=1)
+    fractions = np.linspace(0, 1, len(moves) + 1) ** 1.3
+    limits = np.random.default_rng(0).uniform(0.5, 2.0, (2, moves.shape[1]))
+    limits[deciding] /= 100
+    expected = counting.shortest_duration(moves, fractions, *limits)
+    last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
+    with jax.enable_x64(True):
+        for own in (np.arange(len(fractions)), last):
+            found = nominal_duration(path.attitudes[own], path.joints[own], fractions[own], limits)
+            assert float(found) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("derivative", [0, 1])
+def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivative):
+    path, craft, count = load("astar_c3"), paper_case(3).spacecraft, 3
+    settings = replace(paper_case(3).trajectory, duration=80.0)
+    still = tuple(np.zeros((2, size)) for size in (3, path.joints.shape[1]))
+    nodes = Nodes(
+        attitudes=path.attitudes,
+        joints=path.joints,
+        fractions=np.linspace(0, 1, len(path.attitudes)),
+        turns=np.asarray(so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])),
+        start=still,
+        end=still,
+    )
+
+    def with_limits(limits):
+        """Rate and acceleration of the platform, rates and then accelerations of the terminals' joints."""
+        terminals = [
+            replace(one, rate_limit=limits[2 + i], acceleration_limit=limits[5 + i])
+            for i, one in enumerate(craft.terminals)
+        ]
+        return replace(craft, rate_limit=limits[0], acceleration_limit=limits[1], terminals=tuple(terminals))
+
+    def anew(limits, duration):
+        own = with_limits(limits)
+        platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
+        at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
+        curve = fit_nodes(nodes, duration, count, settings, at_joins)
+        return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
+
+    # Limits a little below what the largest would be at the joins without.
+    free = fit_nodes(nodes, 80.0, count, settings, None)
+    ends = end_derivatives(settings.order)
+    platform = ends[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
+    joints = ends[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2
+    largest = [
+        np.max(np.abs(found[:, d]) / half ** (d + 1), axis=0)
+        for found, half in (platform, joints)
+        for d in range(2)
+    ]
+    of_terminals = [np.max(each.reshape(2, -1), axis=0) for each in largest[2:]]
+    limits = np.concatenate([[each.max() for each in largest[:2]], *of_terminals])
+    binding = np.array([0, 1, 0, 0, 0, 1, 1, 1]) == derivative  # rates, or accelerations
+    limits *= np.where(binding, 0.9, 10.0)
+    _, held = anew(limits, 80.0)
+    assert all(np.any(chain.sides[:, derivative] != 0) for chain in (held.platform, held.joints))
+
+    def number_of(limits, duration):
+        changed = replace(settings, duration=duration)
+        return metric(refit(held, path, with_limits(limits), changed, None, np.zeros((2, 9))))
+
+    with jax.enable_x64(True):
+        slopes = quick_jit(jax.grad(number_of, (0, 1)))(limits, 80.0)
+        assert np.array_equal(slopes[0] != 0, binding)
+        way, step = limits * np.random.default_rng(0).normal(size=len(limits)), 1e-5
+        value = {
+            share: float(valued()(anew(limits + share * step * way, 80.0 + share * step * 50)[0]))
+            for share in (-2, -1, 1, 2)
+        }
+    found = (8 * (value[1] - value[-1]) - (value[2] - value[-2])) / (12 * step)
+    assert float(slopes[0] @ way + slopes[1] * 50) == pytest.approx(found, rel=1e-6)
