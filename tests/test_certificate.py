@@ -65,6 +65,21 @@ def test_margin_bound_is_below_every_sample_and_near_the_least(terminals):
         assert abs(there - least) <= 0.01 * abs(least) + 1e-5
 
 
+def test_directions_count_whatever_their_length():  # within what is let pass as a unit vector
+    spacecraft, trajectory = craft(1, instruments=1), manoeuvre(7, terminals=1)
+    zone = random_zones(np.random.default_rng(7), 1, spacecraft.device_names)[0]
+    zone = replace(zone, devices=spacecraft.device_names[1:])
+    camera = spacecraft.instruments[0]
+    longer = replace(spacecraft, instruments=(replace(camera, boresight=(1 + 9e-7) * camera.boresight),))
+    report = judge(trajectory, spacecraft, [zone])
+    others = (
+        judge(trajectory, longer, [zone]),
+        judge(trajectory, spacecraft, [replace(zone, direction=(1 + 9e-7) * zone.direction)]),
+    )
+    for other in others:
+        assert other.min_margin == pytest.approx(report.min_margin, abs=1e-12)
+
+
 def test_every_margin_is_bound_below_its_samples_and_near_their_least():
     spacecraft = craft(2, instruments=2)
     for seed in range(6):

@@ -17,7 +17,7 @@ from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion
 from jaxplan.certificate.pieces import ROUNDING, Pieces
 from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepOut, tabulate
+from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 RNG = np.random.default_rng
 LONG = np.longdouble
@@ -292,6 +292,118 @@ def test_intervals_are_cut_until_so_little_is_left_out_and_no_finer(tight):
     on = motion.between(np.union1d(edges[::3], motion.platform.breaks))  # two thirds of the cuts left out
     coarse = getattr(errors.interpolation(on, errors.majorants(motion, on)), tight)
     assert np.max(coarse) > 1e-9
+
+
+@pytest.mark.parametrize(("pieces", "excess"), [(1, 3.5), (3000, 1.5)])
+def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess):
+    """Of joints whose next derivative is constant and the same on every piece; many pieces are cut, too."""
+    basis = np.zeros((pieces, DEGREE + 2, 2))
+    basis[:, -1] = 1.0
+    breaks = np.linspace(0, 60, pieces + 1)
+    motion = Motion(
+        platform=Pieces.of(breaks, np.zeros((pieces, DEGREE + 2, 3))),
+        joints=Pieces.of(breaks, basis),
+        chart_attitude=np.repeat(np.eye(3)[None], pieces, axis=0),
+        chart_start=breaks[:-1],
+        chart_rate=np.zeros((pieces, 3)),
+        mounts=np.zeros(1),
+        fixed_boresights=np.zeros((0, 3)),
+    )
+    on = motion.between(breaks)
+    most = errors.interpolation(on, errors.majorants(motion, on)).joints[0].max()
+    joints = np.array([[most / excess ** (DEGREE + 1)] * 2, [1e99] * 2, [1e99] * 2])
+    wanted = Errors(direction=np.full(1, 1e99), spin=np.full(3, 1e99), joints=joints)
+    evidence = errors.gather(motion, wanted)
+    assert len(evidence.on.centre) == pieces * np.ceil(excess)
+    assert np.all(evidence.left_out.joints[0] <= joints[0, 0])
+
+
+def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
+    rate, angles = np.array([0.03, -0.02, 0.06]), np.array([0.7, -0.3])
+    motion = Motion(
+        platform=Pieces.of(np.array([0.0, 60.0]), np.zeros((1, 2, 3))),
+        joints=Pieces.of(np.array([0.0, 60.0]), np.stack([angles, 0 * angles])[None]),
+        chart_attitude=np.eye(3)[None],
+        chart_start=np.zeros(1),
+        chart_rate=rate[None],
+        mounts=np.zeros(1),
+        fixed_boresights=np.zeros((0, 3)),
+    )
+    on = motion.between(np.array([0.0, 20.0, 60.0]))
+    stated = errors.rounding(motion, on, errors.majorants(motion, on))
+    # Of the rate: its own, and twice that of the attitude, both of a majorant that counts the chart's turn
+    # there and back; of the angles: those of the sum and of the sample.
+    np.testing.assert_allclose(stated.spin[0], 3 * ROUNDING * 2 * np.linalg.norm(rate), rtol=1e-12)
+    np.testing.assert_allclose(stated.joints[0].T, [2 * ROUNDING * np.abs(angles)] * 2, rtol=1e-12)
+
+
+def test_conversion_to_bernstein_coefficients_is_counted_into_peaks():
+    motion = random_motion(54)
+    on = motion.between(motion.platform.breaks)
+    evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
+    values, none = np.stack([np.full((2, DEGREE + 1), 0.25), np.full((2, DEGREE + 1), 1.0)]), np.zeros(2)
+    quantity = limits.Quantity("torque", ("about x", "about y"), values, none, none, np.full(2, 2.0))
+    room = limits.prove([quantity], evidence)
+    ratios = np.array([0.125, 0.5])
+    lost = 1 - ratios - room.bound
+    assert lost == pytest.approx(ROUNDING * bounds.growth(DEGREE) * ratios, rel=1e-2, abs=0)
+
+
+def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
+    spacecraft = craft(1, instruments=0)
+    motion = random_motion(55, terminals=1, instruments=0, size=1e-9)  # next to none
+    motion = replace(
+        motion, chart_rate=1e-9 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]]
+    )
+    on = motion.between(motion.platform.breaks)
+    majorants, samples = errors.majorants(motion, on), motion.sample(on)
+    none = errors.interpolation(on, majorants)
+    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
+    away = np.cross(samples.boresights[0, :, 0, 0], [0.3, 0.2, 0.9])  # at a right angle
+    for kind, angles in ((KeepOut, (0.3, 1.5)), (KeepIn, (2.0, 1.6))):  # the second one decides
+        zones = [
+            kind(name="z", direction=away / np.linalg.norm(away), half_angle=angle, devices=("terminal-0",))
+            for angle in angles
+        ]
+        zones = (zones, []) if kind is KeepOut else ([], zones)
+        bindings = Bindings.of(tabulate(*zones, spacecraft.device_names))
+        found = []
+        for noise in (0.0, 0.01):
+            evidence = Evidence(
+                on=on,
+                samples=samples,
+                majorants=majorants,
+                left_out=none,
+                rounding=replace(none, direction=none.direction + noise),
+            )
+            found.append(float(bindings.prove(evidence).bound[0]))
+        # Of a chord, which at a right angle changes by less than the angle.
+        assert found[0] - found[1] == pytest.approx(0.01 * np.sqrt(2), rel=0.1)
+
+
+@pytest.mark.parametrize(("seen", "said"), [(-0.05, "breach"), (0.0, "no proof"), (0.05, "no proof")])
+def test_faults_say_which_device_is_where_it_must_not_be(seen, said):
+    motion, names = random_motion(56, terminals=1, instruments=1), ("terminal-0", "instrument-0")
+    out = KeepOut(name="Sun", direction=np.array([0, 0, 1.0]), half_angle=0.3, devices=names[:1])
+    inside = KeepIn(name="station", direction=np.array([0, 1.0, 0]), half_angle=0.3, devices=names[1:])
+    bindings = Bindings.of(tabulate([out], [inside], names))
+    minima = Minima(bound=np.full(2, -0.1), seen=np.full(2, seen), time=np.array([3.0, 4.0]))
+    found = list(bindings.faults(minima, motion, names, ("Sun", "station"), 1e-6))
+    expected = {
+        "breach": [
+            "terminal-0 is 2.86 deg inside the keep-out zone Sun at t = 3 s",
+            "instrument-0 is 2.86 deg outside the keep-in zone station at t = 4 s",
+        ],
+        "no proof": [
+            f"the margin of {device} to the {kind} zone {zone} is not proved: "
+            f"{np.rad2deg(seen):.3g} deg was met at t = {time} s, the bound is -5.73 deg"
+            for device, kind, zone, time in (
+                ("terminal-0", "keep-out", "Sun", 3),
+                ("instrument-0", "keep-in", "station", 4),
+            )
+        ],
+    }[said]
+    assert found == expected
 
 
 def test_intervals_stay_within_the_pieces_of_axes_that_move():
