@@ -97,7 +97,7 @@ def test_each_limit_is_held_to_a_millionth(name):
 def test_a_bound_over_the_limit_is_no_breach_that_was_met():
     values, limit = np.zeros((3, 1, 1)), np.full(3, 2.0)
     quantity = Quantity("torque", ("about x", "about y", "about z"), values, values[0], values[0], limit)
-    minima = Minima(bound=np.array([-0.5, -0.5, 0.1]), seen=np.array([-0.25, 0.0, 0.2]), time=np.arange(3.0))
+    minima = Minima(bound=np.array([-0.5, -0.5, 0.0]), seen=np.array([-0.25, 0.0, 0.2]), time=np.arange(3.0))
     assert list(faults([quantity], minima, 1e-6)) == [
         "torque about x reaches 2.5 N m, 1.25 of its limit, at t = 0 s",
         "torque about y is not proved to keep its limit: 1 of it was met at t = 1 s, the bound is 1.5",
