@@ -70,19 +70,35 @@ def plan_of(case):
 
 
 def one_of_two_links(narrow):
-    """A camera that must see one of two cones, of which the other one is far away and narrow."""
+    """A camera that must see one of two cones: one leaves it little at an end, the other is never held."""
     scenario = make_scenario(0, 1)
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0))
     boresight = scenario.spacecraft.fixed_boresights[0]
     seen = jp.plan(scenario).trajectory.sample(np.array([0.0, 30.0, 60.0])).attitude @ boresight
-    cones = [("held", seen[1], np.deg2rad(60.0)), ("narrow", -seen[1], np.deg2rad(narrow))]
+    width = np.max(np.arccos(seen[[0, 2]] @ seen[1])) + np.deg2rad(0.2)
+    cones = [("held", seen[1], float(width)), ("narrow", -seen[1], np.deg2rad(narrow))]
     return replace(
         scenario,
         keep_in=tuple(
-            KeepIn(name=n, direction=a, half_angle=w, devices=("camera-1",), any_of="link")
-            for n, a, w in cones
+            KeepIn(name=name, direction=axis, half_angle=angle, devices=("camera-1",), any_of="link")
+            for name, axis, angle in cones
         ),
     )
+
+
+def there_and_back():
+    """A turn of more than half a turn, and back to where it began: on the way the logarithm winds."""
+    scenario = make_scenario(1)
+    settings = replace(scenario.trajectory, duration=160.0, node_tube=0.2)
+    scenario = replace(scenario, goal=scenario.start, trajectory=settings)
+    start = Rotation.from_rotvec(scenario.start.rotation_vector)
+    angles = np.deg2rad([0, 50, 100, 150, 200, 200, 150, 100, 50, 0])
+    path = Path(
+        attitudes=(start * Rotation.from_rotvec(np.outer(angles, [0.36, -0.48, 0.8]))).as_matrix(),
+        joints=np.repeat(scenario.start.joints[None], len(angles), axis=0),
+        edge_costs=np.ones(len(angles) - 1),
+    )
+    return follow(replace(jp.plan(scenario), path=path), scenario)
 
 
 def at_speed():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from held_plans import at_speed, metric, one_of_two_links, plan_of, valued, widened_tube
+from held_plans import at_speed, metric, one_of_two_links, plan_of, there_and_back, valued, widened_tube
 from node_paths import load
 from quick import quick_jit
 
@@ -27,6 +27,7 @@ FITS = {
     "limits and a zone": lambda: plan_of("limits and a zone"),
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),
     "a link that is not held": lambda: jp.plan(one_of_two_links(narrow=0.2)),
+    "there and back": there_and_back,
     "at speed": lambda: jp.plan(at_speed()),
     "a wider tube": widened_tube,
 }
@@ -78,29 +79,33 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
     path = load("astar_c3")
     turns = so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])
     moves = np.concatenate([turns, np.diff(path.joints, axis=0)], axis=1)
-    fractions = np.linspace(0, 1, len(moves) + 1) ** 1.3
-    limits = np.random.default_rng(0).uniform(0.5, 2.0, (2, moves.shape[1]))
-    limits[deciding] /= 100
-    expected = counting.shortest_duration(moves, fractions, *limits)
-    last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
-    with jax.enable_x64(True):
-        for own in (np.arange(len(fractions)), last):
-            found = nominal_duration(path.attitudes[own], path.joints[own], fractions[own], limits)
-            assert float(found) == pytest.approx(expected, rel=1e-12)
+    rng, found = np.random.default_rng(0), quick_jit(nominal_duration)
+    for _ in range(10):
+        fractions = np.concatenate([[0], np.cumsum(rng.dirichlet(np.full(len(moves), 5.0)))])
+        limits = rng.uniform(0.5, 2.0, (2, moves.shape[1]))
+        limits[deciding] /= 100
+        expected = counting.shortest_duration(moves, fractions, *limits)
+        last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
+        with jax.enable_x64(True):
+            for own in (np.arange(len(fractions)), last):
+                duration = found(path.attitudes[own], path.joints[own], fractions[own], limits)
+                assert float(duration) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("derivative", [0, 1])
 def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivative):
     path, craft, count = load("astar_c3"), paper_case(3).spacecraft, 3
     settings = replace(paper_case(3).trajectory, duration=80.0)
-    still = tuple(np.zeros((2, size)) for size in (3, path.joints.shape[1]))
+    rng = np.random.default_rng(0)
+    ends = rng.normal(size=(2, 9)) * np.array([0.002] * 3 + [0.001] * 6)
+    at_ends = [tuple(np.stack([part, 0 * part]) for part in np.split(end, [3])) for end in ends]
     nodes = Nodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.linspace(0, 1, len(path.attitudes)),
         turns=np.asarray(so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])),
-        start=still,
-        end=still,
+        start=at_ends[0],
+        end=at_ends[1],
     )
 
     def with_limits(limits):
@@ -120,9 +125,9 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
 
     # Limits a little below what the largest would be at the joins without.
     free = fit_nodes(nodes, 80.0, count, settings, None)
-    ends = end_derivatives(settings.order)
-    platform = ends[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
-    joints = ends[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2
+    rows = end_derivatives(settings.order)
+    platform = rows[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
+    joints = rows[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2
     largest = [
         np.max(np.abs(found[:, d]) / half ** (d + 1), axis=0)
         for found, half in (platform, joints)
@@ -132,20 +137,21 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
     limits = np.concatenate([[each.max() for each in largest[:2]], *of_terminals])
     binding = np.array([0, 1, 0, 0, 0, 1, 1, 1]) == derivative  # rates, or accelerations
     limits *= np.where(binding, 0.9, 10.0)
-    _, held = anew(limits, 80.0)
+    curve, held = anew(limits, 80.0)
     assert all(np.any(chain.sides[:, derivative] != 0) for chain in (held.platform, held.joints))
 
     def number_of(limits, duration):
         changed = replace(settings, duration=duration)
-        return metric(refit(held, path, with_limits(limits), changed, None, np.zeros((2, 9))))
+        return metric(refit(held, path, with_limits(limits), changed, None, ends))
 
     with jax.enable_x64(True):
-        slopes = quick_jit(jax.grad(number_of, (0, 1)))(limits, 80.0)
+        value, slopes = quick_jit(jax.value_and_grad(number_of, (0, 1)))(limits, 80.0)
+        assert float(value) == pytest.approx(float(valued()(curve)), rel=1e-9)
         assert np.array_equal(slopes[0] != 0, binding)
-        way, step = limits * np.random.default_rng(0).normal(size=len(limits)), 1e-5
-        value = {
+        way, step = limits * rng.normal(size=len(limits)), 1e-5
+        at = {
             share: float(valued()(anew(limits + share * step * way, 80.0 + share * step * 50)[0]))
             for share in (-2, -1, 1, 2)
         }
-    found = (8 * (value[1] - value[-1]) - (value[2] - value[-2])) / (12 * step)
+    found = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
     assert float(slopes[0] @ way + slopes[1] * 50) == pytest.approx(found, rel=1e-6)

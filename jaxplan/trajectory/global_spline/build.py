@@ -164,5 +164,5 @@ def end_margins(problem: Problem, request: Request) -> np.ndarray:
 def _wanted(problem: Problem, request: Request) -> np.ndarray:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
     cones, found = problem.cones, end_margins(problem, request)
-    room = np.where(cones.side > 0, np.pi - cones.half_angle, cones.half_angle)
+    room = np.where(cones.side > 0, np.inf, cones.half_angle)  # of a group whose other zone holds at the ends
     return np.minimum(CLEARANCE, OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))

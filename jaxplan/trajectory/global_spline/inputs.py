@@ -100,7 +100,7 @@ def gather_inputs(
         _angles(body @ jnp.swapaxes(attitudes[jnp.array([0, -1])], -1, -2), cones) - cones.half_angle
     )
     margins = jnp.where(held.counted, margins, jnp.inf)
-    room = jnp.where(cones.side > 0, jnp.pi - cones.half_angle, cones.half_angle)
+    room = jnp.where(cones.side > 0, jnp.inf, cones.half_angle)
     wanted = jnp.minimum(CLEARANCE, OF_ENDS * jnp.minimum(jnp.maximum(jnp.min(margins, axis=0), 0), room))
     return Inputs(
         attitude=first,
