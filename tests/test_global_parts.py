@@ -16,10 +16,8 @@ from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
 from jaxplan.trajectory.global_spline.chart import farthest, fitting
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
-from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges, Tube
 from jaxplan.trajectory.global_spline.motion import evaluate
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import Step
 from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -281,39 +279,3 @@ def test_a_pace_is_gone_and_inverted(length, rise):
         breaks = pace.breaks(32)
         assert breaks.shape == (33,)
         assert np.all(np.diff(breaks) > 0)
-
-
-@pytest.mark.parametrize("sort", ["rates", "accelerations", "ranges", "tube"])
-def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(sort):
-    rng = np.random.default_rng(3)
-    basis = Basis.even(6)
-    coefficients, change = rng.normal(size=(2, basis.size, 5))  # of the platform and two joints
-    places, limits = np.linspace(0.1, 0.9, 4), np.array([0.7, 1.3])
-    nodes, radius = rng.normal(size=(4, 5)), rng.uniform(0.2, 1, 5)
-    rows = basis.rows(places, 1)[0]
-
-    def family(c):
-        if sort == "tube":
-            return Nodes(Tube(rows, nodes, radius), c)
-        if sort == "ranges":
-            return Ranges(c, limits)
-        power = 1 if sort == "rates" else 2
-        return Joints(sort, power, basis, c, 1 / limits)
-
-    def room(c):
-        """By how much values may grow, and fall, before they are at a bound."""
-        if sort == "tube":
-            off = (rows @ c - nodes) / radius
-            return np.stack([1 - off, 1 + off])
-        if sort == "ranges":
-            return np.stack([limits - c[:, 3:], limits + c[:, 3:]])
-        shares = basis.differences[1 if sort == "rates" else 2] @ c[:, 3:] / limits
-        return np.stack([1 - shares, 1 + shares])
-
-    own = family(coefficients)
-    lessened = own.change(Step(change, np.zeros(0), 0.0))
-    assert np.allclose(own.room, room(coefficients), rtol=0, atol=1e-12)
-    assert np.allclose(own.room - lessened, room(coefficients + change), rtol=0, atol=1e-12)
-    index = np.nonzero(np.ones(own.room.shape, dtype=bool))
-    by_slopes = np.einsum("ran,na->r", own.slopes(index), change)
-    assert np.allclose(by_slopes, lessened[index], rtol=0, atol=1e-12)

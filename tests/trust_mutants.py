@@ -34,7 +34,7 @@ PARTS = {
     "kernels": (["search/kernels.py"], ["test_expansion.py", "test_smoothing.py"]),
     "rows": (
         ["trajectory/global_spline/place_rows.py", "trajectory/global_spline/linear_rows.py"],
-        ["test_global_parts.py", "test_global_spline.py"],
+        ["test_global_rows.py", "test_global_parts.py", "test_global_spline.py"],
     ),
     "spline": (
         ["trajectory/global_spline/bases.py", "trajectory/global_spline/curve_space.py"],

@@ -1,0 +1,145 @@
+"""Rows of the method "global": the room that they tell of, and how a step and time change it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from node_paths import wandering
+from scenes import make_spacecraft
+
+from jaxplan.trajectory.global_spline.bases import Basis
+from jaxplan.trajectory.global_spline.chart import fitting
+from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges, Tube
+from jaxplan.trajectory.global_spline.motion import evaluate
+from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
+from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.trajectory.global_spline.rows import Step
+from jaxplan.zones import KeepIn, KeepOut, tabulate
+
+RNG = np.random.default_rng(8)
+BASIS = Basis.even(6)
+PLACES = np.linspace(0.02, 0.98, 23)
+ROWS = BASIS.rows(PLACES)
+STEP = 1e-5
+
+
+@pytest.mark.parametrize("sort", ["rates", "accelerations", "ranges", "tube"])
+def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(sort):
+    rng = np.random.default_rng(3)
+    basis = Basis.even(6)
+    coefficients, change = rng.normal(size=(2, basis.size, 5))  # of the platform and two joints
+    places, limits = np.linspace(0.1, 0.9, 4), np.array([0.7, 1.3])
+    nodes, radius = rng.normal(size=(4, 5)), rng.uniform(0.2, 1, 5)
+    rows = basis.rows(places, 1)[0]
+
+    def family(c):
+        if sort == "tube":
+            return Nodes(Tube(rows, nodes, radius), c)
+        if sort == "ranges":
+            return Ranges(c, limits)
+        power = 1 if sort == "rates" else 2
+        return Joints(sort, power, basis, c, 1 / limits)
+
+    def room(c):
+        """By how much values may grow, and fall, before they are at a bound."""
+        if sort == "tube":
+            off = (rows @ c - nodes) / radius
+            return np.stack([1 - off, 1 + off])
+        if sort == "ranges":
+            return np.stack([limits - c[:, 3:], limits + c[:, 3:]])
+        shares = basis.differences[1 if sort == "rates" else 2] @ c[:, 3:] / limits
+        return np.stack([1 - shares, 1 + shares])
+
+    own = family(coefficients)
+    assert own.time == {"rates": -1.0, "accelerations": -2.0}.get(sort, 0.0)
+    lessened = own.change(Step(change, np.zeros(0), 0.0))
+    assert np.allclose(own.room, room(coefficients), rtol=0, atol=1e-12)
+    assert np.allclose(own.room - lessened, room(coefficients + change), rtol=0, atol=1e-12)
+    index = np.nonzero(np.ones(own.room.shape, dtype=bool))
+    by_slopes = np.einsum("ran,na->r", own.slopes(index), change)
+    assert np.allclose(by_slopes, lessened[index], rtol=0, atol=1e-12)
+
+
+def problem():
+    """Three terminals and a camera among zones, with limits of everything."""
+    craft = replace(
+        make_spacecraft(3, 1),
+        inertia=np.array([[2.0, 0.2, -0.1], [0.2, 3.0, 0.3], [-0.1, 0.3, 4.0]]),
+        torque_limit=np.full(3, 0.1),
+        wheel_momentum_limit=np.array([1.0, 2.0, 3.0]),
+        jerk_limit=0.1,
+    )
+    path = wandering(5, 3, seed=1, step=0.4)
+    chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
+    axes = RNG.normal(size=(4, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    out, inside = (
+        [kind(name=f"{i}", direction=axes[i], half_angle=1.0, devices=craft.device_names) for i in numbers]
+        for kind, numbers in ((KeepOut, (0, 1)), (KeepIn, (2, 3)))
+    )
+    return Problem.of(chart, craft, tabulate(out, inside, craft.device_names))
+
+
+PROBLEM = problem()
+COEFFICIENTS, CHANGE = RNG.normal(size=(2, BASIS.size, 9))
+
+
+def motion(coefficients):
+    return evaluate(PROBLEM, PLACES, ROWS @ coefficients)
+
+
+def differences(room):
+    """By how much `CHANGE` lessens the room."""
+    return (room(COEFFICIENTS - STEP * CHANGE) - room(COEFFICIENTS + STEP * CHANGE)) / (2 * STEP)
+
+
+@pytest.mark.parametrize("load", range(5))
+def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
+    name, power, limit = PROBLEM.names[load], int(PROBLEM.powers[load]), np.array([0.7, 1.3, 2.0])
+
+    def room(coefficients):
+        shares = motion(coefficients).loads[:, load] / limit
+        return np.stack([1 - shares, 1 + shares], axis=1)
+
+    own = Loads(name, power, motion(COEFFICIENTS), load, 1 / limit, ROWS)
+    np.testing.assert_allclose(own.room, room(COEFFICIENTS), rtol=1e-12)
+    lessened = own.change(Step(CHANGE, ROWS @ CHANGE, 0.0))
+    found = differences(room)
+    np.testing.assert_allclose(lessened, found, atol=1e-6 * np.abs(found).max())
+    index = np.nonzero(np.ones(own.room.shape, dtype=bool))
+    np.testing.assert_allclose(np.einsum("ran,na->r", own.slopes(index), CHANGE), lessened[index], rtol=1e-9)
+    # At the limit the share falls with the power of the duration.
+    longer = replace(own, scale=own.scale / (1 + STEP) ** power)
+    gained = (longer.room - own.room) / STEP / (1 - own.room)
+    np.testing.assert_allclose(-own.time, gained, rtol=1e-3)
+    # Where all is far from its limit, nothing is looked for.
+    far = replace(own, scale=0.4 * own.scale / np.abs(1 - own.room).max())
+    assert np.all(far.change(Step(CHANGE, ROWS @ CHANGE, 0.0)) == 0)
+
+
+def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_they_are_near():
+    wanted = RNG.uniform(0, 0.2, PROBLEM.cones.bound.T.shape)
+
+    def room(coefficients):
+        margins = motion(coefficients).margins
+        return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
+
+    own = Zones(motion(COEFFICIENTS), ROWS, room(COEFFICIENTS))
+    lessened, found = own.change(Step(CHANGE, ROWS @ CHANGE, 0.0)), differences(room)
+    near = own.room < np.deg2rad(20.0)
+    assert 0 < near.mean() < 1
+    np.testing.assert_allclose(lessened[near], found[near], rtol=1e-5, atol=1e-7)
+    assert np.all(lessened[~near] == 0)
+    index = np.nonzero(near)
+    np.testing.assert_allclose(np.einsum("ran,na->r", own.slopes(index), CHANGE), lessened[near], rtol=1e-9)
+    assert own.time == 0.0  # an angle does not change with time
+
+
+def test_of_places_next_to_each_other_one_in_four_is_held_and_those_with_the_least_room():
+    room = RNG.normal(size=(23, 2, 3))
+    own = Loads("rate", 1, motion(COEFFICIENTS), 0, np.ones(3), ROWS)
+    chosen = own.chosen(np.ones(room.shape, dtype=bool), room)
+    for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
+        least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]
+        np.testing.assert_array_equal(kept, (np.arange(23) % 4 == 0) | least)
+    assert not np.any(own.chosen(np.zeros(room.shape, dtype=bool), room))
