@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from node_paths import load
 from quick import quick_jit
-from scenes import make_scenario
+from scenes import boresights, make_scenario, scene_of
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -16,7 +16,7 @@ from jaxplan.path import Path
 from jaxplan.scenario import STRETCHED
 from jaxplan.sensitivity import follow
 from jaxplan.trajectory import evaluate
-from jaxplan.zones import KeepIn
+from jaxplan.zones import KeepIn, KeepOut
 
 TIMES = np.array([0.13, 0.37, 0.5, 0.81])
 
@@ -84,6 +84,18 @@ def one_of_two_links(narrow):
             for name, axis, angle in cones
         ),
     )
+
+
+def near_a_zone_at_the_goal():
+    """A terminal that stops a fifth of a degree short of a zone, farther from it on all of the way."""
+    scenario = make_scenario(1)
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=30.0))
+    last = jp.plan(scenario).trajectory.sample(np.array([27.0, 30.0]))
+    seen = boresights(scene_of(scenario), last.attitude, last.joints)[:, 0]
+    ahead = np.cross(np.cross(seen[0], seen[1]), seen[1])
+    axis = np.cos(0.4) * seen[1] + np.sin(0.4) * ahead / np.linalg.norm(ahead)
+    zone = KeepOut(name="ahead", direction=axis, half_angle=0.4 - np.deg2rad(0.2), devices=("terminal-1",))
+    return replace(scenario, keep_out=(zone,))
 
 
 def there_and_back():

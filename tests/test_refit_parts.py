@@ -5,7 +5,16 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from held_plans import at_speed, metric, one_of_two_links, plan_of, there_and_back, valued, widened_tube
+from held_plans import (
+    at_speed,
+    metric,
+    near_a_zone_at_the_goal,
+    one_of_two_links,
+    plan_of,
+    there_and_back,
+    valued,
+    widened_tube,
+)
 from node_paths import load
 from quick import quick_jit
 
@@ -27,6 +36,7 @@ FITS = {
     "limits and a zone": lambda: plan_of("limits and a zone"),
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),
     "a link that is not held": lambda: jp.plan(one_of_two_links(narrow=0.2)),
+    "near a zone at the goal": lambda: jp.plan(near_a_zone_at_the_goal()),
     "there and back": there_and_back,
     "at speed": lambda: jp.plan(at_speed()),
     "a wider tube": widened_tube,
