@@ -144,6 +144,29 @@ def test_without_edges_the_slack_speaks_of_the_node_alone():
         assert np.array_equal(row >= 0, margin >= 0)
 
 
+def test_without_edges_what_lies_between_is_not_looked_at():
+    scene = SCENES["no zones"]()
+    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
+    end, joints = ends_of(scene, found).as_matrix()[0], node.joints + chosen(moves.options[0], moves.choice)
+    halfway = edge_states(scene.start_attitude, node.joints, end, joints[0], 3)
+    seen = boresights(scene, *(state[1:2] for state in halfway))[0, 0]
+    zone = KeepOut(name="between", direction=seen, half_angle=np.deg2rad(0.5), devices=("terminal-1",))
+    scene = scene_of(make_scenario(3, keep_out=(zone,)))
+    assert expansion(scene, mha_paper, 0.0, edges=False)[2].slacks[0, 0] > 0
+    assert expansion(scene, mha_paper, 0.0, edges=True)[2].slacks[0, 0] < 0
+
+
+def test_without_devices_nothing_is_in_the_way():
+    zone = KeepOut(name="Sun", direction=np.array([1.0, 0, 0]), half_angle=0.5)
+    scene = scene_of(make_scenario(0, 0, keep_out=(zone,)))
+    straight = alone(scene, straight_slacks(make_root(scene).packed, np.zeros(STRAIGHT_INTERVALS)))
+    assert np.all(straight == np.inf)
+    found = expansion(scene, mha_rules, CLEARANCE, edges=True)[2]
+    assert np.all(found.slacks == np.inf)
+    assert np.all(found.onward == np.inf)
+    assert np.all(found.fields == 0)
+
+
 def test_attitude_moves_and_heuristics_are_those_of_the_paper():
     scene = SCENES["three terminals"]()
     node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)

@@ -122,6 +122,15 @@ def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
             assert float(kernel(case)(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
 
 
+@cases
+def test_what_is_no_number_gives_none_and_an_end(case):
+    plan = plan_of(case)
+    settings = replace(plan.scenario.trajectory, acceleration_weight=np.nan)
+    with jax.enable_x64(True):
+        value, _ = kernel(case)(replace(plan.scenario, trajectory=settings), hold(plan))
+    assert np.isnan(value)
+
+
 @pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
