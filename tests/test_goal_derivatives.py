@@ -307,6 +307,17 @@ def test_without_the_curvature_of_caps_derivatives_are_wrong(monkeypatch):
     np.testing.assert_allclose(without[:, -1], right[:, -1], atol=1e-9)  # the slew itself needs none
 
 
+def test_second_derivatives_are_refused():
+    goal, problem, inputs = arguments_of(from_scenario(jp.paper_case(1)))
+
+    def steepness(changes):
+        slope = jax.grad(lambda changes: as_function(goal, problem, changes)[-1])(changes)
+        return jnp.sum(slope["mounts"] ** 2)
+
+    with pytest.raises(NotImplementedError, match="first derivatives only"):
+        jax.eval_shape(jax.grad(steepness), inputs)
+
+
 def test_precision_is_that_of_the_goal():
     goal, problem, inputs = arguments_of(from_scenario(jp.paper_case(1)))
     single = replace(goal, attitude=goal.attitude.astype(np.float32))

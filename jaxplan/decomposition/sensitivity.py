@@ -25,6 +25,7 @@ from jaxplan import quaternion, so3, zones
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
 from jaxplan.decomposition.quadratic import MET
+from jaxplan.first_order import first_derivatives_only
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft, joints_toward, stacked
@@ -41,8 +42,8 @@ def differentiable_goal(
 
     Its first derivatives, forward and backward, are those of the optimum: by the start, the targets, the
     limits at the goal, the mounting angles and limits of terminals, the boresights of instruments, and the
-    directions and half-angles of cones. It composes with ``jit`` and ``vmap``: scenes with as many devices
-    and zones can be stacked, whatever their goals lean on.
+    directions and half-angles of cones. There are no second ones. It composes with ``jit`` and ``vmap``:
+    scenes with as many devices and zones can be stacked, whatever their goals lean on.
 
     Args:
         goal: one that `decompose` found for this problem; a constant. For a problem slightly off the one it
@@ -71,7 +72,7 @@ def differentiable_goal(
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
     caps = _caps(spacecraft, start, targets, cones)
     matter = _matter(found, *jax.lax.stop_gradient((spacecraft, targets, cones)))
-    optimum = turned(turn, _newton_step(turn, caps, matter)[:, None])
+    optimum = turned(turn, _following_step(turn, caps, matter)[:, None])
 
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
@@ -115,6 +116,19 @@ def _newton_step(turn: Array, caps: _Caps, matter: Array) -> Array:
     _, depth, slope = cap_terms(turn, *leant_on)
     depth, push = jnp.where(used, depth[:, 0], 0), slope[:, :, 0] @ multiplier
     return -(_inverse(derivative) @ jnp.concatenate([eta[:, 0] + push, depth]))[:3]
+
+
+@jax.custom_jvp
+def _following_step(turn: Array, caps: _Caps, matter: Array) -> Array:
+    """`_newton_step`, whose derivative by the caps is the optimum's, but the derivative of that is not."""
+    return _newton_step(turn, caps, matter)
+
+
+@_following_step.defjvp
+def _follow(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    turn, caps, matter = first_derivatives_only(primals)
+    _, tangent = jax.jvp(lambda caps: _newton_step(turn, caps, matter), (caps,), (tangents[1],))
+    return _following_step(*primals), tangent
 
 
 def _inverse(derivative: Array) -> Array:

@@ -15,11 +15,11 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.first_order import first_derivatives_only
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.first_order import first_derivatives_only
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
 from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs

@@ -14,7 +14,7 @@ def _once(value: Any) -> Any:
 @_once.defjvp
 def _refuse(*_: Any) -> NoReturn:
     raise NotImplementedError(
-        "trajectories have first derivatives only, since which rows bind is held: take differences of those"
+        "plans have first derivatives only, since what binds is held: take differences of those"
     )
 
 
