@@ -277,6 +277,20 @@ def test_without_a_slew_the_goal_follows_the_start(name):
         np.testing.assert_allclose(derivative[row, -1], 0, atol=1e-14)  # of the slew
 
 
+def test_where_nearby_attitudes_are_as_good_the_goal_moves_least():
+    """A telescope that looks away from a cone may turn there about any axis across."""
+    start, boresight = Rotation.random(rng=1).as_matrix(), unit(np.array([0.3, -0.5, 0.8]))
+    opposite = KeepIn(name="station", direction=-start @ boresight, half_angle=0.4, devices=("i0",))
+    nothing = np.zeros((0, 3))
+    problem = make_problem(start, nothing, np.zeros(0), boresights=(boresight,), keep_in=(opposite,))
+    goal, arrays, inputs = arguments_of(problem)
+    _, forward, _ = quick_jit(value_and_derivatives)(goal, arrays, inputs)
+    assert goal.slew_angle == pytest.approx(np.pi - 0.4, abs=1e-9)
+    np.testing.assert_allclose(forward["half-angles"][-1, 0], -1.0, atol=1e-6)  # of the slew, by the cone
+    for part in forward.values():
+        assert np.all(np.abs(part) <= 10)
+
+
 def test_one_problem_by_itself():
     group = solved("three terminals")
     goal, problem, inputs = arguments_of(group.problems[1])
