@@ -90,8 +90,11 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
     turns = so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])
     moves = np.concatenate([turns, np.diff(path.joints, axis=0)], axis=1)
     rng, found = np.random.default_rng(0), quick_jit(nominal_duration)
-    for _ in range(10):
-        fractions = np.concatenate([[0], np.cumsum(rng.dirichlet(np.full(len(moves), 5.0)))])
+    even = np.linspace(0, 1, len(moves) + 1)
+    shares = rng.dirichlet(np.full(len(moves), 5.0), 8)
+    cases = [even**1.5, 1 - (1 - even) ** 1.5]  # in haste at the start, and at the end
+    cases += [np.concatenate([[0], np.cumsum(share)]) for share in shares]
+    for fractions in cases:
         limits = rng.uniform(0.5, 2.0, (2, moves.shape[1]))
         limits[deciding] /= 100
         expected = counting.shortest_duration(moves, fractions, *limits)
