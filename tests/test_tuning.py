@@ -126,7 +126,8 @@ def test_a_word_is_no_number():
 
 def test_parameters_begin_where_the_scenario_is_and_keep_their_bounds():
     over = {"trajectory.duration_s": (40.0, 120.0), "trajectory.acceleration_weight": (1e-2, 1e3)}
-    tuned = (*parameters(CASE, over), *parameters(CASE, ("spacecraft.terminal[0].mount_deg",)))
+    over |= {"spacecraft.terminal[0].mount_deg": (-30.0, 60.0)}
+    tuned = (*parameters(CASE, over), *parameters(CASE, ("spacecraft.rate_limit_deg_s",)))
     for one in tuned:
         assert float(one.value(one.free())) == pytest.approx(one.first, rel=1e-12, abs=1e-9)
         ends = one.value(jnp.array([-50.0, 50.0]))
@@ -143,6 +144,8 @@ def test_parameters_begin_where_the_scenario_is_and_keep_their_bounds():
         ("trajectory.duration_s", "must be a list of names"),
         ((3,), "must be the name of a number"),
         (("search.clearance_deg",), "settings of the search have no gradient"),
+        (("start.angular_velocity_rad_s[0]",), r'give bounds, as in over=\{"start.angular_velocity_rad_s'),
+        (("spacecraft.terminal[1].mount_deg",), "mount_deg = 120: may be negative"),
         (
             {"keep_out[0].half_angle_deg": (10.0, 200.0)},
             r"bound 200 of keep_out\[0\].half_angle_deg: must lie in",

@@ -46,8 +46,8 @@ def tune(
         objective: a name such as "peak_acceleration", weights of several by name, or a function of a
             trajectory and its scenario, made of JAX operations.
         over: dotted names of numbers in the file's keys and units, such as ``trajectory.duration_s``,
-            ``keep_out[0].half_angle_deg`` or ``start.angular_velocity_rad_s[2]``, or their bounds by name.
-            All begin with the first one's.
+            ``keep_out[0].half_angle_deg`` or ``start.angular_velocity_rad_s[2]``, or their bounds by name,
+            which numbers that may be negative need. All begin with the first one's.
         optimizer: of optax, on the free parameters; Adam with a rate of 0.1 unless told.
         steps: of the optimiser.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.

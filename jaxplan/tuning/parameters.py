@@ -16,7 +16,7 @@ from jaxplan.scenario import Scenario
 from jaxplan.scenario.numbers import NumberPlace, find_number
 
 _FAR = 10.0  # ratio of bounds from which on the logarithm is taken
-_AROUND = 1e3  # bounds about the first value where the file has none
+_AROUND = 1e3  # times the first value, and a part of it, are the bounds where none are given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,8 @@ def parameters(
     Args:
         scenario: with the values to begin with.
         over: dotted names, or their bounds by name, in the file's units. Without bounds a number may go to
-            where the file allows it, but not beyond a thousandth and a thousandfold of its first value.
+            where the file allows it, but not beyond a thousandth and a thousandfold of its first value; one
+            that may be negative, such as an angle, needs bounds.
 
     Raises:
         KeyError: if a scenario has no such number.
@@ -107,9 +108,12 @@ def _pair(name: str, bounds: object) -> tuple[float, float]:
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
     """Bounds where none are given."""
     interval = place.interval
-    low, high = (-math.inf, math.inf) if interval is None else (interval.low, interval.high)
-    near, far = (first / _AROUND, first * _AROUND) if first > 0 else (first - _AROUND, first + _AROUND)
-    return max(low, near), min(high, far)
+    if interval is None or interval.low < 0:
+        raise ValueError(
+            f"{place.name} = {first:g}: may be negative, so its size does not tell how far it may go; "
+            f'give bounds, as in over={{"{place.name}": (low, high)}}'
+        )
+    return max(interval.low, first / _AROUND), min(interval.high, first * _AROUND)
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
