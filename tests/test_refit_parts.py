@@ -33,7 +33,6 @@ from jaxplan.trajectory.scaling import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 FITS = {
-    "limits and a zone": lambda: plan_of("limits and a zone"),
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),
     "a link that is not held": lambda: jp.plan(one_of_two_links(narrow=0.2)),
     "near a zone at the goal": lambda: jp.plan(near_a_zone_at_the_goal()),
