@@ -15,6 +15,7 @@ import numpy as np
 import optax
 
 from jaxplan.planner import Plan, plan_batch
+from jaxplan.planner.asked import as_filed
 from jaxplan.scenario import Scenario, scenario_to_dict
 from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
@@ -59,7 +60,7 @@ def tune(
 
     Raises:
         KeyError: if a scenario has no such number.
-        TypeError: if resume is no result of tuning.
+        TypeError: if resume is no result of tuning, or a scenario holds what no file could.
         ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
@@ -71,6 +72,7 @@ def tune(
         raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
     if resume is not None and not isinstance(resume, Tuning):
         raise TypeError(f"resume must be a Tuning, not {type(resume).__name__}")
+    given = tuple(as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given))
     for scenario in given:
         if moves(scenario):
             raise ValueError(f"{scenario.name} has targets or zones that move: only fixed ones can be tuned")
