@@ -69,14 +69,14 @@ def plan_of(case):
     return plan
 
 
-def one_of_two_links(narrow):
+def one_of_two_links():
     """A camera that must see one of two cones: one leaves it little at an end, the other is never held."""
     scenario = make_scenario(0, 1)
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0))
     boresight = scenario.spacecraft.fixed_boresights[0]
     seen = jp.plan(scenario).trajectory.sample(np.array([0.0, 30.0, 60.0])).attitude @ boresight
     width = np.max(np.arccos(seen[[0, 2]] @ seen[1])) + np.deg2rad(0.2)
-    cones = [("held", seen[1], float(width)), ("narrow", -seen[1], np.deg2rad(narrow))]
+    cones = [("held", seen[1], float(width)), ("narrow", -seen[1], np.deg2rad(0.2))]
     return replace(
         scenario,
         keep_in=tuple(

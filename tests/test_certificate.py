@@ -65,7 +65,8 @@ def test_margin_bound_is_below_every_sample_and_near_the_least(terminals):
         assert abs(there - least) <= 0.01 * abs(least) + 1e-5
 
 
-def test_directions_count_whatever_their_length():  # within what is let pass as a unit vector
+def test_directions_count_whatever_their_length():
+    # Within what is let pass as a unit vector.
     spacecraft, trajectory = craft(1, instruments=1), manoeuvre(7, terminals=1)
     zone = random_zones(np.random.default_rng(7), 1, spacecraft.device_names)[0]
     zone = replace(zone, devices=spacecraft.device_names[1:])

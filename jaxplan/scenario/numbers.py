@@ -103,7 +103,7 @@ def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple
     if value is None and isinstance(kind, Number | PerAxis | Vector | Each):
         raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
     if isinstance(kind, PerAxis) and row is None:
-        if len(set(np.asarray(value).tolist())) == 1:
+        if np.all(np.asarray(value) == value[0]):
             return (attribute, ...), kind.of
         raise KeyError(f"{name}: {key} has three numbers that differ, write {key}[0] for the first")
     if isinstance(kind, PerAxis | Vector | Each) and isinstance(kind.of, Number):
@@ -113,12 +113,10 @@ def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple
         return (attribute, first * count + row), kind.of
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"
+    elif isinstance(kind, Number) and isinstance(value, str):
+        said = f"is not a number here but {value}"
     elif isinstance(kind, Number):
-        said = (
-            f"is not a number here but {value}"
-            if isinstance(value, str)
-            else "is a single number: write no index"
-        )
+        said = "is a single number: write no index"
     elif isinstance(kind, Direction | Inertia | Each):
         said = "is no single number: its numbers depend on each other, and none may change by itself"
     else:
