@@ -22,8 +22,8 @@ from scipy import sparse
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, random_scenario
-from jaxplan.trajectory.global_spline import program
-from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
+from jaxplan.trajectory.global_spline import dual
+from jaxplan.trajectory.global_spline.box_qp import solve_box_qp, solve_box_qps
 
 try:
     import piqp
@@ -42,13 +42,14 @@ def collect(count: int) -> list[Problem]:
     """What fits of random scenes ask for, each scaled to a diagonal of ones."""
     found: list[Problem] = []
 
-    def spy(matrix, linear, penalty):
-        if len(linear):
-            scale = 1 / np.sqrt(np.diag(matrix))
-            found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))
-        return solve_box_qp(matrix, linear, penalty)
+    def spy(programs):
+        for matrix, linear, penalty in programs:
+            if len(linear):
+                scale = 1 / np.sqrt(np.diag(matrix))
+                found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))
+        return solve_box_qps(programs)
 
-    own, program.solve_box_qp = program.solve_box_qp, spy
+    own, dual.solve_box_qps = dual.solve_box_qps, spy
     try:
         for kind in RANDOM_KINDS:
             for seed in range(count):
@@ -57,7 +58,7 @@ def collect(count: int) -> list[Problem]:
                 settings = replace(scenario.trajectory, method="global", duration=duration)
                 jp.plan(replace(scenario, trajectory=settings), throw=False, progress=False)
     finally:
-        program.solve_box_qp = own
+        dual.solve_box_qps = own
     return found
 
 

@@ -19,7 +19,7 @@ from jaxplan.planner import goals
 from jaxplan.scenario import with_settings
 from jaxplan.search import mha
 from jaxplan.search.tree import make_root, trace
-from jaxplan.trajectory.global_spline import box_qp, program
+from jaxplan.trajectory.global_spline import box_qp, dual
 from jaxplan.trajectory.paper import qp
 
 RNG = np.random.default_rng(21)
@@ -45,12 +45,11 @@ BOX_ANSWERS = {
 def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, name):
     asked = []
 
-    def garbage(matrix, linear, penalty):
-        asked.append(len(linear))
-        y = BOX_ANSWERS[name](matrix, linear, penalty)
-        return box_qp.Answer(multipliers=y, iterations=1, residual=0.0)
+    def garbage(programs):
+        asked.extend(len(linear) for _, linear, _ in programs)
+        return [box_qp.Answer(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
 
-    monkeypatch.setattr(program, "solve_box_qp", garbage)
+    monkeypatch.setattr(dual, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):
         plan = planned()
     assert asked
@@ -86,14 +85,13 @@ QP_ANSWERS = {
 
 @pytest.mark.parametrize("name", QP_ANSWERS)
 def test_garbage_of_the_papers_programs_is_no_plan_that_breaks_anything(monkeypatch, name):
-    real, asked = qp.solve, []
+    real, asked = qp.solve_all, []
 
     def garbage(given):
-        asked.append(given)
-        answer = real(given)
-        return None if answer is None else QP_ANSWERS[name](answer)
+        asked.extend(given)
+        return [None if answer is None else QP_ANSWERS[name](answer) for answer in real(given)]
 
-    monkeypatch.setattr(qp, "solve", garbage)
+    monkeypatch.setattr(qp, "solve_all", garbage)
     with np.errstate(all="ignore"):
         plan = planned("paper", **{"trajectory.duration_s": 80})
     assert asked

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.trajectory.bound import duration_bound, shortest_time
 from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
-from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
+from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qp, solve_box_qps
 from jaxplan.trajectory.global_spline.chart import farthest, fitting
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
 from jaxplan.trajectory.global_spline.motion import evaluate
@@ -174,18 +174,23 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
     problem = Problem.of(chart, craft, zones)
     places, curves = np.linspace(0.1, 0.9, 4), rng.normal(size=(4, 4, 9))
-    motion, step = evaluate(problem, places, curves), 1e-5
-    assert len(problem.names) == motion.loads.shape[1] == 2 + 2 * dynamic + jerky
+    curves = np.stack([rng.normal(size=curves.shape), curves])  # the second of two is looked at
+
+    def both(curves):
+        return evaluate([problem, problem], np.stack([places, places]), curves)
+
+    motion, step = both(curves), 1e-5
+    assert len(problem.names) == motion.loads.shape[2] == 2 + 2 * dynamic + jerky
     index = np.nonzero(np.isfinite(motion.margins))
     slopes = motion.margin_slopes(*index)
     for axis in range(9):
         for d in range(4):
             change = np.zeros_like(curves)
-            change[d, :, axis] = step
-            ahead, behind = (evaluate(problem, places, curves + sign * change) for sign in (1, -1))
+            change[:, d, :, axis] = step
+            ahead, behind = (both(curves + sign * change) for sign in (1, -1))
             if axis < 3:
-                found = (ahead.loads - behind.loads) / (2 * step)
-                np.testing.assert_allclose(motion.load_slopes[..., d, axis], found, atol=1e-6, rtol=1e-6)
+                found = (ahead.loads - behind.loads)[1] / (2 * step)
+                np.testing.assert_allclose(motion.load_slopes(1)[..., d, axis], found, atol=1e-6, rtol=1e-6)
             if d == 0:
                 found = (ahead.margins[index] - behind.margins[index]) / (2 * step)
                 np.testing.assert_allclose(slopes[:, axis], found, atol=1e-7)
@@ -212,6 +217,20 @@ def test_box_programs_are_solved_as_by_active_sets(rank, loose):
         scale = np.linalg.norm(factor, axis=0)
         gradient = factor.T @ (factor @ y - target) / scale
         np.testing.assert_allclose(y - np.clip(y - gradient / scale, 0, top), 0, atol=1e-4 / scale.min())
+
+
+def test_box_programs_solved_together_have_the_answers_they_have_alone():
+    rng = np.random.default_rng(7)
+    programs = []
+    for rows in rng.permutation(40):  # more than one stack
+        factor, target, top = random_program(rng, rows, max(rows // 2, 1), loose=bool(rows % 2))
+        programs.append(BoxProgram(factor.T @ factor, factor.T @ target, top))
+    programs[3] = programs[3]._replace(linear=np.full_like(programs[3].linear, np.nan))
+    for own, answer in zip(programs, solve_box_qps(programs), strict=True):
+        alone = solve_box_qp(*own)
+        np.testing.assert_array_equal(answer.multipliers, alone.multipliers)
+        assert answer.iterations == alone.iterations
+    assert solve_box_qps([]) == []
 
 
 def test_a_program_without_rows_has_no_multipliers():

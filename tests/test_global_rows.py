@@ -9,7 +9,7 @@ from scenes import make_spacecraft
 
 from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.chart import fitting
-from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges, Tube
+from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
 from jaxplan.trajectory.global_spline.motion import evaluate
 from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
 from jaxplan.trajectory.global_spline.problem import Problem
@@ -23,22 +23,34 @@ ROWS = BASIS.rows(PLACES)
 STEP = 1e-5
 
 
+def step(which, change):
+    """A change (n, A) of one of two curves."""
+    return Step(np.array([which]), change[None], (ROWS @ change)[None], np.zeros(1))
+
+
+def two(arrays):
+    """The same for two curves."""
+    return np.stack([arrays, arrays])
+
+
 @pytest.mark.parametrize("sort", ["rates", "accelerations", "ranges", "tube"])
 def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(sort):
     rng = np.random.default_rng(3)
-    basis = Basis.even(6)
-    coefficients, change = rng.normal(size=(2, basis.size, 5))  # of the platform and two joints
+    basis = BASIS
+    coefficients, other, change = rng.normal(size=(3, basis.size, 5))  # of the platform and two joints
     places, limits = np.linspace(0.1, 0.9, 4), np.array([0.7, 1.3])
     nodes, radius = rng.normal(size=(4, 5)), rng.uniform(0.2, 1, 5)
     rows = basis.rows(places, 1)[0]
+    # Of two curves the second is looked at; the first has other limits.
+    both = np.stack([other, coefficients])
 
     def family(c):
         if sort == "tube":
-            return Nodes(Tube(rows, nodes, radius), c)
+            return Nodes(two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]], c)
         if sort == "ranges":
-            return Ranges(c, limits)
+            return Ranges(c, two(limits) * [[2], [1]])
         power = 1 if sort == "rates" else 2
-        return Joints(sort, power, basis, c, 1 / limits)
+        return Joints(sort, power, two(basis.differences[power]), c, two(1 / limits) * [[2], [1]])
 
     def room(c):
         """By how much values may grow, and fall, before they are at a bound."""
@@ -50,14 +62,14 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
         shares = basis.differences[1 if sort == "rates" else 2] @ c[:, 3:] / limits
         return np.stack([1 - shares, 1 + shares])
 
-    own = family(coefficients)
+    own = family(both)
     assert own.time == {"rates": -1.0, "accelerations": -2.0}.get(sort, 0.0)
-    lessened = own.change(Step(change, np.zeros(0), 0.0))
-    assert np.allclose(own.room, room(coefficients), rtol=0, atol=1e-12)
-    assert np.allclose(own.room - lessened, room(coefficients + change), rtol=0, atol=1e-12)
-    index = np.nonzero(np.ones(own.room.shape, dtype=bool))
-    by_slopes = np.einsum("ran,na->r", own.slopes(index), change)
-    assert np.allclose(by_slopes, lessened[index], rtol=0, atol=1e-12)
+    lessened = own.change(step(1, change))
+    assert np.allclose(own.room[1], room(coefficients), rtol=0, atol=1e-12)
+    assert np.allclose(own.room[1] - lessened[0], room(coefficients + change), rtol=0, atol=1e-12)
+    index = every(1, own.room.shape[1:])
+    by_slopes = np.einsum("ran,na->r", own.slopes(index).full, change)
+    assert np.allclose(by_slopes, lessened[0][index[1:]], rtol=0, atol=1e-12)
 
 
 def problem():
@@ -85,7 +97,15 @@ COEFFICIENTS, CHANGE = RNG.normal(size=(2, BASIS.size, 9))
 
 
 def motion(coefficients):
-    return evaluate(PROBLEM, PLACES, ROWS @ coefficients)
+    """Of two curves, the second with these coefficients."""
+    both = np.stack([coefficients[::-1], coefficients])
+    return evaluate([PROBLEM, PROBLEM], two(PLACES), ROWS @ both[:, None])
+
+
+def every(curve, shape):
+    """Index of all rows of a curve."""
+    index = np.nonzero(np.ones(shape, dtype=bool))
+    return (np.full(len(index[0]), curve), *index)
 
 
 def differences(room):
@@ -98,23 +118,24 @@ def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
     name, power, limit = PROBLEM.names[load], int(PROBLEM.powers[load]), np.array([0.7, 1.3, 2.0])
 
     def room(coefficients):
-        shares = motion(coefficients).loads[:, load] / limit
+        shares = motion(coefficients).loads[1, :, load] / limit
         return np.stack([1 - shares, 1 + shares], axis=1)
 
-    own = Loads(name, power, motion(COEFFICIENTS), load, 1 / limit, ROWS)
-    np.testing.assert_allclose(own.room, room(COEFFICIENTS), rtol=1e-12)
-    lessened = own.change(Step(CHANGE, ROWS @ CHANGE, 0.0))
+    own = Loads(name, power, motion(COEFFICIENTS), load, two(1 / limit) * [[2], [1]], two(ROWS))
+    np.testing.assert_allclose(own.room[1], room(COEFFICIENTS), rtol=1e-12)
+    lessened = own.change(step(1, CHANGE))[0]
     found = differences(room)
     np.testing.assert_allclose(lessened, found, atol=1e-6 * np.abs(found).max())
-    index = np.nonzero(np.ones(own.room.shape, dtype=bool))
-    np.testing.assert_allclose(np.einsum("ran,na->r", own.slopes(index), CHANGE), lessened[index], rtol=1e-9)
+    index = every(1, lessened.shape)
+    by_slopes = np.einsum("ran,na->r", own.slopes(index).full, CHANGE)
+    np.testing.assert_allclose(by_slopes, lessened[index[1:]], rtol=1e-9)
     # At the limit the share falls with the power of the duration.
     longer = replace(own, scale=own.scale / (1 + STEP) ** power)
     gained = (longer.room - own.room) / STEP / (1 - own.room)
     np.testing.assert_allclose(-own.time, gained, rtol=1e-3)
     # Where all is far from its limit, nothing is looked for.
     far = replace(own, scale=0.4 * own.scale / np.abs(1 - own.room).max())
-    assert np.all(far.change(Step(CHANGE, ROWS @ CHANGE, 0.0)) == 0)
+    assert np.all(far.change(step(1, CHANGE)) == 0)
 
 
 def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_they_are_near():
@@ -124,22 +145,23 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         margins = motion(coefficients).margins
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
-    own = Zones(motion(COEFFICIENTS), ROWS, room(COEFFICIENTS))
-    lessened, found = own.change(Step(CHANGE, ROWS @ CHANGE, 0.0)), differences(room)
-    near = own.room < np.deg2rad(20.0)
+    own = Zones(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
+    lessened, found = own.change(step(1, CHANGE))[0], differences(room)[1]
+    near = own.room[1] < np.deg2rad(20.0)
     assert 0 < near.mean() < 1
     np.testing.assert_allclose(lessened[near], found[near], rtol=1e-5, atol=1e-7)
     assert np.all(lessened[~near] == 0)
     index = np.nonzero(near)
-    np.testing.assert_allclose(np.einsum("ran,na->r", own.slopes(index), CHANGE), lessened[near], rtol=1e-9)
+    by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, CHANGE)
+    np.testing.assert_allclose(by_slopes, lessened[near], rtol=1e-9)
     assert own.time == 0.0  # an angle does not change with time
 
 
 def test_of_places_next_to_each_other_one_in_four_is_held_and_those_with_the_least_room():
     room = RNG.normal(size=(23, 2, 3))
-    own = Loads("rate", 1, motion(COEFFICIENTS), 0, np.ones(3), ROWS)
-    chosen = own.chosen(np.ones(room.shape, dtype=bool), room)
+    own = Loads("rate", 1, motion(COEFFICIENTS), 0, np.ones((2, 3)), two(ROWS))
+    chosen = own.chosen(np.ones((1, *room.shape), dtype=bool), room[None], np.array([1]))[0]
     for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
         least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]
         np.testing.assert_array_equal(kept, (np.arange(23) % 4 == 0) | least)
-    assert not np.any(own.chosen(np.zeros(room.shape, dtype=bool), room))
+    assert not np.any(own.chosen(np.zeros((1, *room.shape), dtype=bool), room[None], np.array([1])))

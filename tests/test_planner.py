@@ -16,6 +16,7 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import STRETCHED, Targets, parse_scenario, with_settings
 from jaxplan.search import make_scene
+from jaxplan.trajectory import METHODS
 from jaxplan.zones import KeepIn, KeepOut
 
 INSTANTS = 100_000
@@ -151,7 +152,7 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
     def fail(so_far, path, clock):
         if so_far.goal.slew_angle < nearest.slew_angle + 0.01:
             return replace(so_far, status=jp.Status.UNCERTIFIED, message="it jumps")
-        return finish(so_far, path, clock)
+        return (yield from finish(so_far, path, clock))
 
     monkeypatch.setattr(chain, "finish", fail)
     plan = jp.plan(scenario)
@@ -501,15 +502,16 @@ def test_what_is_not_proved_is_never_ok(monkeypatch):
     scenario = jp.paper_case(3)
     attempts = []
 
-    def straight_on(path, *rest, **more):
+    def straight_on(query):
+        path = query.path
         attempts.append(path)
         ends = replace(
             path, attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.array([1.0])
         )
-        return real(ends, *rest, **more)
+        return real(replace(query, path=ends))
 
-    real = chain.METHODS["paper"]
-    monkeypatch.setattr(chain, "METHODS", {"paper": straight_on})
+    real = METHODS["paper"]
+    monkeypatch.setitem(METHODS, "paper", straight_on)
     plan = jp.plan(scenario, throw=False)
     assert plan.status is jp.Status.UNCERTIFIED
     assert not plan.report.certified

@@ -23,6 +23,7 @@ from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.path import Path
 from jaxplan.planner.chain import fit
+from jaxplan.trajectory.asking import alone
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.paper import counting
@@ -129,11 +130,11 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
         own = with_limits(limits)
         platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
         at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
-        curve = fit_nodes(nodes, duration, count, settings, at_joins)
+        curve = alone(fit_nodes(nodes, duration, count, settings, at_joins))
         return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
 
     # Limits a little below what the largest would be at the joins without.
-    free = fit_nodes(nodes, 80.0, count, settings, None)
+    free = alone(fit_nodes(nodes, 80.0, count, settings, None))
     rows = end_derivatives(settings.order)
     platform = rows[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
     joints = rows[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2

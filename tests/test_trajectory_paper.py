@@ -278,7 +278,7 @@ def test_limits_hold_at_joins_where_they_bind():
 
 
 def test_programs_without_solution_are_infeasible(monkeypatch):
-    monkeypatch.setattr(chain.qp, "solve", lambda program: None)
+    monkeypatch.setattr(chain.qp, "solve_all", lambda programs: [None] * len(programs))
     for duration in (80.0, "stretched"):
         fit = fit_paper(load("rrt_c1"), make_spacecraft(), TrajectorySettings(duration=duration))
         assert fit.status is Status.INFEASIBLE

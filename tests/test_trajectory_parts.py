@@ -11,7 +11,7 @@ from scenes import make_spacecraft
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
-from jaxplan.trajectory import basis, scaling, schedule
+from jaxplan.trajectory import basis, maxima, scaling, schedule
 from jaxplan.trajectory.paper import counting, qp
 from jaxplan.trajectory.paper.assembly import assemble
 
@@ -182,7 +182,7 @@ def smooth(x: np.ndarray, k: int) -> np.ndarray:
 
 def test_peaks_between_the_points_are_found():
     x = np.cos(np.pi * np.arange(65) / 64)
-    found = scaling.largest(np.stack([smooth(x, k) for k in range(3)]))
+    found = maxima.largest(np.stack([smooth(x, k) for k in range(3)]))
     grid = np.linspace(-1, 1, 2001)
     for quantity in range(4):
         best = 0.0
@@ -206,7 +206,7 @@ def test_peaks_between_the_points_are_found():
 def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
-    assert np.all(np.isnan(scaling.largest(values)))
+    assert np.all(np.isnan(maxima.largest(values)))
 
 
 def test_a_joint_beyond_its_range_between_nodes_is_told():

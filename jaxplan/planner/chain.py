@@ -8,11 +8,13 @@ The first certified plan ends it; else the answer is that of the attempt that go
 Where targets or zones move, a goal is one at the end of the manoeuvre (`meeting`), the search sees what zones
 sweep (`sweeps`), and fit and certificate see them move.
 
-The chain is a generator that asks for its searches, so that those of many scenarios can run in lockstep.
+The chain is a generator that asks for its searches and its fits, so that those of many scenarios are made
+together. Where targets or zones move, fits and goals follow each other, and a chain fits by itself.
 """
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,9 +29,9 @@ from jaxplan.planner.sweeps import always, swept
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario, SearchSettings
 from jaxplan.scenario.moments import at
-from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
+from jaxplan.search import Scene, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
-from jaxplan.trajectory import METHODS, Fit
+from jaxplan.trajectory import Fit, FitQuery, fit_batch
 from jaxplan.zones import tabulate
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
@@ -60,11 +62,13 @@ class Query:
     settings: SearchSettings
 
 
-Chain = Generator[Query, SearchResult, Plan]
+T = TypeVar("T")
+Asking = Generator[Query | FitQuery, Any, T]
+Chain = Asking[Plan]
 
 
 def chain(scenario: Scenario, clock: Clock) -> Chain:
-    """Plan a scenario; yields searches and is sent their answers.
+    """Plan a scenario; yields searches and fits, and is sent their answers.
 
     Args:
         scenario: the problem and its settings.
@@ -122,7 +126,7 @@ class _Best:
 
 def _climb(
     scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: Clock, best: _Best, share: float
-) -> Generator[Query, SearchResult, None]:
+) -> Asking[None]:
     """Climb the ladder at one goal, until it is over.
 
     Args:
@@ -156,7 +160,7 @@ def _climb(
         path = result.path
         for _ in range(halvings):
             path = halve(path)
-        attempt = finish(replace(so_far, path=path), path, clock)
+        attempt = yield from finish(replace(so_far, path=path), path, clock)
         best.add(attempt)
         if best.over or (attempt.status in _FOR_GOOD and at_leisure):
             return
@@ -173,13 +177,13 @@ def _settings(scenario: Scenario, factor: float, earlier: int, clock: Clock) -> 
     )
 
 
-def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
+def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
     """Step 3 of a scenario through a path to a goal, by the method it asks for."""
     start, end = scenario.start, end_rates(scenario, goal)
-    return METHODS[scenario.trajectory.method](
-        path,
-        scenario.spacecraft,
-        scenario.trajectory,
+    return FitQuery(
+        path=path,
+        spacecraft=scenario.spacecraft,
+        settings=scenario.trajectory,
         cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
         start_angular_velocity=start.angular_velocity,
         start_joint_rates=start.joint_rates,
@@ -189,17 +193,22 @@ def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
     )
 
 
-def finish(so_far: Plan, path: Path, clock: Clock) -> Plan:
+def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
+    """The same, fitted by itself."""
+    return fit_batch([wanted_fit(scenario, path, goal)])[0]
+
+
+def finish(so_far: Plan, path: Path, clock: Clock) -> Asking[Plan]:
     """Fit and certify a trajectory through a path."""
     scenario, goal = so_far.scenario, so_far.goal
     assert goal is not None
-    with clock.step("trajectory"):
-        if isinstance(goal, MovingGoal):
+    if isinstance(goal, MovingGoal):
+        with clock.step("trajectory"):
             meeting = meet(scenario, start_attitude(scenario), goal, path, fit)
             fitted, goal = meeting.fit, meeting.goal
             so_far = replace(so_far, goal=goal, path=meeting.path)
-        else:
-            fitted = fit(scenario, path, goal)
+    else:
+        fitted = yield wanted_fit(scenario, path, goal)
     return judged(so_far, fitted, clock)
 
 

@@ -11,6 +11,7 @@ from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.scenario import GivenState, Scenario, Targets
+from jaxplan.spacecraft import joints_toward
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -18,6 +19,7 @@ from jaxplan.zones import KeepIn, KeepOut, tabulate
 GOAL_TOLERANCE = 1e-8
 
 exp = jax.jit(so3.exp)
+_joints_toward = jax.jit(joints_toward)
 
 
 def start_attitude(scenario: Scenario) -> np.ndarray:
@@ -119,7 +121,7 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     else:
         attitude = goal.attitude
         with jax.enable_x64(True):
-            joints = np.asarray(craft.joints_toward(goal.attitude, asked.directions))
+            joints = np.asarray(_joints_toward(craft.mounts, goal.attitude, asked.directions))
     if not np.linalg.norm(goal.attitude - attitude) <= GOAL_TOLERANCE:
         off.append("the goal's attitude is not the scenario's")
     if not np.all(np.abs(goal.joints - joints) <= GOAL_TOLERANCE):

@@ -13,6 +13,7 @@ from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.scaling import Peaks
+from jaxplan.zones import Cones
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
@@ -40,6 +41,37 @@ class Fit:
     note: str = ""
     origin: Any = None
     needed_duration: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitQuery:
+    """What is asked of step 3.
+
+    Attributes:
+        path: m + 1 nodes; the edges' costs share out the time.
+        spacecraft: its limits, dynamics included.
+        settings: of step 3.
+        cones: the zones, None for none; the paper's method does not look at them.
+        node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
+            to 1, instead of what the costs say; None for that.
+        start_angular_velocity: (3,) rad/s, body axes; None for rest, as are the next three.
+        start_joint_rates: (2n,) rad/s.
+        end_angular_velocity: (3,) rad/s, body axes.
+        end_joint_rates: (2n,) rad/s.
+        horizon: s, the duration for which zones that move are taken: where the motion is at a share of its
+            own, these are at the same share of that.
+    """
+
+    path: Path
+    spacecraft: Spacecraft
+    settings: TrajectorySettings
+    cones: Cones | None = None
+    node_fractions: np.ndarray | None = None
+    start_angular_velocity: np.ndarray | None = None
+    start_joint_rates: np.ndarray | None = None
+    end_angular_velocity: np.ndarray | None = None
+    end_joint_rates: np.ndarray | None = None
+    horizon: float = 0.0
 
 
 def boundary(given: np.ndarray | None, size: int) -> np.ndarray:

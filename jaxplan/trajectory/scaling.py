@@ -4,15 +4,12 @@ Slowing a motion by a factor ``s`` leaves its geometry as it is. Rates and the a
 fall by ``s``; accelerations and the torque ``J omega' + omega x J omega`` by ``s^2``; the jerk by ``s^3``.
 So the shortest uniform scaling within all limits follows from the peaks of one curve, exactly.
 
-The peaks are maxima over continuous time. On a piece every quantity is smooth, so its interpolant on
-Chebyshev points (which include both ends, where jerks jump) is the quantity itself but for rounding. As a
-function of ``theta = arccos(x)`` it is a cosine sum without edges: every maximum over the piece is a
-stationary point, and Newton's method finds it from the nearest point of a fine grid.
+The peaks are maxima over continuous time (`maxima`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import jax
@@ -24,14 +21,11 @@ from jax.typing import ArrayLike
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import pieces
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.maxima import all_largest
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 
-_BLOCK = 16  # pieces that are looked at in one call
-_FINE = 4  # grid intervals in theta for each point; then a grid maximum is within 8 % of the true one
-_NEAR = 0.9  # grid maxima above this share of the highest are followed
-_NEWTON_STEPS = 12
-_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+_FEW, _BLOCK = 4, 16  # pieces that are looked at in one call, of few and of many
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
 
@@ -72,6 +66,24 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
     Returns:
         Platform first, then the joints.
     """
+    return all_peaks([(trajectory, spacecraft)])[0]
+
+
+def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
+    """`peaks` of many trajectories; each has those that it has alone, to the last bit."""
+    limited = [_limits(craft) for _, craft in curves]
+    platform = all_largest(
+        [_platform_values(*own, tuple(loads)) for own, loads in zip(curves, limited, strict=True)]
+    )
+    joints = all_largest([_joint_values(curve) for curve, _ in curves])
+    return [
+        _shares(curves[number][1], loads, platform[number], joints[number])
+        for number, loads in enumerate(limited)
+    ]
+
+
+def _limits(spacecraft: Spacecraft) -> dict[str, tuple[Any, int]]:
+    """Limits of the platform's loads by name, and the power of the time scaling by which each load falls."""
     limited = {
         "rate": (spacecraft.rate_limit, 1),
         "acceleration": (spacecraft.acceleration_limit, 2),
@@ -79,22 +91,35 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
         "torque": (spacecraft.torque_limit, 2),
         "momentum": (spacecraft.wheel_momentum_limit, 1),
     }
-    limited = {load: own for load, own in limited.items() if own[0] is not None}
+    return {load: own for load, own in limited.items() if own[0] is not None}
+
+
+def _platform_values(trajectory: Trajectory, spacecraft: Spacecraft, asked: tuple[str, ...]) -> np.ndarray:
+    """(N, G, 3 Q) the loads asked for, at the Chebyshev points of every piece."""
     inertia = np.zeros((3, 3)) if spacecraft.inertia is None else np.asarray(spacecraft.inertia, float)
-    asked = tuple(limited)
     loads = _in_blocks(lambda pieces: _platform_loads(pieces, inertia, asked), trajectory.platform_pieces)
+    return loads.reshape(*loads.shape[:2], -1)
+
+
+def _joint_values(trajectory: Trajectory) -> np.ndarray:
+    """(M, G, 6n) angles, rates and accelerations of joints, at the Chebyshev points of every piece."""
     breaks = trajectory.joint_breaks
     joint_pieces = breaks[:-1], breaks[1:], trajectory.joint_coefficients
-    joint_loads = _in_blocks(lambda pieces: _joint_loads(*pieces), joint_pieces)
+    return _in_blocks(lambda pieces: _joint_loads(*pieces), joint_pieces)
+
+
+def _shares(
+    spacecraft: Spacecraft, limited: dict[str, tuple[Any, int]], platform: np.ndarray, joints: np.ndarray
+) -> Peaks:
+    """Peaks from the largest magnitudes of platform (3 Q,) and joints (6n,)."""
     names, ratios, powers = [], [], []
-    platform_peaks = largest(loads.reshape(*loads.shape[:2], -1)).reshape(-1, 3)
-    for (load, (limit, power)), highest in zip(limited.items(), platform_peaks, strict=True):
+    for (load, (limit, power)), highest in zip(limited.items(), platform.reshape(-1, 3), strict=True):
         names += [f"platform {load} {axis}" for axis in "xyz"]
         ratios.append(highest / limit)
         powers += [power] * 3
     names += [f"{joint} {load}" for load in ("rate", "acceleration") for joint in spacecraft.joint_names]
     joint_limits = np.concatenate([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
-    angles, *rates = np.split(largest(joint_loads), 3)
+    angles, *rates = np.split(joints, 3)
     ratios.append(np.concatenate(rates) / joint_limits)
     powers += [1] * len(angles) + [2] * len(angles)
     in_range = bool(np.all(angles <= (1 + _ROUNDING) * spacecraft.joint_limits))
@@ -104,86 +129,17 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 
 
 def _in_blocks(kernel: Callable[[Any], Array], stacked: Any) -> np.ndarray:
-    """Answers of a kernel for all pieces, a block at a time, so that it is compiled once for any number."""
+    """Answers of a kernel for all pieces, a block at a time, so that it is compiled for two sizes."""
     count = len(jax.tree.leaves(stacked)[0])
+    block = _FEW if count <= 2 * _FEW else _BLOCK
     found = []
     with jax.enable_x64(True):
-        for first in range(0, count, _BLOCK):
-            own = np.minimum(np.arange(first, first + _BLOCK), count - 1)
+        for first in range(0, count, block):
+            own = np.minimum(np.arange(first, first + block), count - 1)
             found.append(
                 np.asarray(kernel(jax.tree.map(lambda array, own=own: np.asarray(array)[own], stacked)))
             )
     return np.concatenate(found)[:count]
-
-
-def largest(values: np.ndarray) -> np.ndarray:
-    """Largest magnitudes over all pieces, between the points as well.
-
-    Args:
-        values: (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of each piece.
-
-    Returns:
-        (Q,); all NaN if a value is not finite.
-    """
-    count, points, quantities = values.shape
-    if not np.all(np.isfinite(values)):
-        return np.full(quantities, np.nan)
-    to_series, to_fine = _chebyshev(points)
-    # From here on one column is one quantity on one piece.
-    series = np.tensordot(to_series, values, axes=(1, 1)).reshape(points, count * quantities)
-    fine = np.abs(to_fine @ series)
-    highest = fine.max(axis=0).reshape(count, quantities).max(axis=0)
-    peaked = fine > 0
-    peaked[1:] &= fine[1:] > fine[:-1]
-    peaked[:-1] &= fine[:-1] >= fine[1:]
-    row, column = np.nonzero(peaked & (fine >= np.tile(_NEAR * highest, count)))
-    followed = _follow(series[:, column].T, row * np.pi / (len(fine) - 1), np.pi / (len(fine) - 1))
-    np.maximum.at(highest, column % quantities, followed)
-    return highest
-
-
-def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
-    """Local maxima of the magnitudes of cosine sums, by Newton's method within a shrinking bracket.
-
-    Args:
-        sums: (c, G) coefficients.
-        theta: (c,) where each is near its maximum.
-        reach: half the first bracket.
-
-    Returns:
-        (c,) magnitudes.
-    """
-    k = np.arange(sums.shape[1])
-    sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
-    first = sums * k
-    second = first * k
-    theta, lower, upper = theta.copy(), theta - reach, theta + reach
-    moving = np.arange(len(theta))
-    for _ in range(_NEWTON_STEPS):
-        at = theta[moving]
-        angle = np.outer(at, k)
-        slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
-        curvature = -np.einsum("ck,ck->c", second[moving], np.cos(angle))
-        lower[moving] = np.where(slope > 0, at, lower[moving])
-        upper[moving] = np.where(slope > 0, upper[moving], at)
-        ahead = at - slope / np.where(curvature < 0, curvature, -1)
-        sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
-        theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
-        moving = moving[np.abs(theta[moving] - at) > _STILL]
-        if not len(moving):
-            break
-    return np.abs(np.einsum("ck,ck->c", sums, np.cos(np.outer(theta, k))))
-
-
-@cache
-def _chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from values at Chebyshev points to a cosine sum, and from that to a fine grid in theta."""
-    k = np.arange(points)
-    halved_ends = np.ones(points)
-    halved_ends[[0, -1]] = 0.5
-    cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
-    to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
-    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
 
 
 @partial(jax.jit, static_argnames="wanted")

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.trajectory.asking import Steps
 from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at, ladder
 from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.trajectory.scaling import peaks
@@ -19,17 +20,19 @@ _LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
 _HOPELESS = 1.05  # of the duration is missing: not for want of intervals
 
 
-def best_at(job: Job, duration: float, radius: float) -> Attempt | None:
+def best_at(job: Job, duration: float, radius: float) -> Steps[Attempt | None]:
     """The first sound attempt within all limits, or the one nearest to it; None beyond every chart."""
     full_speed = job.quickest()
     pace = Pace.within(duration, full_speed.length, job.rise)
     hurry = duration / full_speed.duration
 
-    def attempt(finer: int, wide: float) -> Attempt | None:
+    def attempt(finer: int, wide: float) -> Steps[Attempt | None]:
         request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
         made = None
         for tighter in TIGHTER:
-            again = attempt_at(job, request, duration, limited=True, free_time=False, tighter=tighter)
+            again = yield from attempt_at(
+                job, request, duration, limited=True, free_time=False, tighter=tighter
+            )
             if again is None:
                 break
             if made is None or again.merit > made.merit:
@@ -39,15 +42,17 @@ def best_at(job: Job, duration: float, radius: float) -> Attempt | None:
         return made
 
     in_time = job.at_speed or hurry >= _HURRY
-    return _climb(
-        ladder(radius, in_time=in_time),
-        attempt,
-        enough=lambda made: made.sound and made.kept,
-        hopeless=lambda made: made.too_deep or made.peaks.stretch > _HOPELESS,
+    return (
+        yield from _climb(
+            ladder(radius, in_time=in_time),
+            attempt,
+            enough=lambda made: made.sound and made.kept,
+            hopeless=lambda made: made.too_deep or made.peaks.stretch > _HOPELESS,
+        )
     )
 
 
-def along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
+def along(job: Job, radius: float, *, shortest: bool) -> Steps[Attempt | None]:
     """The first sound attempt at the quickest pace, or the one nearest to it; None beyond every chart.
 
     Args:
@@ -58,21 +63,25 @@ def along(job: Job, radius: float, *, shortest: bool) -> Attempt | None:
     """
     pace = job.quickest()
 
-    def attempt(finer: int, wide: float) -> Attempt | None:
+    def attempt(finer: int, wide: float) -> Steps[Attempt | None]:
         request = job.request(pace, wide, finer, graded=True)
-        return attempt_at(job, request, BEGIN * pace.duration, limited=shortest, free_time=shortest)
+        return (
+            yield from attempt_at(job, request, BEGIN * pace.duration, limited=shortest, free_time=shortest)
+        )
 
-    return _climb(
-        ladder(radius), attempt, enough=lambda made: made.sound, hopeless=lambda made: made.too_deep
+    return (
+        yield from _climb(
+            ladder(radius), attempt, enough=lambda made: made.sound, hopeless=lambda made: made.too_deep
+        )
     )
 
 
-def quickest(job: Job, radius: float) -> Attempt | None:
+def quickest(job: Job, radius: float) -> Steps[Attempt | None]:
     """The shortest motion, or where that is far above the bound perhaps one without limits, stretched."""
-    best = along(job, radius, shortest=True)
+    best = yield from along(job, radius, shortest=True)
     if best is None or (best.sound and best.needed <= _DETOUR * job.bound):
         return best
-    other = along(job, min(radius, job.radius(free_time=False)), shortest=False)
+    other = yield from along(job, min(radius, job.radius(free_time=False)), shortest=False)
     if other is None or not other.sound or (best.sound and best.needed <= other.needed):
         return best
     return other
@@ -86,10 +95,10 @@ def hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
     return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
 
 
-def enough_time(job: Job, needed: float) -> float | None:
+def enough_time(job: Job, needed: float) -> Steps[float | None]:
     """A duration in which all limits are kept, from a first guess on; None if none is found."""
     for look in range(LOOKS):
-        attempt = best_at(job, needed, np.inf)
+        attempt = yield from best_at(job, needed, np.inf)
         if attempt is not None and attempt.kept:
             return needed
         needed *= LONGER ** (2**look)
@@ -98,10 +107,10 @@ def enough_time(job: Job, needed: float) -> float | None:
 
 def _climb(
     rungs: Iterable[tuple[int, float]],
-    attempt: Callable[[int, float], Attempt | None],
+    attempt: Callable[[int, float], Steps[Attempt | None]],
     enough: Callable[[Attempt], bool],
     hopeless: Callable[[Attempt], bool],
-) -> Attempt | None:
+) -> Steps[Attempt | None]:
     """The best attempt on the rungs of a ladder, up to the first that is enough or beyond the chart.
 
     After a hopeless one more intervals are not tried.
@@ -110,7 +119,7 @@ def _climb(
     for finer, wide in rungs:
         if last is not None and finer > 1 and hopeless(last):
             continue
-        last = attempt(finer, wide)
+        last = yield from attempt(finer, wide)
         if last is None:
             break
         if best is None or last.merit > best.merit:

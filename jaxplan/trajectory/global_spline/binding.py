@@ -13,18 +13,18 @@ Masks = dict[str, np.ndarray]
 
 
 def next_rows(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: float) -> np.ndarray:
-    """Which rows of a family to try next: without those that pull, with those that are broken.
+    """Which rows of a family (of one curve) to try next: without those that pull, with those that are broken.
 
     Of rows at places only the worst of each zone or load, since those beside it mean the same.
     """
     pulling = binding & (multipliers < least)
     room = family.room
-    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room)
+    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room, np.zeros(1, int))
     if not family.linear:
-        worst = np.arange(len(room)).reshape(-1, *[1] * (room.ndim - 1))
+        worst = np.arange(room.shape[1]).reshape(-1, *[1] * (room.ndim - 2))
         if np.any(pulling):
-            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=0)))
-        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=0)
+            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=1)))
+        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=1)
     return (binding & ~pulling) | broken
 
 
@@ -36,8 +36,9 @@ def independent(families: dict[str, Family], binding: Masks, quadratic: program.
     from scipy.optimize import nnls
 
     touching = {name: np.nonzero(binding[name] | (f.room < _TOUCHING)) for name, f in families.items()}
-    slopes = [families[name].slopes(index) @ quadratic.free for name, index in touching.items()]
-    gradient = (quadratic.free.T @ quadratic.gradient).T
+    free = quadratic.free[0]
+    slopes = [families[name].slopes(index).full @ free for name, index in touching.items()]
+    gradient = (free.T @ quadratic.gradient[0]).T
     every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
     flat = np.zeros(len(every))
     if len(every):  # on none it crashes

@@ -4,9 +4,12 @@
 
 ``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a dense Cholesky
 factorisation; the matrix it factors is ``M`` plus a positive diagonal, so rows may depend on each other.
-Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is.
+Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
+for many programs at once, their rows one after the other, and comes out the same to the last bit as for one.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +21,21 @@ _INTERIOR = 0.995  # share of the way to the boundary that a step may take
 _INSIDE = 0.5  # of the size of d: how far inside the box an iteration begins
 _TINY = 1e-12  # least size of d
 _ROUNDING = 1e-14  # added to the diagonal, which is of order one
+_TOGETHER = 16  # programs; their matrices are then still in the processor's cache
+
+
+class BoxProgram(NamedTuple):
+    """A program.
+
+    Attributes:
+        matrix: (R, R) ``M``, with a positive diagonal.
+        linear: (R,) ``d``.
+        penalty: (R,) positive and finite.
+    """
+
+    matrix: np.ndarray
+    linear: np.ndarray
+    penalty: np.ndarray
 
 
 class Answer(NamedTuple):
@@ -34,80 +52,176 @@ class Answer(NamedTuple):
     residual: float
 
 
+def solve_box_qps(programs: Sequence[BoxProgram]) -> list[Answer]:
+    """Solve many programs, each as if it were alone."""
+    answers: dict[int, Answer] = {}
+    scaled, scales = [], {}
+    for number, (matrix, linear, penalty) in enumerate(programs):
+        if not len(linear):
+            answers[number] = Answer(multipliers=np.zeros(0), iterations=0, residual=0.0)
+            continue
+        scale = 1 / np.sqrt(matrix.diagonal())
+        own = BoxProgram(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
+        if not all(np.isfinite(part).all() for part in own):
+            answers[number] = Answer(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
+            continue
+        scales[number] = scale
+        scaled.append(own)
+    found: list[Answer] = []
+    for first in range(0, len(scaled), _TOGETHER):
+        found += _solve(_Stack.of(scaled[first : first + _TOGETHER]))
+    for (number, scale), answer in zip(scales.items(), found, strict=True):
+        y = answer.multipliers if answer.residual <= _USABLE else np.full_like(scale, np.nan)
+        answers[number] = answer._replace(multipliers=y * scale)
+    return [answers[number] for number in range(len(programs))]
+
+
 def solve_box_qp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> Answer:
-    """Solve one program.
+    """Solve one program, see `BoxProgram`."""
+    return solve_box_qps([BoxProgram(matrix, linear, penalty)])[0]
 
-    Args:
-        matrix: (R, R) ``M``, with a positive diagonal.
-        linear: (R,) ``d``.
-        penalty: (R,) positive and finite.
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Programs with their rows one after the other, N in all.
+
+    Attributes:
+        matrices: of each.
+        parts: its rows.
+        first: (P,) the first of them.
+        count: (P,) how many.
+        d: (N,).
+        top: (N,).
+        size: (P,) of its ``d``.
     """
-    if not len(linear):
-        return Answer(multipliers=np.zeros(0), iterations=0, residual=0.0)
-    scale = 1 / np.sqrt(np.diag(matrix))
-    m, d, top = matrix * scale[:, None] * scale, linear * scale, penalty / scale
-    if not (np.all(np.isfinite(m)) and np.all(np.isfinite(d)) and np.all(np.isfinite(top))):
-        return Answer(multipliers=np.full_like(d, np.nan), iterations=0, residual=np.nan)
-    size = max(float(np.sqrt(np.mean(d * d))), _TINY)
-    values, residual, iterations = _first(d, top, size), np.inf, 0
+
+    matrices: list[np.ndarray]
+    parts: list[slice]
+    first: np.ndarray
+    count: np.ndarray
+    d: np.ndarray
+    top: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, programs: Sequence[BoxProgram]) -> "_Stack":
+        """Programs in their scaled form."""
+        count = np.array([len(own.linear) for own in programs])
+        parts, first = _in_turn(count)
+        d = np.concatenate([own.linear for own in programs])
+        size = np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY)
+        top = np.concatenate([own.penalty for own in programs])
+        return cls([own.matrix for own in programs], parts, first, count, d, top, size)
+
+    def some(self, kept: np.ndarray) -> "tuple[_Stack, np.ndarray]":
+        """Of (P,) bool, those programs, and which rows are theirs."""
+        rows = np.repeat(kept, self.count)
+        count = self.count[kept]
+        matrices = [own for own, stays in zip(self.matrices, kept, strict=True) if stays]
+        own = _Stack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
+        return own, rows
+
+    def gradient(self, values: np.ndarray) -> np.ndarray:
+        """(N,) what is left of the first condition of an optimum."""
+        product = np.empty_like(self.d)
+        for m, rows in zip(self.matrices, self.parts, strict=True):
+            np.dot(m, values[0, rows], out=product[rows])
+        product -= self.d
+        product -= values[2]
+        product += values[3]
+        return product
+
+    def gap(self, values: np.ndarray) -> np.ndarray:
+        """(P,) mean product of a bound's room and its multiplier."""
+        products = values[0] * values[2]
+        products += values[1] * values[3]
+        return np.add.reduceat(products, self.first) / (2 * self.count)
+
+    def spread(self, own: np.ndarray) -> np.ndarray:
+        """What each program has (P,), for each of its rows: (N,), or (1,) of a single one."""
+        return own if len(own) == 1 else np.repeat(own, self.count)
+
+
+def _in_turn(count: np.ndarray) -> tuple[list[slice], np.ndarray]:
+    """The rows of programs with so many each, and their first ones."""
+    last = np.cumsum(count)
+    first = last - count
+    return [slice(*part) for part in zip(first.tolist(), last.tolist(), strict=True)], first
+
+
+def _solve(stack: _Stack) -> list[Answer]:
+    """Iterate until each program is solved, or as near as rounding allows."""
+    count = len(stack.first)
+    answers: dict[int, Answer] = {}
+    number, values, residual = np.arange(count), _first(stack), np.full(count, np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        while iterations < MOST_ITERATIONS and residual > TOLERANCE:
-            ahead, left = _iterate(m, d, top, size, values)
-            if not np.isfinite(left):  # as near as rounding allows
-                break
+        for iterations in range(MOST_ITERATIONS + 1):
+            done = (residual <= TOLERANCE) | (iterations == MOST_ITERATIONS)
+            ahead, left = values, np.full(len(number), np.nan)
+            if not done.all():
+                ahead, left = _iterate(stack, values)
+            over = done | ~np.isfinite(left)
+            if over.any():
+                for own in np.flatnonzero(over).tolist():
+                    y = values[0, stack.parts[own]]
+                    answers[int(number[own])] = Answer(y, iterations, float(residual[own]))
+                stack, rows_left = stack.some(~over)
+                number, ahead, left = number[~over], ahead[:, rows_left], left[~over]
+                if not len(number):
+                    break
             values, residual = ahead, left
-            iterations += 1
-    y = values[0] if residual <= _USABLE else np.full_like(d, np.nan)
-    return Answer(multipliers=y * scale, iterations=iterations, residual=residual)
+    return [answers[own] for own in range(count)]
 
 
-def _first(d: np.ndarray, top: np.ndarray, size: float) -> np.ndarray:
-    """Where to begin: (4, R) ``y``, the room above it, and the multipliers of the two bounds, all positive.
+def _first(stack: _Stack) -> np.ndarray:
+    """Where to begin: (4, N) ``y``, the room above it, and the multipliers of the two bounds, all positive.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
-    inside = _INSIDE * size
+    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
-def _iterate(
-    m: np.ndarray, d: np.ndarray, top: np.ndarray, size: float, values: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """One predictor and one corrector step from the same factorisation; NaN is left where there is none."""
+def _iterate(stack: _Stack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One predictor and one corrector step from the same factorisations; NaN is left where there is none."""
     from scipy.linalg.lapack import dpotrf, dpotrs
 
     room, multipliers = values[:2], values[2:]
-    count = len(d)
-    gap = np.vdot(room, multipliers) / (2 * count)
-    gradient = m @ values[0] - d - multipliers[0] + multipliers[1]
+    first, count = stack.first, stack.count
+    gap, gradient = stack.gap(values), stack.gradient(values)
     ratio = multipliers / room
-    bent = m.copy()
-    bent.flat[:: count + 1] += ratio[0] + ratio[1] + _ROUNDING
-    factor, failed = dpotrf(bent.T, lower=True, overwrite_a=True, clean=False)
-    if failed:
-        return values, np.nan
+    diagonal = ratio[0] + ratio[1] + _ROUNDING
+    factors, broken = [], np.zeros(len(first), bool)
+    for own, (m, rows) in enumerate(zip(stack.matrices, stack.parts, strict=True)):
+        bent = m.copy()
+        bent.reshape(-1)[:: len(m) + 1] += diagonal[rows]
+        factor, broken[own] = dpotrf(bent.T, lower=True, overwrite_a=True, clean=False)
+        factors.append(factor)
 
     def direction(wanted: np.ndarray) -> np.ndarray:
-        """Newton's direction (4, R) for wanted changes of the products, over the room, (2, R)."""
+        """Newton's direction (4, N) for wanted changes of the products, over the room, (2, N)."""
         step = np.empty_like(values)
-        step[0], _ = dpotrs(factor, wanted[0] - wanted[1] - gradient, lower=True)
+        right = wanted[0] - wanted[1] - gradient
+        for factor, rows in zip(factors, stack.parts, strict=True):
+            step[0, rows], _ = dpotrs(factor, right[rows], lower=True)
         np.negative(step[0], out=step[1])
         step[2:] = wanted - ratio * step[:2]
         return step
 
-    def length(step: np.ndarray, share: float) -> float:
-        """How far a step may go before one of the four meets zero."""
-        steepest = -float(np.min(step / values))
-        return min(1.0, share / steepest) if steepest > 0 else 1.0
+    def length(step: np.ndarray, share: float) -> np.ndarray:
+        """How far (N,) a step may go before one of the four meets zero, for each program."""
+        steepest = -np.minimum.reduceat((step / values).min(axis=0), first)
+        return stack.spread(share / np.maximum(steepest, share))
 
     step = direction(-multipliers)
     reached = values + length(step, 1.0) * step
-    target = gap * (np.vdot(reached[:2], reached[2:]) / (2 * count) / gap) ** 3
+    target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
     ahead = values + length(step, _INTERIOR) * step
-    ahead[1] = top - ahead[0]
-    gradient = m @ ahead[0] - d - ahead[2] + ahead[3]
-    gap = np.vdot(ahead[:2], ahead[2:]) / (2 * count)
-    left = max(float(np.sqrt(np.mean(gradient * gradient))) / size, float(gap) / size**2)
-    return ahead, left if np.all(ahead > 0) else np.nan
+    ahead[1] = stack.top - ahead[0]
+    gradient = stack.gradient(ahead)
+    steep = np.sqrt(np.add.reduceat(gradient * gradient, first) / count) / stack.size
+    left = np.maximum(steep, stack.gap(ahead) / stack.size**2)
+    inside = np.logical_and.reduceat((ahead > 0).all(axis=0), first)
+    return ahead, np.where(inside & ~broken, left, np.nan)

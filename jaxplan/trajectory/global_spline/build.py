@@ -12,7 +12,7 @@ from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
 from jaxplan.trajectory.global_spline.linear_rows import Tube
 from jaxplan.trajectory.global_spline.motion import cosines, margins
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.sqp import Point, Task
+from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import along
 from jaxplan.zones import Cones
 
@@ -158,7 +158,7 @@ def end_margins(problem: Problem, request: Request) -> np.ndarray:
     """Margins (2, D, Z) at start and goal, as `Motion` has them."""
     ends = [0, -1]
     seen = cosines(problem, np.array([0.0, 1.0]), request.attitudes[ends], request.joints[ends])
-    return margins(problem.cones, seen)
+    return margins([problem.cones], seen[None])[0]
 
 
 def _wanted(problem: Problem, request: Request) -> np.ndarray:

@@ -1,54 +1,37 @@
-"""All rows that a curve must keep."""
+"""All rows that curves must keep."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges, Tube
-from jaxplan.trajectory.global_spline.motion import Motion
+from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
 from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
-from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.rows import Family
+from jaxplan.trajectory.global_spline.stack import Points, Stack, stacked
 
 
-def families(
-    problem: Problem,
-    basis: Basis,
-    rows: np.ndarray,
-    motion: Motion,
-    coefficients: np.ndarray,
-    duration: float,
-    *,
-    wanted: np.ndarray,
-    tube: Tube | None,
-    limited: bool,
-) -> Iterator[Family]:
-    """All rows at a curve.
-
-    Args:
-        problem: limits and zones.
-        basis: of the curve.
-        rows: (4, S, n) of the basis at the places.
-        motion: of the curve at the places.
-        coefficients: (n, A) of the curve.
-        duration: s.
-        wanted: (D, Z) rad, margins to keep.
-        tube: about the nodes, or None.
-        limited: whether limits of rates and loads are kept, or time will be stretched to them.
-    """
-    craft = problem.spacecraft
-    if np.any(np.isfinite(motion.margins)):
-        yield Zones(motion, rows, motion.margins - wanted)
-    if craft.terminals:
-        yield Ranges(coefficients, craft.joint_limits)
-    if limited:
-        if craft.terminals:
-            of_joints = (craft.joint_rate_limits, craft.joint_acceleration_limits)
-            for power, limit in enumerate(of_joints, start=1):
-                yield Joints(f"joint {power}", power, basis, coefficients, 1 / (limit * duration**power))
-        for q, (name, power) in enumerate(zip(problem.names, problem.powers, strict=True)):
-            scale = 1 / (problem.limits[q] * duration**power)
-            yield Loads(name, int(power), motion, q, scale, rows)
-    if tube is not None:
-        yield Nodes(tube, coefficients)
+def families(stack: Stack, at: Points) -> Iterator[Family]:
+    """All rows of a stack of tasks at curves of theirs."""
+    kind, duration = stack.tasks[0], at.duration[:, None]
+    problems = stack.problems
+    crafts = [problem.spacecraft for problem in problems]
+    if np.any(np.isfinite(at.motion.margins)):
+        yield Zones(at.motion, stack.rows, at.motion.margins - stack.wanted[:, None])
+    if crafts[0].terminals:
+        yield Ranges(at.coefficients, np.stack([craft.joint_limits for craft in crafts]))
+    if kind.limited:
+        if crafts[0].terminals:
+            limits = (
+                np.stack([craft.joint_rate_limits for craft in crafts]),
+                np.stack([craft.joint_acceleration_limits for craft in crafts]),
+            )
+            for power, limit in enumerate(limits, start=1):
+                differences = stacked([task.space.basis.differences[power] for task in stack.tasks])
+                scale = 1 / (limit * duration**power)
+                yield Joints(f"joint {power}", power, differences, at.coefficients, scale)
+        first = problems[0]
+        for q, (name, power) in enumerate(zip(first.names, first.powers, strict=True)):
+            limit = np.stack([problem.limits[q] for problem in problems])
+            yield Loads(name, int(power), at.motion, q, 1 / (limit * duration**power), stack.rows)
+    if kind.tube is not None:
+        yield Nodes(stack.tube_rows, stack.tube_values, stack.tube_radius, at.coefficients)

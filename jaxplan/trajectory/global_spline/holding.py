@@ -11,6 +11,7 @@ from jaxplan.trajectory.global_spline import program, sqp
 from jaxplan.trajectory.global_spline.binding import Masks, independent, next_rows
 from jaxplan.trajectory.global_spline.build import end_margins
 from jaxplan.trajectory.global_spline.chart import Chart
+from jaxplan.trajectory.global_spline.families import families
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.global_spline.job import Attempt, Job
@@ -18,6 +19,7 @@ from jaxplan.trajectory.global_spline.place_rows import Loads
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.refit import linearised
 from jaxplan.trajectory.global_spline.rows import SIGNS, Family, Index
+from jaxplan.trajectory.global_spline.stack import Points, Stack, Task
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
@@ -55,21 +57,22 @@ class Origin:
         asked = self.job.settings.duration
         if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
-        objective = sqp.Objective(task, point)
-        rows = {family.name: family for family in task.rows_at(point)}
-        proposal = program.propose(
-            objective.quadratic(point, 0.0), list(rows.values()), sqp.penalties(False), {}
-        )
+        stack = Stack.of([task])  # of one
+        at = stack.points(point.coefficients[None], np.array([point.duration]))
+        objective = sqp.Objective(stack, at)
+        rows = {family.name: family for family in families(stack, at)}
+        quadratic = objective.quadratic(at, np.zeros(1))
+        proposal = program.propose(quadratic, list(rows.values()), sqp.penalties(False)[None], {})
         multipliers = proposal.multipliers
         binding = {name: own > 0 for name, own in multipliers.items()}
         crowded = False
         for _ in range(_LOOKS):
-            held = self._held(point, rows, binding, multipliers, objective.share)
+            held = self._held(at, rows, binding, multipliers, float(objective.share[0]))
             root = self._root(held)
             if root is not None:
                 coefficients, found = root
-                point = task.point(coefficients, point.duration)
-                rows = {family.name: family for family in task.rows_at(point)}
+                at = stack.points(coefficients[None], at.duration)
+                rows = {family.name: family for family in families(stack, at)}
                 multipliers = _named(rows, binding, held, found)
                 least = -_PULLING * np.max(found, initial=1.0)
                 after = {
@@ -77,14 +80,14 @@ class Origin:
                     for name, own in binding.items()
                 }
                 if all(np.array_equal(after[name], own) for name, own in binding.items()):
-                    return replace(held, x=self._free(point), multipliers=found)
+                    return replace(held, x=self._free(at), multipliers=found)
                 binding = after
             elif crowded:
                 break
             # Where a rate stays at its limit, rows beside each other follow from each other.
             crowded = crowded or root is None
             if crowded:
-                multipliers = independent(rows, binding, objective.quadratic(point, 0.0))
+                multipliers = independent(rows, binding, objective.quadratic(at, np.zeros(1)))
                 binding = {name: own > 0 for name, own in multipliers.items()}
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
@@ -124,16 +127,16 @@ class Origin:
         asked, kept = self.job.radius(free_time=False), self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
-    def _free(self, point: sqp.Point) -> np.ndarray:
+    def _free(self, at: Points) -> np.ndarray:
         """(k, A) ``x`` of a curve."""
         space = self.attempt.task.space
-        start = space.fixed + point.duration * space.by_time
-        return np.linalg.lstsq(space.free, point.coefficients - start, rcond=None)[0]
+        start = space.fixed + at.duration[0] * space.by_time
+        return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
     def _held(
         self,
-        point: sqp.Point,
-        families: dict[str, Family],
+        at: Points,
+        rows: dict[str, Family],
         binding: Masks,
         multipliers: Masks,
         share: float,
@@ -142,7 +145,7 @@ class Origin:
         space, problem = task.space, task.problem
         own = Problem.of(problem.chart, job.spacecraft, job.cones, problem.horizon)
         inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
-        linear, loads, zones, flat = _gathered(task, families, binding, multipliers)
+        linear, loads, zones, flat = _gathered(task, rows, binding, multipliers)
         places = self.attempt.request.places
         return Held(
             free=space.free,
@@ -158,11 +161,11 @@ class Origin:
             tightened=problem.limits / np.where(np.isfinite(own.limits), own.limits, 1),
             widened=np.array(self._widened()),
             counted=np.isfinite(end_margins(problem, self.attempt.request)),
-            duration=np.array(point.duration if self.stretched else np.nan),
+            duration=np.array(at.duration[0] if self.stretched else np.nan),
             linear=linear,
             loads=loads,
             zones=zones,
-            x=self._free(point),
+            x=self._free(at),
             multipliers=flat,
             powers=tuple(int(power) for power in problem.powers),
             stretched=self.stretched,
@@ -173,7 +176,8 @@ def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index
     """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
     loads = [name for name, family in families.items() if isinstance(family, Loads)]
     names = ("joint 1", "joint 2", "range", "tube", *loads, "zone")
-    return [(name, np.nonzero(binding[name])) for name in names if name in families]
+    found = {name: np.nonzero(binding[name]) for name in names if name in families}
+    return [(name, index[1:]) for name, index in found.items()]  # of the one curve
 
 
 def _named(families: dict[str, Family], binding: Masks, held: Held, multipliers: np.ndarray) -> Masks:
@@ -183,12 +187,12 @@ def _named(families: dict[str, Family], binding: Masks, held: Held, multipliers:
     found = {name: np.zeros(family.room.shape) for name, family in families.items()}
     for name, index in _order(families, binding):
         count = len(index[0])
-        found[name][index], flat = flat[:count], flat[count:]
+        found[name][0][index], flat = flat[:count], flat[count:]
     return found
 
 
 def _gathered(
-    task: sqp.Task, families: dict[str, Family], binding: Masks, given: Masks
+    task: Task, families: dict[str, Family], binding: Masks, given: Masks
 ) -> tuple[LinearRows, LoadRows, ZoneRows, np.ndarray]:
     """The rows that bind, padded, with their multipliers in the same order."""
     problem, basis = task.problem, task.space.basis
@@ -209,14 +213,14 @@ def _gathered(
             node = row + 1 if of_nodes else np.full(len(row), -1)
             scale = list(matrices).index(name) * joints + axis
             linear.append((matrices[name][row], SIGNS[sign], axis + first, node, scale))
-            multipliers[0].append(given[name][index])
+            multipliers[0].append(given[name][0][index])
         elif name == "zone":
             zones = index
-            multipliers[2].append(given[name][index])
+            multipliers[2].append(given[name][0][index])
         else:
             place, sign, axis = index
             loads.append((place, SIGNS[sign], np.full(len(place), problem.names.index(name)), axis))
-            multipliers[1].append(given[name][index])
+            multipliers[1].append(given[name][0][index])
     flat = [np.concatenate(own) for own in multipliers]
     counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
     if not len(flat[1]):

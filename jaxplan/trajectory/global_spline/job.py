@@ -9,6 +9,7 @@ import numpy as np
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
+from jaxplan.trajectory.asking import Ask, Steps
 from jaxplan.trajectory.bound import duration_bound
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline import sqp
@@ -16,8 +17,9 @@ from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.build import Request, build, trajectory
 from jaxplan.trajectory.global_spline.chart import REACH
 from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE
+from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
-from jaxplan.trajectory.scaling import Peaks, peaks
+from jaxplan.trajectory.scaling import Peaks, all_peaks
 from jaxplan.zones import Cones
 
 # About the nodes, unless the settings have one; a shortest motion has none.
@@ -153,8 +155,8 @@ class Attempt:
         tube: rad, how far nodes are beyond it; zero or less where they are within.
     """
 
-    task: sqp.Task
-    point: sqp.Point
+    task: Task
+    point: Point
     request: Request
     trajectory: Trajectory
     peaks: Peaks
@@ -234,7 +236,7 @@ def ladder(radius: float, *, in_time: bool = True) -> Iterator[tuple[int, float]
 
 def attempt_at(
     job: Job, request: Request, duration: float, *, limited: bool, free_time: bool, tighter: float = 0.0
-) -> Attempt | None:
+) -> Steps[Attempt | None]:
     """Fit a request; None if its nodes leave the chart or numbers overflow."""
     craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
     built = build(
@@ -250,18 +252,20 @@ def attempt_at(
     if not built.reach <= REACH:
         return None
     task = built.task
-    point = task.point(built.coefficients, duration)
+    first = sqp.Begin(task=task, coefficients=built.coefficients, duration=duration)
+    point: Point = yield Ask(sqp.look, first)
     if limited and not free_time and not job.at_speed and point.violations[LIMIT] > 0:
         # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
         free = replace(task, free_time=True)
-        point = sqp.improve(free, free.point(built.coefficients, duration), until=duration)
-        point = task.point(point.coefficients, duration)
+        point = yield Ask(sqp.improve, replace(first, task=free, until=duration))
+        first = replace(first, coefficients=point.coefficients)
+        point = yield Ask(sqp.look, first)
     if free_time or job.at_speed or point.violations[LIMIT] <= _MENDED:
-        point = sqp.improve(task, point)
-    if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.motion.is_finite()):
+        point = yield Ask(sqp.improve, replace(first, duration=point.duration))
+    if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite):
         return None
     curve = trajectory(task, point, point.duration * request.places)
-    found = peaks(curve, job.spacecraft)
+    found: Peaks = yield Ask(all_peaks, (curve, job.spacecraft))
     if not np.isfinite(found.stretch):
         return None
     return Attempt(
@@ -270,9 +274,9 @@ def attempt_at(
         request=request,
         trajectory=curve,
         peaks=found,
-        clear=bool(np.all(point.motion.margins >= _KEPT * task.wanted)),
-        breach=_breach(point.motion.margins, job.spacecraft),
-        tube=point.violations[TUBE],
+        clear=bool(np.all(point.margins >= _KEPT * task.wanted)),
+        breach=_breach(point.margins, job.spacecraft),
+        tube=float(point.violations[TUBE]),
     )
 
 

@@ -5,88 +5,94 @@ likewise, so what holds for the coefficients holds at every instant.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.rows import LIMIT, NEAR_ANGLE, NEAR_SHARE, SIGNS, TUBE, Index, Step
+from jaxplan.trajectory.global_spline.rows import (
+    LIMIT,
+    NEAR_ANGLE,
+    NEAR_SHARE,
+    SIGNS,
+    TUBE,
+    Index,
+    Slopes,
+    Step,
+)
+
+
+class _Linear:
+    """What these families share."""
+
+    linear = True
+
+    def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """See `Family`; all of them."""
+        return wanted
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
-    """Rates or accelerations of joints, by the coefficients of the derivative: rows (2, n - d, joints)."""
+class Joints(_Linear):
+    """Rates or accelerations of joints, by the coefficients of the derivative: rows (G, 2, n - d, joints)."""
 
     name: str
     power: int
-    basis: Basis
-    coefficients: np.ndarray
-    scale: np.ndarray  # (joints,) 1 / (limit * duration^power)
+    differences: np.ndarray  # (G, n - d, n)
+    coefficients: np.ndarray  # (G, n, A)
+    scale: np.ndarray  # (G, joints) 1 / (limit * duration^power)
     kind: int = LIMIT
     near: float = 2 * NEAR_SHARE
-    linear: bool = True
 
     @property
     def time(self) -> float:
         """Of the rows."""
         return -float(self.power)
 
-    @property
+    @cached_property
     def room(self) -> np.ndarray:
         """Of the rows."""
-        return 1 - self._shares(self.coefficients)
+        return 1 - self._shares(slice(None), self.coefficients)
 
-    def _shares(self, coefficients: np.ndarray) -> np.ndarray:
-        shares = self.basis.differences[self.power] @ coefficients[:, 3:] * self.scale
-        return np.multiply.outer(SIGNS, shares)
+    def _shares(self, which: np.ndarray | slice, coefficients: np.ndarray) -> np.ndarray:
+        shares = self.differences[which] @ coefficients[:, :, 3:] * self.scale[which][:, None]
+        return _both(shares)
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`."""
-        return self._shares(step.coefficients)
+        return self._shares(step.which, step.coefficients)
 
-    def slopes(self, index: Index) -> np.ndarray:
+    def slopes(self, index: Index) -> Slopes:
         """See `Family`."""
-        sign, row, joint = index
-        slopes = np.zeros((len(row), *self.coefficients.shape[::-1]))
-        factor = SIGNS[sign] * self.scale[joint]
-        slopes[np.arange(len(row)), 3 + joint] = factor[:, None] * self.basis.differences[self.power][row]
-        return slopes
-
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
-        """See `Family`; all of them."""
-        return wanted
+        curve, sign, row, joint = index
+        factor = SIGNS[sign] * self.scale[curve, joint]
+        return _of_axis(3 + joint, factor, self.differences[curve, row], self.coefficients.shape[2])
 
 
 @dataclass(frozen=True, eq=False)
-class Ranges:
-    """Angles of the joints by the coefficients: rows (2, n, joints)."""
+class Ranges(_Linear):
+    """Angles of the joints by the coefficients: rows (G, 2, n, joints)."""
 
-    coefficients: np.ndarray
-    limits: np.ndarray
+    coefficients: np.ndarray  # (G, n, A)
+    limits: np.ndarray  # (G, joints)
     name: str = "range"
     kind: int = LIMIT
     near: float = NEAR_ANGLE
     time: float = 0.0
-    linear: bool = True
 
-    @property
+    @cached_property
     def room(self) -> np.ndarray:
         """Of the rows."""
-        return self.limits - np.multiply.outer(SIGNS, self.coefficients[:, 3:])
+        return self.limits[:, None, None] - _both(self.coefficients[:, :, 3:])
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`."""
-        return np.multiply.outer(SIGNS, step.coefficients[:, 3:])
+        return _both(step.coefficients[:, :, 3:])
 
-    def slopes(self, index: Index) -> np.ndarray:
+    def slopes(self, index: Index) -> Slopes:
         """See `Family`."""
-        sign, row, joint = index
-        slopes = np.zeros((len(row), *self.coefficients.shape[::-1]))
-        slopes[np.arange(len(row)), 3 + joint, row] = SIGNS[sign]
-        return slopes
-
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
-        """See `Family`; all of them."""
-        return wanted
+        _, sign, row, joint = index
+        _, size, axes = self.coefficients.shape
+        return _of_axis(3 + joint, SIGNS[sign], np.eye(size)[row], axes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,41 +109,44 @@ class Tube:
     values: np.ndarray
     radius: np.ndarray
 
-    def off(self, coefficients: np.ndarray) -> np.ndarray:
-        """How far beyond the tube a curve passes the nodes, (m, A) rad; negative within."""
-        return np.abs(self.rows @ coefficients - self.values) - self.radius
-
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
-    """A tube about nodes: rows (2, m, A), as shares of its radius."""
+class Nodes(_Linear):
+    """Tubes about nodes: rows (G, 2, m, A), as shares of the radius."""
 
-    tube: Tube
-    coefficients: np.ndarray
+    rows: np.ndarray  # (G, m, n)
+    values: np.ndarray  # (G, m, A)
+    radius: np.ndarray  # (G, A)
+    coefficients: np.ndarray  # (G, n, A)
     name: str = "tube"
     kind: int = TUBE
     near: float = 2 * NEAR_SHARE
     time: float = 0.0
-    linear: bool = True
 
-    @property
+    @cached_property
     def room(self) -> np.ndarray:
         """Of the rows."""
-        off = self.tube.rows @ self.coefficients - self.tube.values
-        return 1 - np.multiply.outer(SIGNS, off / self.tube.radius)
+        off = self.rows @ self.coefficients - self.values
+        return 1 - _both(off / self.radius[:, None])
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`."""
-        return np.multiply.outer(SIGNS, self.tube.rows @ step.coefficients / self.tube.radius)
+        return _both(self.rows[step.which] @ step.coefficients / self.radius[step.which][:, None])
 
-    def slopes(self, index: Index) -> np.ndarray:
+    def slopes(self, index: Index) -> Slopes:
         """See `Family`."""
-        sign, node, axis = index
-        slopes = np.zeros((len(node), *self.coefficients.shape[::-1]))
-        factor = SIGNS[sign] / self.tube.radius[axis]
-        slopes[np.arange(len(node)), axis] = factor[:, None] * self.tube.rows[node]
-        return slopes
+        curve, sign, node, axis = index
+        factor = SIGNS[sign] / self.radius[curve, axis]
+        return _of_axis(axis, factor, self.rows[curve, node], self.coefficients.shape[2])
 
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
-        """See `Family`; all of them."""
-        return wanted
+
+def _both(values: np.ndarray) -> np.ndarray:
+    """Values (g, ...) with both signs (g, 2, ...)."""
+    return np.stack([values, -values], axis=1)
+
+
+def _of_axis(axis: np.ndarray, factor: np.ndarray, basis: np.ndarray, axes: int) -> Slopes:
+    """Slopes of rows (R,) that are of one axis each."""
+    own = np.zeros((len(axis), 1, axes))
+    own[np.arange(len(axis)), 0, axis] = factor
+    return Slopes(own, basis[:, None])

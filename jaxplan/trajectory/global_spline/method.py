@@ -9,8 +9,9 @@ from jaxplan.scenario.model import MINIMUM, STRETCHED, TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
+from jaxplan.trajectory.asking import Steps, alone
 from jaxplan.trajectory.bound import excess
-from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, too_tight
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.global_spline.attempts import (
     BEGIN,
     LONGER,
@@ -81,14 +82,31 @@ def fit_global(
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    path = checked(path, spacecraft, settings, node_fractions)
-    joints = path.joints.shape[1]
-    rates = np.stack(
-        [
-            np.concatenate([boundary(start_angular_velocity, 3)[0], boundary(start_joint_rates, joints)[0]]),
-            np.concatenate([boundary(end_angular_velocity, 3)[0], boundary(end_joint_rates, joints)[0]]),
-        ]
+    query = FitQuery(
+        path=path,
+        spacecraft=spacecraft,
+        settings=settings,
+        cones=cones,
+        node_fractions=node_fractions,
+        start_angular_velocity=start_angular_velocity,
+        start_joint_rates=start_joint_rates,
+        end_angular_velocity=end_angular_velocity,
+        end_joint_rates=end_joint_rates,
+        horizon=horizon,
     )
+    return alone(steps(query))
+
+
+def steps(query: FitQuery) -> Steps[Fit]:
+    """`fit_global` as a generator, see `asking`."""
+    spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
+    path = checked(query.path, spacecraft, settings, node_fractions)
+    joints = path.joints.shape[1]
+    ends = (
+        (query.start_angular_velocity, query.start_joint_rates),
+        (query.end_angular_velocity, query.end_joint_rates),
+    )
+    rates = np.stack([np.append(boundary(own, 3)[0], boundary(other, joints)[0]) for own, other in ends])
     limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
     worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
     if not np.abs(rates[worst]) <= (1 + _ROUNDING) * limits[worst[1]]:
@@ -110,38 +128,38 @@ def fit_global(
         fractions=None if node_fractions is None else np.asarray(node_fractions, float),
         rates=rates,
         spacecraft=spacecraft,
-        cones=none if cones is None else cones,
+        cones=none if query.cones is None else query.cones,
         settings=settings,
-        horizon=horizon,
+        horizon=query.horizon,
     )
-    fit = _fit(job)
+    fit = yield from _fit(job)
     if fit.trajectory is None:
         return fit
     return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
 
 
-def _fit(job: Job) -> Fit:
+def _fit(job: Job) -> Steps[Fit]:
     """The fit in the duration that the settings ask for."""
     duration = job.settings.duration
     if duration == MINIMUM or (duration == STRETCHED and job.at_speed):
-        return _free(job, job.radius(free_time=duration == MINIMUM))
+        return (yield from _free(job, job.radius(free_time=duration == MINIMUM)))
     if duration == STRETCHED:
-        return _stretched(job)
-    return _timed(job, float(duration))
+        return (yield from _stretched(job))
+    return (yield from _timed(job, float(duration)))
 
 
-def _timed(job: Job, duration: float) -> Fit:
+def _timed(job: Job, duration: float) -> Steps[Fit]:
     """The fit in a given duration."""
     radius = job.radius(free_time=False)
-    attempt = None if duration < job.bound else best_at(job, duration, radius)
+    attempt = None if duration < job.bound else (yield from best_at(job, duration, radius))
     if attempt is not None and attempt.peaks.stretch <= 1:
         return _success(job, attempt, radius)
     # The shortest motion says whether there is one at all, and what to ask for.
-    shortest = along(job, np.inf, shortest=True) if job.at_speed else quickest(job, np.inf)
+    shortest = yield from (along(job, np.inf, shortest=True) if job.at_speed else quickest(job, np.inf))
     if shortest is None:
         return _beyond()
     if job.at_speed:
-        needed = enough_time(job, max(BEGIN * shortest.trajectory.duration, LONGER * duration))
+        needed = yield from enough_time(job, max(BEGIN * shortest.trajectory.duration, LONGER * duration))
     else:  # slowing it keeps all limits
         needed = shortest.needed * SAFETY if shortest.sound else None
         if needed is not None and needed <= duration:
@@ -156,22 +174,22 @@ def _timed(job: Job, duration: float) -> Fit:
     )
 
 
-def _stretched(job: Job) -> Fit:
+def _stretched(job: Job) -> Steps[Fit]:
     """The fit at the quickest pace without limits, scaled in time to the limits."""
     radius = job.radius(free_time=False)
-    best = along(job, radius, shortest=False)
+    best = yield from along(job, radius, shortest=False)
     if best is None:
         return _beyond()
     if best.sound and best.needed > _SLOW * job.bound and job.settings.node_tube is None:
-        guided = along(job, np.inf, shortest=False)
+        guided = yield from along(job, np.inf, shortest=False)
         if guided is not None and guided.sound and guided.needed < best.needed:
             best = guided
     return _success(job, best, radius, stretch=True)
 
 
-def _free(job: Job, radius: float) -> Fit:
+def _free(job: Job, radius: float) -> Steps[Fit]:
     """The shortest motion."""
-    best = along(job, radius, shortest=True) if job.at_speed else quickest(job, radius)
+    best = yield from (along(job, radius, shortest=True) if job.at_speed else quickest(job, radius))
     if best is None:
         return _beyond()
     if not job.at_speed:
@@ -184,7 +202,7 @@ def _free(job: Job, radius: float) -> Fit:
         tighter = min(TIGHTER[0] + 2 * max(0.0, best.peaks.stretch - 1), TIGHTER[1])
         # Tighter limits alone take longer by as much.
         duration *= np.clip(best.peaks.stretch, 1 + tighter, _MOST_LONGER) ** (2**look)
-        again = attempt_at(
+        again = yield from attempt_at(
             job,
             job.request(job.quickest(), best.radius, 1, graded=True),
             duration,

@@ -1,46 +1,40 @@
-"""A motion at many places: attitudes, loads and margins, with the slopes that a program needs.
+"""Motions at many places: attitudes, loads and margins, with the slopes that a program needs.
 
-Rates are those in ``s``, the place in [0, 1]; in time they are divided by powers of the duration.
+Motions are looked at together, a stack of G. Rates are those in ``s``, the place in [0, 1]; in time they are
+divided by powers of the duration.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from jaxplan import so3
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.trajectory.global_spline import kernels
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.pieces import chart_motion
 from jaxplan.zones import Cones
 
-_CHUNK = 256  # places that a kernel looks at in one call
 _NEAR_AXIS = 1e-6  # least sine of an angle to a zone's axis, where the margin has no slope
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """A curve at S places.
+    """A stack of curves at S places.
 
     Attributes:
-        problem: chart, spacecraft and zones.
-        places: (S,) in [0, 1].
-        curves: (4, S, 3 + 2n) ``b`` and joints with three derivatives.
-        attitude: (S, 3, 3) body to inertial.
-        tangent: (S, 3, 3) what turns a change of ``b`` into a rotation of the body, in body axes: ``U^T D``.
-        loads: (S, Q, 3) of the platform.
-        body: (S, D, 3) boresights in body axes.
-        body_slopes: (2, S, n, 3) their derivatives in yaw and in pitch.
-        cosines: (S, D, Z) of the angles between boresights and zones' axes.
-        margins: (S, D, Z) rad; +inf where a zone does not bind a device, and for all entries of a group
+        problems: chart, spacecraft and zones of each; they have as many devices and zones and the same loads.
+        places: (G, S) in [0, 1].
+        curves: (G, 4, S, 3 + 2n) ``b`` and joints with three derivatives.
+        attitude: (G, S, 3, 3) body to inertial.
+        tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
+        loads: (G, S, Q, 3) of the platform.
+        body: (G, S, D, 3) boresights in body axes.
+        body_slopes: (G, S, 2, n, 3) their derivatives in yaw and in pitch.
+        cosines: (G, S, D, Z) of the angles between boresights and zones' axes.
+        margins: (G, S, D, Z) rad; +inf where a zone does not bind a device, and for all entries of a group
             but the one that holds best.
     """
 
-    problem: Problem
+    problems: Sequence[Problem]
     places: np.ndarray
     curves: np.ndarray
     attitude: np.ndarray
@@ -50,27 +44,54 @@ class Motion:
     body_slopes: np.ndarray
     cosines: np.ndarray
     margins: np.ndarray
+    _load_slopes: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
-    def load_slopes(self) -> np.ndarray:
-        """(S, Q, 3, 4, 3) derivatives of the loads in ``b`` and its derivatives (last axes)."""
-        problem = self.problem
-        return _by_chunks(
-            lambda places, curves: (
-                _load_slopes(problem.chart.turn, places, curves, problem.inertia, **_choices(problem)),
-            ),
-            self.places,
-            self.curves,
-        )[0]
+    def load_slopes(self, curve: int) -> np.ndarray:
+        """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
+        if curve not in self._load_slopes:
+            problem = self.problems[curve]
+            turn, inertia, choices = problem.chart.turn, problem.inertia, _choices(problem)
+            (self._load_slopes[curve],) = kernels.by_chunks(
+                lambda places, own: (kernels.load_slopes(turn, places, own, inertia, **choices),),
+                self.places[curve],
+                self.curves[curve],
+            )
+        return self._load_slopes[curve]
 
-    def is_finite(self) -> bool:
-        """Whether all numbers are."""
-        return bool(np.all(np.isfinite(self.loads)) and np.all(np.isfinite(self.cosines)))
+    @property
+    def finite(self) -> np.ndarray:
+        """(G,) whether all numbers are."""
+        kept = np.all(np.isfinite(self.loads), axis=(1, 2, 3))
+        return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
-    def margin_slopes(self, place: np.ndarray, device: np.ndarray, zone: np.ndarray) -> np.ndarray:
+    def some(self, which: np.ndarray) -> "Motion":
+        """Some of the curves, by their numbers or as (G,) bool."""
+        numbers = np.arange(len(self.problems))[which].tolist()
+        arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
+        found = replace(self, problems=[self.problems[number] for number in numbers], **arrays)
+        known = self._load_slopes
+        found._load_slopes.update({own: known[one] for own, one in enumerate(numbers) if one in known})
+        return found
+
+    def mixed(self, other: "Motion", others: np.ndarray) -> "Motion":
+        """With the curves of another stack of the same problems where `others` (G,) says so."""
+        arrays = {name: getattr(self, name).copy() for name in _ARRAYS}
+        for name, own in arrays.items():
+            own[others] = getattr(other, name)[others]
+        found = replace(self, **arrays)
+        for number, theirs in enumerate(others.tolist()):
+            known = (other if theirs else self)._load_slopes
+            if number in known:
+                found._load_slopes[number] = known[number]
+        return found
+
+    def margin_slopes(
+        self, curve: np.ndarray, place: np.ndarray, device: np.ndarray, zone: np.ndarray
+    ) -> np.ndarray:
         """Derivatives of some margins in ``b`` and the joints.
 
         Args:
+            curve: (R,) number.
             place: (R,) index of a place.
             device: (R,) index.
             zone: (R,) index.
@@ -78,42 +99,63 @@ class Motion:
         Returns:
             (R, 3 + 2n) of ``side * (angle - half angle)``; the angle falls by ``d cos / sin``.
         """
-        cones, joints = self.problem.cones, self.problem.spacecraft.mounts.size
-        cosine = self.cosines[place, device, zone]
-        factor = -cones.side[zone] / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
-        axes = self.problem.axes(self.places)[place, zone] if cones.paths else cones.direction[zone]
-        axis = np.einsum("ri,rij->rj", axes, self.attitude[place])  # in the body
+        joints = self.body_slopes.shape[3]
+        cones = [problem.cones for problem in self.problems]
+        side = np.stack([own.side for own in cones])[curve, zone]
+        if cones[0].paths:
+            axes = _moving_axes(self.problems, self.places)[curve, place, zone]
+        else:
+            axes = np.stack([own.direction for own in cones])[curve, zone]
+        cosine = self.cosines[curve, place, device, zone]
+        factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
+        axis = np.einsum("ri,rij->rj", axes, self.attitude[curve, place])  # in the body
         slopes = np.zeros((len(place), 3 + 2 * joints))
         # A rotation d of the body takes the boresight v to v + d x v, and axis . (d x v) = d . (v x axis).
-        turning = np.cross(self.body[place, device], axis)
-        slopes[:, :3] = np.einsum("rk,rka->ra", turning, self.tangent[place])
+        turning = _cross(self.body[curve, place, device], axis)
+        slopes[:, :3] = np.einsum("rk,rka->ra", turning, self.tangent[curve, place])
         row = np.flatnonzero(device < joints)
-        for part in range(2):  # yaw, pitch
-            own = self.body_slopes[part, place[row], device[row]]
-            slopes[row, 3 + part * joints + device[row]] = np.einsum("rj,rj->r", own, axis[row])
+        own = self.body_slopes[curve[row], place[row], :, device[row]]  # (rows, 2, 3), of yaw and pitch
+        for part in range(2):
+            turned = own[:, part] * axis[row]
+            slopes[row, 3 + part * joints + device[row]] = turned[:, 0] + turned[:, 1] + turned[:, 2]
         return slopes * factor[:, None]
 
 
-def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion:
-    """The motion of a curve.
+_ARRAYS = (
+    "places",
+    "curves",
+    "attitude",
+    "tangent",
+    "loads",
+    "body",
+    "body_slopes",
+    "cosines",
+    "margins",
+)
+
+
+def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray) -> Motion:
+    """The motions of a stack of curves.
 
     Args:
-        problem: chart, spacecraft and zones.
-        places: (S,) in [0, 1].
-        curves: (4, S, 3 + 2n) values and derivatives.
+        problems: chart, spacecraft and zones of each; zones move in all of them or in none.
+        places: (G, S) in [0, 1].
+        curves: (G, 4, S, 3 + 2n) values and derivatives.
     """
-    chart = problem.chart
-    attitude, tangent, loads = _by_chunks(
-        lambda part, own: _values(
-            chart.attitude, chart.turn, part, own, problem.inertia, **_choices(problem)
-        ),
-        places,
-        curves,
-    )
-    body, body_slopes = _body(problem.spacecraft, curves[0, :, 3:])
-    own_cosines = _cosines(problem, places, attitude, body)
+    found = [
+        kernels.by_chunks(
+            lambda part, own, problem=problem: kernels.values(  # type: ignore[misc]
+                problem.chart.attitude, problem.chart.turn, part, own, problem.inertia, **_choices(problem)
+            ),
+            *own,
+        )
+        for problem, *own in zip(problems, places, curves, strict=True)
+    ]
+    attitude, tangent, loads = (np.stack(arrays) for arrays in zip(*found, strict=True))
+    body, body_slopes = _body(problems, curves[:, 0, :, 3:])
+    own_cosines = _cosines(problems, places, attitude, body)
     return Motion(
-        problem=problem,
+        problems=problems,
         places=places,
         curves=curves,
         attitude=attitude,
@@ -122,110 +164,65 @@ def evaluate(problem: Problem, places: np.ndarray, curves: np.ndarray) -> Motion
         body=body,
         body_slopes=body_slopes,
         cosines=own_cosines,
-        margins=margins(problem.cones, own_cosines),
+        margins=margins([problem.cones for problem in problems], own_cosines),
     )
 
 
 def cosines(problem: Problem, places: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Cosines (S, D, Z) of `Motion` at places (S,) for attitudes (S, 3, 3) and joints (S, 2n)."""
-    return _cosines(problem, places, attitudes, _body(problem.spacecraft, joints)[0])
+    return _cosines([problem], places[None], attitudes[None], _body([problem], joints[None])[0])[0]
 
 
-def margins(cones: Cones, angle_cosines: np.ndarray) -> np.ndarray:
-    """Margins (S, D, Z) as `Motion` has them, from the cosines (S, D, Z)."""
-    found = cones.side * (np.arccos(np.clip(angle_cosines, -1, 1)) - cones.half_angle)
-    found = np.where(cones.bound.T, found, np.inf)
-    for leader in np.flatnonzero(np.bincount(cones.group, minlength=1) > 1):
-        members = np.flatnonzero(cones.group == leader)
-        best = np.argmax(found[:, :, members].min(axis=1), axis=1)
-        others = members[None, :] != members[best][:, None]
-        found[:, :, members] = np.where(others[:, None, :], np.inf, found[:, :, members])
+def margins(cones: Sequence[Cones], angle_cosines: np.ndarray) -> np.ndarray:
+    """Margins (G, S, D, Z) as `Motion` has them, from the cosines (G, S, D, Z)."""
+    side, half, bound = (
+        np.stack(parts)[:, None]
+        for parts in zip(*((own.side[None], own.half_angle[None], own.bound.T) for own in cones), strict=True)
+    )
+    found = side * (np.arccos(np.clip(angle_cosines, -1, 1)) - half)
+    found = np.where(bound, found, np.inf)
+    for own, one in zip(cones, found, strict=True):
+        for leader in np.flatnonzero(np.bincount(own.group, minlength=1) > 1):
+            members = np.flatnonzero(own.group == leader)
+            best = np.argmax(one[:, :, members].min(axis=1), axis=1)
+            others = members[None, :] != members[best][:, None]
+            one[:, :, members] = np.where(others[:, None, :], np.inf, one[:, :, members])
     return found
 
 
-def _cosines(problem: Problem, places: np.ndarray, attitudes: np.ndarray, body: np.ndarray) -> np.ndarray:
-    seen = body @ np.swapaxes(attitudes, 1, 2)
-    if problem.cones.paths:
-        return np.asarray(seen @ np.swapaxes(problem.axes(places), 1, 2))
-    return np.asarray(seen @ problem.cones.direction.T)
+def _cosines(
+    problems: Sequence[Problem], places: np.ndarray, attitudes: np.ndarray, body: np.ndarray
+) -> np.ndarray:
+    seen = body @ np.swapaxes(attitudes, -1, -2)
+    if problems[0].cones.paths:
+        return np.asarray(seen @ np.swapaxes(_moving_axes(problems, places), -1, -2))
+    directions = np.stack([problem.cones.direction.T for problem in problems])
+    return np.asarray(seen @ directions[:, None])
 
 
-def _body(craft: Spacecraft, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boresights (S, D, 3) in body axes (equation 13), and of terminals their slopes (2, S, n, 3)."""
-    yaw, pitch = np.split(joints, 2, axis=1)
-    azimuth = yaw + craft.mounts
+def _moving_axes(problems: Sequence[Problem], places: np.ndarray) -> np.ndarray:
+    """(G, S, Z, 3) of the zones."""
+    return np.stack([problem.axes(own) for problem, own in zip(problems, places, strict=True)])
+
+
+def _body(problems: Sequence[Problem], joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boresights (G, S, D, 3) in body axes (equation 13), and of terminals their slopes (G, S, 2, n, 3)."""
+    yaw, pitch = np.split(joints, 2, axis=-1)
+    azimuth = yaw + np.stack([problem.spacecraft.mounts for problem in problems])[:, None]
     (sin_a, sin_p), (cos_a, cos_p) = np.sin([azimuth, pitch]), np.cos([azimuth, pitch])
     moving = np.stack([cos_p * cos_a, cos_p * sin_a, sin_p], axis=-1)
     by_yaw = np.stack([-cos_p * sin_a, cos_p * cos_a, np.zeros_like(sin_a)], axis=-1)
     by_pitch = np.stack([-sin_p * cos_a, -sin_p * sin_a, cos_p], axis=-1)
-    fixed = np.asarray(craft.fixed_boresights, float)
-    still = np.broadcast_to(fixed, (len(joints), *fixed.shape))
-    return np.concatenate([moving, still], axis=1), np.stack([by_yaw, by_pitch])
+    fixed = np.stack([np.asarray(problem.spacecraft.fixed_boresights, float) for problem in problems])
+    still = np.broadcast_to(fixed[:, None], (*joints.shape[:2], *fixed.shape[1:]))
+    return np.concatenate([moving, still], axis=2), np.stack([by_yaw, by_pitch], axis=2)
 
 
-def _by_chunks(
-    kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], places: np.ndarray, curves: np.ndarray
-) -> list[np.ndarray]:
-    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled once for every S."""
-    extra = -len(places) % _CHUNK
-    parts = np.pad(places, (0, extra)).reshape(-1, _CHUNK)
-    own = np.pad(curves[:, :, :3], ((0, 0), (0, extra), (0, 0))).reshape(4, -1, _CHUNK, 3)
-    with jax.enable_x64(True):
-        found = [[np.asarray(array) for array in kernel(part, own[:, k])] for k, part in enumerate(parts)]
-    return [np.concatenate(arrays)[: len(places)] for arrays in zip(*found, strict=True)]
+def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Of vectors (R, 3); numpy's takes several times as long for a few."""
+    (a, b, c), (x, y, z) = first.T, second.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _choices(problem: Problem) -> dict[str, bool]:
     return {"dynamic": problem.dynamic, "jerky": problem.jerky}
-
-
-def loads_at(turn: Array, place: Array, z: Array, inertia: Array, dynamic: bool, jerky: bool) -> Array:
-    """The loads (Q, 3) at one place from ``b`` and its derivatives, z (4, 3)."""
-
-    def moving(*point: Array) -> tuple[Array, ...]:
-        return chart_motion(turn, *point)[1:]
-
-    b, first, second, third = z
-    point = (place[None], b, first, second)
-    if jerky:
-        (rate, acceleration), (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
-    else:
-        rate, acceleration = moving(*point)
-    found = [rate, acceleration]
-    if dynamic:
-        momentum = inertia @ rate
-        found += [inertia @ acceleration + jnp.cross(rate, momentum), momentum]
-    if jerky:
-        found.append(jerk)
-    return jnp.stack(found)
-
-
-@partial(jax.jit, static_argnames=("dynamic", "jerky"))
-def _values(
-    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
-) -> tuple[Array, Array, Array]:
-    """Attitudes, tangents and loads at all places."""
-
-    def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
-        eta = z[0] - place * turn
-        half = so3.exp(place * turn / 2)
-        gamma = half @ so3.exp(eta) @ half
-        return (
-            attitude @ gamma,
-            half.T @ so3.right_jacobian(eta),
-            loads_at(turn, place, z, inertia, dynamic, jerky),
-        )
-
-    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
-
-
-@partial(jax.jit, static_argnames=("dynamic", "jerky"))
-def _load_slopes(
-    turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
-) -> Array:
-    """Derivatives of the loads at all places."""
-
-    def at(place: Array, z: Array) -> Array:
-        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, dynamic, jerky)
-
-    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

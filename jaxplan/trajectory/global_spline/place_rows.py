@@ -6,7 +6,16 @@ from functools import cached_property
 import numpy as np
 
 from jaxplan.trajectory.global_spline.motion import Motion
-from jaxplan.trajectory.global_spline.rows import LIMIT, NEAR_ANGLE, NEAR_SHARE, SIGNS, ZONE, Index, Step
+from jaxplan.trajectory.global_spline.rows import (
+    LIMIT,
+    NEAR_ANGLE,
+    NEAR_SHARE,
+    SIGNS,
+    ZONE,
+    Index,
+    Slopes,
+    Step,
+)
 
 _FAR_SHARE = 0.5  # of a limit is left at every place: then no step reaches it
 _KNOWN_ANGLE = np.deg2rad(20.0)  # margins beyond are not looked at: no step takes a boresight that far
@@ -15,14 +24,14 @@ _STRIDE = 4  # of places next to each other one in four is held, and those that 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """One of the platform's loads at the places: rows (S, 2, 3)."""
+    """One of the platform's loads at the places: rows (G, S, 2, 3)."""
 
     name: str
     power: int
     motion: Motion
     load: int  # which
-    scale: np.ndarray  # (3,) 1 / (limit * duration^power)
-    rows: np.ndarray  # (4, S, n) of the basis
+    scale: np.ndarray  # (G, 3) 1 / (limit * duration^power)
+    rows: np.ndarray  # (G, 4, S, n) of the basis
     kind: int = LIMIT
     near: float = NEAR_SHARE
     linear: bool = False
@@ -32,44 +41,50 @@ class Loads:
         """Of the rows."""
         return -float(self.power)
 
-    @property
+    @cached_property
     def room(self) -> np.ndarray:
         """Of the rows."""
-        return 1 - SIGNS[:, None] * (self.motion.loads[:, self.load] * self.scale)[:, None]
+        return 1 - SIGNS[:, None] * (self.motion.loads[:, :, self.load] * self.scale[:, None])[:, :, None]
 
     @cached_property
-    def _local(self) -> np.ndarray:
+    def _far(self) -> np.ndarray:
+        """(G,) whether no step reaches a limit."""
+        return np.all(self.room > _FAR_SHARE, axis=(1, 2, 3))
+
+    def _local(self, curve: int) -> np.ndarray:
         """(S, 3, 4, 3) slopes of the shares."""
-        return self.motion.load_slopes[:, self.load] * self.scale[:, None, None]
+        return self.motion.load_slopes(curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, step: Step) -> np.ndarray:
-        """See `Family`; where all is far from its limit, so that no step reaches it, none is looked for."""
-        if np.all(self.room > _FAR_SHARE):
-            return np.zeros_like(self.room)
-        shares = np.einsum("sida,dsa->si", self._local, step.curves[:, :, :3])
-        return SIGNS[:, None] * shares[:, None]
+        """See `Family`; of a curve that is far from the limit none is looked for."""
+        change = np.zeros((len(step.which), *self.room.shape[1:]))
+        for own, curve in enumerate(step.which.tolist()):
+            if not self._far[curve]:
+                shares = np.einsum("sida,dsa->si", self._local(curve), step.curves[own, :, :, :3])
+                change[own] = SIGNS[:, None] * shares[:, None]
+        return change
 
-    def slopes(self, index: Index) -> np.ndarray:
+    def slopes(self, index: Index) -> Slopes:
         """See `Family`."""
-        place, sign, axis = index
-        local = np.zeros((0, 4, 3))
-        if len(place):
-            local = SIGNS[sign][:, None, None] * self._local[place, axis]
-        slopes = np.zeros((len(place), self.motion.curves.shape[2], self.rows.shape[2]))
-        slopes[:, :3] = np.einsum("rda,drn->ran", local, self.rows[:, place])
-        return slopes
+        curve, place, sign, axis = index
+        axes = np.zeros((len(place), 4, self.motion.curves.shape[3]))
+        for each in np.unique(curve).tolist():
+            rows = curve == each
+            local = self._local(each)[place[rows], axis[rows]]
+            axes[rows, :, :3] = SIGNS[sign[rows]][:, None, None] * local
+        return Slopes(axes, self.rows[curve, :, place])
 
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
+    def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
         """See `Family`; thinned."""
         return wanted & _telling(room)
 
 
 @dataclass(frozen=True, eq=False)
 class Zones:
-    """Margins at the places: rows (S, D, Z)."""
+    """Margins at the places: rows (G, S, D, Z)."""
 
     motion: Motion
-    rows: np.ndarray
+    rows: np.ndarray  # (G, 4, S, n) of the basis
     room: np.ndarray  # beyond what is wanted
     name: str = "zone"
     kind: int = ZONE
@@ -77,28 +92,37 @@ class Zones:
     time: float = 0.0
     linear: bool = False
 
+    @cached_property
+    def _known(self) -> tuple[Index, np.ndarray]:
+        """The rows that a step may reach, and their slopes (R, A) in the curve there."""
+        index = np.nonzero(self.room < _KNOWN_ANGLE)
+        return index, self.motion.margin_slopes(*index)
+
     def change(self, step: Step) -> np.ndarray:
         """See `Family`."""
-        index = np.nonzero(self.room < _KNOWN_ANGLE)
-        change = np.zeros_like(self.room)
-        local = self.motion.margin_slopes(*index)
-        change[index] = -np.einsum("ra,ra->r", local, step.curves[0, index[0]])
+        own = np.full(len(self.room), -1)
+        own[step.which] = np.arange(len(step.which))
+        (curve, *rest), local = self._known
+        change = np.zeros((len(step.which), *self.room.shape[1:]))
+        taken = own[curve] >= 0
+        own, rest = own[curve[taken]], [part[taken] for part in rest]
+        change[(own, *rest)] = -np.sum(local[taken] * step.curves[own, 0, rest[0]], axis=1)
         return change
 
-    def slopes(self, index: Index) -> np.ndarray:
+    def slopes(self, index: Index) -> Slopes:
         """See `Family`."""
         local = -self.motion.margin_slopes(*index)
-        return local[:, :, None] * self.rows[0, index[0]][:, None, :]
+        return Slopes(local[:, None], self.rows[index[0], 0, index[1]][:, None])
 
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
+    def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
         """See `Family`; thinned, and of a group only the entry that holds best."""
-        return wanted & _telling(room) & np.isfinite(self.room)
+        return wanted & _telling(room) & np.isfinite(self.room[which])
 
 
 def _telling(room: np.ndarray) -> np.ndarray:
-    """Along the first axis, each fourth place and the local minima of the room."""
+    """Along the places, the second axis, each fourth one and the local minima of the room."""
     kept = np.zeros(room.shape, dtype=bool)
-    kept[::_STRIDE] = True
+    kept[:, ::_STRIDE] = True
     with np.errstate(invalid="ignore"):
-        kept[1:-1] |= (room[1:-1] <= room[:-2]) & (room[1:-1] <= room[2:])
+        kept[:, 1:-1] |= (room[:, 1:-1] <= room[:, :-2]) & (room[:, 1:-1] <= room[:, 2:])
     return kept

@@ -1,38 +1,40 @@
-"""The quadratic program of one step, solved through its dual; rows that a step would break are added to it.
+"""The quadratic programs of one step, solved through their duals; rows that a step would break are added.
 
     minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + haste (dT / T)^2 / 2 ]
 
 over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
-inverse is that of one small matrix, and the dual has one unknown a row (`box_qp`). Few of the rows are near:
-a program begins with those, and is solved again with the rows added that its answer breaks.
+inverse is that of one small matrix, and the dual has one unknown a row (`dual`). Few of the rows are near: a
+program begins with those, and is solved again with rows added that its answer breaks, of those that are true
+of all steps only the worst ones at first.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
-from jaxplan.trajectory.global_spline.rows import Family, Index, Step
+from jaxplan.trajectory.global_spline.dual import Rows, solve_duals
+from jaxplan.trajectory.global_spline.rows import Family, Step, lowest
+from jaxplan.trajectory.global_spline.stack import taken
 
-_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
 _ROUNDS = 6
+_ALL_AT_ONCE = 2  # rounds, after which all rows that are broken are added
 BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
-_SHORTEST_STEP = -0.5  # of the duration, taken off at once: it stays positive
-_NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
 _BINDING = 1e-6  # of the largest multiplier
+
+Multipliers = dict[str, np.ndarray]  # by family, of every row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quadratic:
-    """The objective at a curve.
+    """The objectives at a stack of G curves.
 
     Attributes:
-        free: (n, k) ``F``: free changes are ``F x``.
-        by_time: (n, A) what the coefficients change by with the relative change of the duration.
-        hessian: (n, n) ``H``.
-        gradient: (n, A) ``g``.
+        free: (G, n, k) ``F``: free changes are ``F x``.
+        by_time: (G, n, A) what the coefficients change by with the relative change of the duration.
+        hessian: (G, n, n) ``H``.
+        gradient: (G, n, A) ``g``.
         haste: of the duration's own term, whose slope is 1; None for a given duration.
-        rows: (4, S, n) of the basis at the places.
+        rows: (G, 4, S, n) of the basis at the places.
     """
 
     free: np.ndarray
@@ -45,103 +47,73 @@ class Quadratic:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """What a program answers.
+    """What the programs answer.
 
     Attributes:
-        step: to take; not finite where the program broke down.
-        multipliers: by family, of every row; zero where it does not bind.
-        exact: whether no row that is only linearised binds.
+        coefficients: (G, n, A) changes to make; not finite where a program broke down.
+        stretch: (G,) relative changes of the duration.
+        multipliers: by family, of every row (G, ...); zero where it does not bind.
+        exact: (G,) whether no row that is only linearised binds.
     """
 
-    step: Step
-    multipliers: dict[str, np.ndarray]
-    exact: bool
+    coefficients: np.ndarray
+    stretch: np.ndarray
+    multipliers: Multipliers
+    exact: np.ndarray
 
 
-def propose(
-    quadratic: Quadratic, families: list[Family], penalty: np.ndarray, held: dict[str, np.ndarray]
-) -> Proposal:
-    """Solve the program at a curve.
+def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, held: Multipliers) -> Proposal:
+    """Solve the programs at a stack of curves.
 
     Args:
-        quadratic: the objective.
-        families: all rows at the curve.
-        penalty: by kind of row.
+        quadratic: the objectives.
+        families: all rows at the curves.
+        penalty: (G, 3) by kind of row.
         held: by family, multipliers of rows to begin with beside those that are near.
     """
-    inverse = np.linalg.inv(quadratic.free.T @ quadratic.hessian @ quadratic.free)
-    chosen = [family.chosen(family.room < family.near, family.room) for family in families]
+    count = len(quadratic.gradient)
+    which = np.arange(count)
+    free_t = np.swapaxes(quadratic.free, 1, 2)
+    inverse = np.linalg.inv(free_t @ quadratic.hessian @ quadratic.free)
+    alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
+    coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
+    found = {family.name: np.zeros(family.room.shape) for family in families}
+    chosen = [family.chosen(family.room < family.near, family.room, which) for family in families]
     for family, mask in zip(families, chosen, strict=True):
         if family.name in held:  # in a group another entry may hold now
             mask |= (held[family.name] > 0) & np.isfinite(family.room)
-    for _ in range(_ROUNDS):
-        indices = [np.nonzero(mask) for mask in chosen]
-        step, multipliers = _answer(quadratic, inverse, families, indices, penalty)
-        added = False
-        for family, mask in zip(families, chosen, strict=True):
-            room = family.room - family.change(step) - family.time * step.stretch
-            broken = family.chosen(room < -BROKEN * family.near, room) & ~mask
-            mask |= broken
-            added |= bool(np.any(broken))
-        if not added:
+    for round_ in range(_ROUNDS):
+        rows = Rows.of(families, chosen, which)
+        changes, stretches, multipliers = solve_duals(quadratic, inverse, alone, rows, penalty)
+        step = Step(which, changes, taken(quadratic.rows, which) @ changes[:, None], stretches)
+        coefficients[which], stretch[which] = changes, stretches
+        added = np.zeros(len(which), dtype=bool)
+        for family, mask, part in zip(families, chosen, rows.families, strict=True):
+            found[family.name][which] = 0.0
+            found[family.name][part.index] = multipliers[part.number]
+            room = family.room[which] - family.change(step)
+            if family.time:
+                room = room - (family.time * stretches).reshape(-1, *[1] * (room.ndim - 1))
+            broken = family.chosen(room < -BROKEN * family.near, room, which) & ~mask[which]
+            if family.linear and round_ < _ALL_AT_ONCE:
+                broken &= lowest(np.where(broken, room, np.inf))
+            mask[which] |= broken
+            added |= np.any(broken.reshape(len(which), -1), axis=1)
+        which = which[added]
+        if not len(which):
             break
-    least = _BINDING * max((float(np.max(own, initial=0)) for own in multipliers), default=0.0)
-    found = {}
-    for family, index, own in zip(families, indices, multipliers, strict=True):
-        found[family.name] = np.zeros(family.room.shape)
-        found[family.name][index] = np.where(own > least, own, 0.0)
-    curved = (family for family in families if not family.linear)
-    exact = not any(np.any(found[family.name]) for family in curved)
-    return Proposal(step=step, multipliers=found, exact=exact)
+    _drop_small(found, count)
+    exact = np.ones(count, dtype=bool)
+    for family in families:
+        if not family.linear:
+            exact &= ~np.any(found[family.name].reshape(count, -1), axis=1)
+    return Proposal(coefficients=coefficients, stretch=stretch, multipliers=found, exact=exact)
 
 
-def _answer(
-    quadratic: Quadratic,
-    inverse: np.ndarray,
-    families: list[Family],
-    indices: list[Index],
-    penalty: np.ndarray,
-) -> tuple[Step, list[np.ndarray]]:
-    """The best step under some rows of each family, and the rows' multipliers."""
-    counts = [len(index[0]) for index in indices]
-    time = np.repeat(np.array([family.time for family in families]), counts)
-    limit = np.repeat(np.array([penalty[family.kind] for family in families]), counts)
-    every, room = [np.zeros((0, *quadratic.gradient.shape[::-1]))], [np.zeros(0)]  # there may be no family
-    every += [family.slopes(index) for family, index in zip(families, indices, strict=True)]
-    room += [family.room[index] for family, index in zip(families, indices, strict=True)]
-    step, multipliers = _dual(quadratic, inverse, np.concatenate(every), time, np.concatenate(room), limit)
-    return step, np.split(multipliers, np.cumsum(counts))[:-1]
-
-
-def _dual(
-    quadratic: Quadratic,
-    inverse: np.ndarray,
-    every: np.ndarray,
-    time: np.ndarray,
-    room: np.ndarray,
-    penalty: np.ndarray,
-) -> tuple[Step, np.ndarray]:
-    """The best step under rows with the slopes ``every`` (R, A, n), and their multipliers (R,)."""
-    slopes = every @ quadratic.free
-    if np.any(quadratic.by_time):
-        time = time + np.einsum("ran,na->r", every, quadratic.by_time)
-    kept = np.flatnonzero(np.max(np.abs(slopes), axis=(1, 2), initial=0) > _NO_SLOPE)
-    if len(kept) > _MOST_ROWS:  # those with the least room
-        kept = np.sort(kept[np.argsort(room[kept])[:_MOST_ROWS]])
-    slopes, time = slopes[kept], time[kept]
-    bent = slopes @ inverse
-    alone = -inverse @ (quadratic.free.T @ quadratic.gradient)  # (k, A), the step without rows
-    matrix = np.tensordot(bent, slopes, axes=((1, 2), (1, 2)))
-    linear = np.tensordot(slopes, alone.T, axes=((1, 2), (0, 1))) - room[kept]
-    if quadratic.haste is not None:
-        matrix += np.outer(time, time) / quadratic.haste
-        linear -= time / quadratic.haste
-    y = solve_box_qp(matrix, linear, penalty[kept]).multipliers
-    change = quadratic.free @ (alone - np.tensordot(bent, y, axes=(0, 0)).T)
-    stretch = 0.0
-    if quadratic.haste is not None:
-        stretch = max(float(-(1 + time @ y) / quadratic.haste), _SHORTEST_STEP)
-        change = change + stretch * quadratic.by_time
-    multipliers = np.zeros(len(room))
-    multipliers[kept] = y
-    return Step(change, quadratic.rows @ change, stretch), multipliers
+def _drop_small(multipliers: Multipliers, count: int) -> None:
+    """Take for zero what is beside the largest multiplier of each of so many programs."""
+    largest = np.zeros(count)
+    for own in multipliers.values():
+        largest = np.maximum(largest, np.max(own.reshape(count, -1), axis=1, initial=0))
+    for own in multipliers.values():
+        own[~(own > _BINDING * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0

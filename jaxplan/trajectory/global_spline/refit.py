@@ -23,7 +23,7 @@ from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
 from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs
-from jaxplan.trajectory.global_spline.motion import loads_at
+from jaxplan.trajectory.global_spline.kernels import loads_at
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.zones import Cones, separation
 

@@ -1,8 +1,9 @@
-"""What a family of linear rows near a curve is.
+"""What a family of linear rows near curves is.
 
-A row says ``slopes . dc + time * dT / T <= room`` of a change ``dc`` of the coefficients and ``dT`` of the
-duration. A family knows the room of all its rows and how a step changes it, and writes out only the rows that
-a program asks for.
+Curves are looked at together: a stack of G, each with its own rows. A row says
+``slopes . dc + time * dT / T <= room`` of a change ``dc`` of the coefficients and ``dT`` of the duration. A
+family knows the room of all its rows and how a step changes it, and writes out only the rows that a program
+asks for.
 """
 
 from typing import NamedTuple, Protocol
@@ -17,21 +18,40 @@ NEAR_ANGLE = float(np.deg2rad(1.0))
 
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
-Index = tuple[np.ndarray, ...]
+Index = tuple[np.ndarray, ...]  # of rows, the number of the curve first
 
 
 class Step(NamedTuple):
-    """A change of a curve.
+    """Changes of some curves of a stack.
 
     Attributes:
-        coefficients: (n, A).
-        curves: (4, S, A) what that makes of values and derivatives at the places.
-        stretch: relative change of the duration.
+        which: (g,) numbers of the curves.
+        coefficients: (g, n, A).
+        curves: (g, 4, S, A) what that makes of values and derivatives at the places.
+        stretch: (g,) relative change of the duration.
     """
 
+    which: np.ndarray
     coefficients: np.ndarray
     curves: np.ndarray
-    stretch: float
+    stretch: np.ndarray
+
+
+class Slopes(NamedTuple):
+    """Slopes of some rows in the coefficients: sums of J products of a row of the axes and one of the basis.
+
+    Attributes:
+        axes: (R, J, A).
+        basis: (R, J, n).
+    """
+
+    axes: np.ndarray
+    basis: np.ndarray
+
+    @property
+    def full(self) -> np.ndarray:
+        """(R, A, n)."""
+        return np.asarray(np.swapaxes(self.axes, 1, 2) @ self.basis)
 
 
 class Family(Protocol):
@@ -40,7 +60,7 @@ class Family(Protocol):
     Attributes:
         name: unique among the families of a fit.
         kind: `LIMIT`, `ZONE` or `TUBE`.
-        room: of every row, in any shape.
+        room: of every row (G, ...).
         near: rows with less room are near.
         time: of the rows.
         linear: whether the rows are true of all steps, not of small ones alone.
@@ -60,13 +80,24 @@ class Family(Protocol):
     def linear(self) -> bool: ...  # noqa: D102
 
     def change(self, step: Step) -> np.ndarray:
-        """By how much a step lessens the room, without its stretch; like `room`."""
+        """By how much a step lessens the room (g, ...) of the curves that take it, without its stretch."""
         ...
 
-    def slopes(self, index: Index) -> np.ndarray:
-        """Slopes (R, A, n) of some rows, in the coefficients."""
+    def slopes(self, index: Index) -> Slopes:
+        """Of some rows."""
         ...
 
-    def chosen(self, wanted: np.ndarray, room: np.ndarray) -> np.ndarray:
-        """Of the rows that are wanted (like `room`), those that do, given what room they have."""
+    def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Of the rows that are wanted (g, ...) of some curves, those that do, given what room they have."""
         ...
+
+
+def lowest(room: np.ndarray) -> np.ndarray:
+    """Where the room is least among neighbours along the second to last axis."""
+    kept = np.ones(room.shape, dtype=bool)
+    with np.errstate(invalid="ignore"):
+        down = room[..., 1:, :] <= room[..., :-1, :]
+        up = room[..., :-1, :] <= room[..., 1:, :]
+    kept[..., 1:, :] &= down
+    kept[..., :-1, :] &= up
+    return kept

@@ -1,126 +1,68 @@
-"""Sequential quadratic programming for one curve, with the duration given or as short as possible.
+"""Sequential quadratic programming for curves, with the duration given or as short as possible.
 
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
 subject to limits, zones and tubes (`families`), each elastic with an exact penalty, so that every program has
-an answer. Steps that do not lower the merit (objective and penalties at the true curve) are damped.
+an answer. Steps that do not lower the merit (objective and penalties at the true curve) are damped. Alike
+tasks are worked on together, each until it is done.
 """
 
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace
 from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.linear_rows import Tube
-from jaxplan.trajectory.global_spline.motion import Motion, evaluate
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.program import Quadratic, propose
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE, Family
+from jaxplan.trajectory.global_spline.program import Multipliers, Proposal, Quadratic, propose
+from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
+from jaxplan.trajectory.global_spline.stack import Point, Points, Stack, Task
 
+_TOGETHER = 32  # tasks of a stack; with more, memory is what takes the time
 _MOST_STEPS = 16
 _DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what
 _SMALL = 1e-3  # weight of the energy beside the duration
 _HASTE = 12.0  # of the duration: alone it would fall by 1 / 12 in a step
 _SETTLED = 1e-4  # of the merit, between steps
-_BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
 _DAMPING = 8.0
 _FIRST_DAMPING = 1e-2
 _NO_DAMPING = 1e-6
+_MOST_FAILED = 2  # steps in a row that lower no merit, once it is dear to break rows: nothing better is near
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Point:
-    """A curve with its duration, and all that is known of it.
+class Begin:
+    """A curve of a task.
 
     Attributes:
-        coefficients: (n, A).
+        task: what is looked for.
+        coefficients: (n, A) of the curve.
         duration: s.
-        motion: at the places of the search.
-        violations: by kind of row, the largest; zero or less where none is broken.
+        until: s, a duration that is short enough.
     """
 
+    task: Task
     coefficients: np.ndarray
     duration: float
-    motion: Motion
-    violations: dict[int, float]
-
-    @property
-    def is_sound(self) -> bool:
-        """Whether nothing is broken."""
-        return all(broken <= _BROKEN for broken in self.violations.values())
+    until: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A fit.
+def look(begins: Sequence[Begin]) -> list[Point]:
+    """All that is known of curves."""
+    return _by_stacks(begins, _begun)
 
-    Attributes:
-        problem: chart, limits and zones.
-        space: the curves.
-        places: (S,) where loads and margins are looked at.
-        rows: (4, S, n) of the basis there.
-        wanted: (D, Z) rad, margins to keep.
-        tube: about the nodes, or None.
-        limited: whether limits of rates and loads are kept, or time will be stretched to them.
-        weights: of the energy.
-        free_time: whether the duration is looked for as well.
+
+def improve(begins: Sequence[Begin]) -> list[Point]:
+    """Step from curves to the best ones near them.
+
+    Args:
+        begins: where to begin, and with what.
+
+    Returns:
+        Of each the point of the lowest merit; broken rows show in its violations.
     """
-
-    problem: Problem
-    space: CurveSpace
-    places: np.ndarray
-    rows: np.ndarray
-    wanted: np.ndarray
-    tube: Tube | None
-    limited: bool
-    weights: tuple[float, float, float]
-    free_time: bool
-
-    def point(self, coefficients: np.ndarray, duration: float) -> Point:
-        """A curve with all known of it; with free time and rest at both ends, in the time that it needs."""
-        motion = evaluate(self.problem, self.places, self.rows @ coefficients)
-        craft = self.problem.spacecraft
-        found = {ZONE: float(np.max(self.wanted - motion.margins, initial=-np.inf)), TUBE: -np.inf}
-        found[LIMIT] = float(np.max(np.abs(motion.curves[0, :, 3:]) - craft.joint_limits, initial=-np.inf))
-        if self.limited:
-            needed = needed_duration(self.problem, motion)
-            if self.free_time and not np.any(self.space.by_time):
-                duration = needed
-            found[LIMIT] = max(found[LIMIT], needed / duration - 1)
-        if self.tube is not None:
-            found[TUBE] = float(np.max(self.tube.off(coefficients), initial=-np.inf))
-        if not motion.is_finite():
-            found[LIMIT] = np.inf
-        return Point(coefficients=coefficients, duration=duration, motion=motion, violations=found)
-
-    def rows_at(self, point: Point) -> list[Family]:
-        """All rows at a point."""
-        return list(
-            families(
-                self.problem,
-                self.space.basis,
-                self.rows,
-                point.motion,
-                point.coefficients,
-                point.duration,
-                wanted=self.wanted,
-                tube=self.tube,
-                limited=self.limited,
-            )
-        )
-
-
-def needed_duration(problem: Problem, motion: Motion) -> float:
-    """The shortest duration in which a motion keeps all limits of rates and loads at its places, s."""
-    craft = problem.spacecraft
-    found = [
-        np.max(np.abs(motion.loads[:, q]) / limit) ** (1 / power)
-        for q, (limit, power) in enumerate(zip(problem.limits, problem.powers, strict=True))
-    ]
-    for power, limit in enumerate((craft.joint_rate_limits, craft.joint_acceleration_limits), start=1):
-        found.append(np.max(np.abs(motion.curves[power, :, 3:]) / limit, initial=0) ** (1 / power))
-    return float(np.max(found))
+    return _by_stacks(begins, _improved)
 
 
 def penalties(free_time: bool) -> np.ndarray:
@@ -129,80 +71,176 @@ def penalties(free_time: bool) -> np.ndarray:
     return np.array([table[kind] for kind in range(len(table))])
 
 
-def improve(task: Task, start: Point, *, until: float = 0.0) -> Point:
-    """Step from a curve to the best one near it.
-
-    Args:
-        task: what is looked for.
-        start: where to begin.
-        until: s, a duration that is short enough.
-
-    Returns:
-        The point of the lowest merit; broken rows show in its violations.
-    """
-    penalty = penalties(task.free_time)
-    objective = Objective(task, start)
-    at, value, damping, failed = start, objective.merit(start, penalty), 0.0, False
-    held: dict[str, np.ndarray] = {}
-    dearer = 0
-    for _ in range(_MOST_STEPS):
-        proposal = propose(objective.quadratic(at, damping), task.rows_at(at), penalty, held)
-        held = proposal.multipliers
-        step = proposal.step
-        ahead = task.point(at.coefficients + step.coefficients, at.duration * (1 + step.stretch))
-        ahead_value = objective.merit(ahead, penalty)
-        close = abs(value - ahead_value) <= _SETTLED * value
-        if ahead_value < value:
-            at, value = ahead, ahead_value
-            if not failed:
-                damping = damping / _DAMPING if damping > _NO_DAMPING else 0.0
-            failed = False
-            close |= proposal.exact and not task.free_time and damping == 0
-            if at.duration <= until:
-                break
-        else:
-            damping, failed = max(_DAMPING * damping, _FIRST_DAMPING), True
-        if close and (at.is_sound or dearer == _DEARER):
-            break
-        if close:
-            dearer += 1
-            penalty = _GROWTH * penalty
-            value, damping = objective.merit(at, penalty), 0.0
-    return at
-
-
 class Objective:
-    """Energy, or duration with a little of the energy, both as shares of the first curve's."""
+    """Energy, or duration with a little of the energy, both as shares of the first curve's, of a stack."""
 
-    def __init__(self, task: Task, start: Point) -> None:
-        self._task, self._duration = task, start.duration
-        self.share = 1.0
+    def __init__(self, stack: Stack, start: Points) -> None:
+        self._stack, self._duration = stack, start.duration
+        self.share = np.ones(len(start.duration))
         self.share = self._energy(start)
 
-    def _form(self, duration: float) -> np.ndarray:
-        return self._task.space.energy(duration, self._task.weights) / self.share
+    @property
+    def _free_time(self) -> bool:
+        return self._stack.tasks[0].free_time
 
-    def _energy(self, point: Point) -> float:
-        form = self._form(point.duration)
-        return float(np.sum(point.coefficients * (form @ point.coefficients))) / 2
+    def some(self, which: np.ndarray) -> "Objective":
+        """Of some of the tasks, (G,) bool."""
+        found = object.__new__(Objective)
+        found._stack, found._duration = self._stack.some(which), self._duration[which]
+        found.share = self.share[which]
+        return found
 
-    def merit(self, point: Point, penalty: np.ndarray) -> float:
-        """Objective and penalties."""
-        value = self._energy(point)
-        if self._task.free_time:
-            value = _SMALL * value + point.duration / self._duration
-        broken = sum(penalty[kind] * max(0.0, most) for kind, most in point.violations.items())
-        return float(value + broken)
+    def _form(self, duration: np.ndarray) -> np.ndarray:
+        """(G, n, n) of the integral of weighted squares over time, of one axis."""
+        weights = self._stack.weights * duration[:, None] ** -np.array([1.0, 3.0, 5.0])
+        _, rate, acceleration, jerk = np.moveaxis(self._stack.energies, 1, 0)
+        form = weights[:, 0, None, None] * rate + weights[:, 1, None, None] * acceleration
+        return np.asarray((form + weights[:, 2, None, None] * jerk) / self.share[:, None, None])
 
-    def quadratic(self, point: Point, damping: float) -> Quadratic:
-        """The objective about a point, where the duration counts as a share of its own."""
-        task = self._task
-        form = self._form(point.duration) * (_SMALL if task.free_time else 1.0)
+    def _energy(self, at: Points) -> np.ndarray:
+        product = at.coefficients * (self._form(at.duration) @ at.coefficients)
+        return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
+
+    def merit(self, at: Points, penalty: np.ndarray) -> np.ndarray:
+        """Objectives and penalties (G, 3) by kind of row: (G,)."""
+        value = self._energy(at)
+        if self._free_time:
+            value = _SMALL * value + at.duration / self._duration
+        broken = penalty * np.maximum(at.violations, 0.0)
+        return np.asarray(value + (broken[:, LIMIT] + broken[:, ZONE] + broken[:, TUBE]))
+
+    def quadratic(self, at: Points, damping: np.ndarray) -> Quadratic:
+        """The objectives about curves, where the duration counts as a share of its own."""
+        stack = self._stack
+        form = self._form(at.duration) * (_SMALL if self._free_time else 1.0)
         return Quadratic(
-            free=task.space.free,
-            by_time=point.duration * task.space.by_time,
-            hessian=form + damping * task.space.energies[0],
-            gradient=form @ point.coefficients,
-            haste=_HASTE if task.free_time else None,
-            rows=task.rows,
+            free=stack.free,
+            by_time=at.duration[:, None, None] * stack.by_time,
+            hessian=form + damping[:, None, None] * stack.energies[:, 0],
+            gradient=form @ at.coefficients,
+            haste=_HASTE if self._free_time else None,
+            rows=stack.rows,
         )
+
+
+def _by_stacks(begins: Sequence[Begin], work: Callable[[Stack, Sequence[Begin]], list[Point]]) -> list[Point]:
+    """What some work on stacks of alike tasks answers, in the order of the tasks."""
+    alike: dict[Any, list[int]] = defaultdict(list)
+    for number, begin in enumerate(begins):
+        alike[begin.task.kind].append(number)
+    answers: dict[int, Point] = {}
+    for numbers in alike.values():
+        for first in range(0, len(numbers), _TOGETHER):
+            part = numbers[first : first + _TOGETHER]
+            own = [begins[number] for number in part]
+            answers.update(zip(part, work(Stack.of([begin.task for begin in own]), own), strict=True))
+    return [answers[number] for number in range(len(begins))]
+
+
+def _points(stack: Stack, begins: Sequence[Begin]) -> Points:
+    return stack.points(
+        np.stack([begin.coefficients for begin in begins]), np.array([begin.duration for begin in begins])
+    )
+
+
+def _begun(stack: Stack, begins: Sequence[Begin]) -> list[Point]:
+    at = _points(stack, begins)
+    return [at.one(number) for number in range(len(begins))]
+
+
+@dataclass(kw_only=True, eq=False)
+class _Search:
+    """The tasks of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...)."""
+
+    stack: Stack
+    objective: Objective
+    at: Points
+    number: np.ndarray
+    until: np.ndarray
+    penalty: np.ndarray
+    value: np.ndarray
+    damping: np.ndarray
+    failed: np.ndarray
+    dearer: np.ndarray
+    held: Multipliers
+
+    @classmethod
+    def of(cls, stack: Stack, begins: Sequence[Begin]) -> "_Search":
+        at, count = _points(stack, begins), len(begins)
+        objective = Objective(stack, at)
+        penalty = np.tile(penalties(stack.tasks[0].free_time), (count, 1))
+        return cls(
+            stack=stack,
+            objective=objective,
+            at=at,
+            number=np.arange(count),
+            until=np.array([begin.until for begin in begins]),
+            penalty=penalty,
+            value=objective.merit(at, penalty),
+            damping=np.zeros(count),
+            failed=np.zeros(count, dtype=int),
+            dearer=np.zeros(count, dtype=int),
+            held={},
+        )
+
+    def some(self, which: np.ndarray) -> "_Search":
+        """Those of (G,) bool."""
+        objective = self.objective.some(which)
+        names = ("number", "until", "penalty", "value", "damping", "failed", "dearer")
+        return _Search(
+            stack=self.stack.some(which),
+            objective=objective,
+            at=self.at.some(which),
+            held={name: own[which] for name, own in self.held.items()},
+            **{name: getattr(self, name)[which] for name in names},
+        )
+
+    def step(self) -> np.ndarray:
+        """One step of each; which of them (G,) are done."""
+        free_time = self.stack.tasks[0].free_time
+        quadratic = self.objective.quadratic(self.at, self.damping)
+        proposal: Proposal = propose(quadratic, list(families(self.stack, self.at)), self.penalty, self.held)
+        self.held = proposal.multipliers
+        ahead = self.stack.points(
+            self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
+        )
+        value = self.objective.merit(ahead, self.penalty)
+        close = np.abs(self.value - value) <= _SETTLED * self.value
+        better = value < self.value
+        self.at = Points.chosen(self.at, ahead, better)
+        self.value = np.where(better, value, self.value)
+        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
+        wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
+        self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
+        self.failed = np.where(better, 0, self.failed + 1)
+        if not free_time:
+            close |= better & proposal.exact & (self.damping == 0)
+        short = better & (self.at.duration <= self.until)
+        done = short | (close & (self.at.is_sound | (self.dearer == _DEARER)))
+        if not free_time:
+            done |= (self.failed == _MOST_FAILED) & (self.dearer == _DEARER)
+        self._raise(close & ~done)
+        return done
+
+    def _raise(self, which: np.ndarray) -> None:
+        """Make it dearer to break rows, for those of (G,) bool."""
+        if not np.any(which):
+            return
+        self.dearer[which] += 1
+        self.penalty[which] *= _GROWTH
+        self.value = np.where(which, self.objective.merit(self.at, self.penalty), self.value)
+        self.damping[which] = 0.0
+
+
+def _improved(stack: Stack, begins: Sequence[Begin]) -> list[Point]:
+    search = _Search.of(stack, begins)
+    answers: dict[int, Point] = {}
+    for count in range(1, _MOST_STEPS + 1):
+        done = search.step() | (count == _MOST_STEPS)
+        for own in np.flatnonzero(done).tolist():
+            answers[int(search.number[own])] = search.at.one(own)
+        if np.all(done):
+            break
+        if np.any(done):
+            search = search.some(~done)
+    return [answers[number] for number in range(len(begins))]

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.trajectory.asking import Ask, Steps
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.paper import counting, qp
@@ -57,8 +58,8 @@ def fit_nodes(
     segments: int,
     settings: TrajectorySettings,
     limits: tuple[np.ndarray, np.ndarray] | None,
-) -> Trajectory | None:
-    """Plans all segments.
+) -> Steps[Trajectory | None]:
+    """Plans all segments; asks for the answers to their programs.
 
     Args:
         nodes: to pass.
@@ -84,9 +85,11 @@ def fit_nodes(
         acceleration_weight=settings.acceleration_weight,
     )
     platform_limits, joint_limits = (None, None) if limits is None else limits
-    b = _chain(platform, nodes.end[0], nodes.start[0], platform_limits, end_turns=charts.end_turn)
-    angles = None if b is None else _chain(joints, nodes.start[1], nodes.end[1], joint_limits)
-    if b is None or angles is None:
+    b = yield from _chain(platform, nodes.end[0], nodes.start[0], platform_limits, end_turns=charts.end_turn)
+    if b is None:
+        return None
+    angles = yield from _chain(joints, nodes.start[1], nodes.end[1], joint_limits)
+    if angles is None:
         return None
     return Trajectory(
         breaks=times[platform_ends],
@@ -109,7 +112,7 @@ def _chain(
     limits: np.ndarray | None,
     *,
     end_turns: np.ndarray | None = None,
-) -> np.ndarray | None:
+) -> Steps[np.ndarray | None]:
     """Plans the segments of a chain, each from what the one before it left.
 
     Args:
@@ -142,15 +145,14 @@ def _chain(
             rows.append(far_rows)
             values.append(last * to_x)
         limited = limits is not None and not closing
-        solution = qp.solve(
-            qp.Program(
-                objective=segments.objective[k],
-                equalities=np.concatenate(rows),
-                values=np.concatenate(values),
-                limited=far_rows if limited else far_rows[:0],
-                limits=limits * to_x if limited else last[:0],
-            )
+        program = qp.Program(
+            objective=segments.objective[k],
+            equalities=np.concatenate(rows),
+            values=np.concatenate(values),
+            limited=far_rows if limited else far_rows[:0],
+            limits=limits * to_x if limited else last[:0],
         )
+        solution: np.ndarray | None = yield Ask(qp.solve_all, program)
         if solution is None:
             return None
         coefficients[k] = solution

@@ -14,12 +14,13 @@ from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
+from jaxplan.trajectory.asking import Ask, Steps, alone
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.fit import Fit, at_rest, boundary, checked, remedy, too_tight, within_limits
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, remedy, too_tight, within_limits
 from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
 from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.scaling import SAFETY, Peaks, peaks
+from jaxplan.trajectory.scaling import SAFETY, Peaks, all_peaks
 from jaxplan.zones import Cones
 
 _DEFAULT_SEGMENTS = 3
@@ -78,9 +79,28 @@ def fit_paper(
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    path = checked(path, spacecraft, settings, node_fractions)
-    start = boundary(start_angular_velocity, 3), boundary(start_joint_rates, path.joints.shape[1])
-    end = boundary(end_angular_velocity, 3), boundary(end_joint_rates, path.joints.shape[1])
+    query = FitQuery(
+        path=path,
+        spacecraft=spacecraft,
+        settings=settings,
+        cones=cones,
+        node_fractions=node_fractions,
+        start_angular_velocity=start_angular_velocity,
+        start_joint_rates=start_joint_rates,
+        end_angular_velocity=end_angular_velocity,
+        end_joint_rates=end_joint_rates,
+        horizon=horizon,
+    )
+    return alone(steps(query))
+
+
+def steps(query: FitQuery) -> Steps[Fit]:
+    """`fit_paper` as a generator, see `asking`."""
+    spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
+    path = checked(query.path, spacecraft, settings, node_fractions)
+    joints = path.joints.shape[1]
+    start = boundary(query.start_angular_velocity, 3), boundary(query.start_joint_rates, joints)
+    end = boundary(query.end_angular_velocity, 3), boundary(query.end_joint_rates, joints)
     at_speed = any(np.any(rate != 0) for rate in (*start, *end))
     path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
     if len(path.attitudes) == 1:
@@ -95,7 +115,7 @@ def fit_paper(
         start=start,
         end=end,
     )
-    fit = _fit(_Task(nodes=nodes, spacecraft=spacecraft, settings=settings), at_speed)
+    fit = yield from _fit(_Task(nodes=nodes, spacecraft=spacecraft, settings=settings), at_speed)
     if fit.trajectory is None:
         return fit
     return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
@@ -134,14 +154,14 @@ class _Task:
             count = max(count + 1, int(_MORE_SEGMENTS * count))
         yield intervals
 
-    def attempt(self, duration: float, segments: int, *, limited: bool) -> "_Attempt | None":
+    def attempt(self, duration: float, segments: int, *, limited: bool) -> Steps["_Attempt | None"]:
         """A trajectory with its peaks; with limits at its joins or without."""
         platform, joints = self.limits
         limits = (platform / SAFETY, joints / SAFETY) if limited else None
-        trajectory = fit_nodes(self.nodes, duration, segments, self.settings, limits)
+        trajectory = yield from fit_nodes(self.nodes, duration, segments, self.settings, limits)
         if trajectory is None:
             return None
-        found = peaks(trajectory, self.spacecraft)
+        found: Peaks = yield Ask(all_peaks, (trajectory, self.spacecraft))
         origin = Origin(nodes=self.nodes, trajectory=trajectory, limits=limits)
         return (
             _Attempt(trajectory=trajectory, peaks=found, origin=origin)
@@ -165,20 +185,21 @@ class _Attempt:
         return self.peaks.stretch < other.peaks.stretch
 
 
-def _fit(task: _Task, at_speed: bool) -> Fit:
+def _fit(task: _Task, at_speed: bool) -> Steps[Fit]:
     """The fit at the duration that the settings ask for."""
     if task.settings.duration != "stretched":
-        return _timed(task, float(task.settings.duration))
+        return (yield from _timed(task, float(task.settings.duration)))
     if at_speed:
-        return _timed(task, _needed_duration(task, task.nominal_duration) or task.nominal_duration)
-    return _stretched(task)
+        needed = yield from _needed_duration(task, task.nominal_duration)
+        return (yield from _timed(task, needed or task.nominal_duration))
+    return (yield from _stretched(task))
 
 
-def _timed(task: _Task, duration: float) -> Fit:
+def _timed(task: _Task, duration: float) -> Steps[Fit]:
     """The fit at a given duration."""
-    attempt = _best_at(task, duration)
+    attempt = yield from _best_at(task, duration)
     if attempt is None:
-        needed = _needed_duration(task, 2 * duration)
+        needed = yield from _needed_duration(task, 2 * duration)
         advice = remedy(needed) if needed else "raise trajectory.duration_s or trajectory.segments"
         message = (
             f"with any number of segments a quadratic program has no solution in {duration:g} s: {advice}"
@@ -188,7 +209,7 @@ def _timed(task: _Task, duration: float) -> Fit:
     if stretch <= 1:
         message = within_limits(trajectory, attempt.peaks)
         return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
-    needed = _needed_duration(task, _LONGER * stretch * duration)
+    needed = yield from _needed_duration(task, _LONGER * stretch * duration)
     message = too_tight(
         duration,
         attempt.peaks,
@@ -198,14 +219,14 @@ def _timed(task: _Task, duration: float) -> Fit:
     return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, needed_duration=needed)
 
 
-def _best_at(task: _Task, duration: float) -> _Attempt | None:
+def _best_at(task: _Task, duration: float) -> Steps[_Attempt | None]:
     """The attempt with the fewest segments that keeps all limits; where none does, the one nearest to it.
 
     More segments are tried for as long as they help.
     """
     best = None
     for count in task.segment_counts():
-        attempt = task.attempt(duration, count, limited=True)
+        attempt = yield from task.attempt(duration, count, limited=True)
         if attempt is None:
             continue
         if not attempt.better_than(best):
@@ -216,13 +237,13 @@ def _best_at(task: _Task, duration: float) -> _Attempt | None:
     return best
 
 
-def _needed_duration(task: _Task, duration: float) -> float | None:
+def _needed_duration(task: _Task, duration: float) -> Steps[float | None]:
     """A duration, from the given one on, at which a fit keeps all limits; None if the looks run out.
 
     A curve's own stretch is not enough, since the fit at the longer time is another curve.
     """
     for look in range(_LOOKS):
-        attempt = _best_at(task, duration)
+        attempt = yield from _best_at(task, duration)
         stretch = 2.0 if attempt is None else attempt.peaks.stretch
         if stretch <= 1:
             return duration
@@ -230,11 +251,11 @@ def _needed_duration(task: _Task, duration: float) -> float | None:
     return None
 
 
-def _stretched(task: _Task) -> Fit:
+def _stretched(task: _Task) -> Steps[Fit]:
     """The quickest of the fits at the nominal duration without limits, scaled in time to the limits."""
     best = None
     for count in task.segment_counts():
-        attempt = task.attempt(task.nominal_duration, count, limited=False)
+        attempt = yield from task.attempt(task.nominal_duration, count, limited=False)
         if attempt is not None and attempt.better_than(best):
             best = attempt
         full = task.settings.segments is None and counting.is_full(

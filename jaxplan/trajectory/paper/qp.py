@@ -9,7 +9,10 @@ come from a linear system again. The check at the end is plain numpy and decides
 given; a NaN does not pass it.
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,41 +58,79 @@ def solve(program: Program) -> np.ndarray | None:
     Returns:
         (p, d); None if a column has no solution, or none that passes the check.
     """
-    x = _minimiser(program.objective, program.equalities, program.values)[0]
-    if not np.all(np.isfinite(x)):
-        return None
+    return solve_all([program])[0]
+
+
+def solve_all(programs: Sequence[Program]) -> list[np.ndarray | None]:
+    """`solve` for many programs; each has the answer that it has alone, to the last bit."""
+    alike: dict[Any, list[int]] = defaultdict(list)
+    for number, program in enumerate(programs):
+        alike[program.equalities.shape, program.limits.shape, program.values.shape].append(number)
+    answers: dict[int, np.ndarray | None] = {}
+    for numbers in alike.values():
+        own = [programs[number] for number in numbers]
+        answers.update(zip(numbers, _solve_alike(own), strict=True))
+    return [answers[number] for number in range(len(programs))]
+
+
+def _solve_alike(programs: Sequence[Program]) -> list[np.ndarray | None]:
+    """Answers to programs of the same size."""
+    objective, rows, values, limited, limits = (
+        np.stack([getattr(program, name) for program in programs])
+        for name in ("objective", "equalities", "values", "limited", "limits")
+    )
+    x = _minimisers(objective, rows, values)[0]
+    beyond = np.any(~(np.abs(limited @ x) <= limits), axis=(1, 2)) & np.all(np.isfinite(x), axis=(1, 2))
+    solved = np.ones(len(programs), dtype=bool)
+    for number in np.flatnonzero(beyond).tolist():
+        solved[number] = _hold_limits(programs[number], x[number])
+    size = 1 + np.abs(values).max(axis=1, initial=0.0)[:, None]
+    solved &= np.all(np.abs(rows @ x - values) <= _TOLERANCE * size, axis=(1, 2))
+    solved &= np.all(np.abs(limited @ x) <= limits + _TOLERANCE * size, axis=(1, 2))
+    return [own if good else None for own, good in zip(x, solved, strict=True)]
+
+
+def _hold_limits(program: Program, x: np.ndarray) -> bool:
+    """Replace the columns of an answer (p, d) that are beyond a limit; whether that was possible."""
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))
         if side is None:
-            return None
+            return False
         active = side != 0
         rows = np.concatenate([program.equalities, program.limited[active]])
         bounds = side[active] * program.limits[active, column]
-        answer, multipliers = _minimiser(
-            program.objective, rows, np.concatenate([program.values[:, column], bounds])[:, None]
-        )
-        if not np.all(multipliers[len(program.equalities) :, 0] * bounds >= -_TOLERANCE):
-            return None  # a limit that pulls is not active: this is no optimum
-        x[:, column] = answer[:, 0]
-    size = 1 + np.abs(program.values).max(axis=0, initial=0.0)
-    passes = np.all(np.abs(program.equalities @ x - program.values) <= _TOLERANCE * size)
-    keeps = np.all(np.abs(program.limited @ x) <= program.limits + _TOLERANCE * size)
-    return x if passes and keeps else None
+        wanted = np.concatenate([program.values[:, column], bounds])
+        answer, multipliers = _minimisers(program.objective[None], rows[None], wanted[None, :, None])
+        if not np.all(multipliers[0, len(program.equalities) :, 0] * bounds >= -_TOLERANCE):
+            return False  # a limit that pulls is not active: this is no optimum
+        x[:, column] = answer[0, :, 0]
+    return True
 
 
-def _minimiser(objective: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Minimiser under equalities alone, and their multipliers: ``P x + A^T y = 0``, ``A x = b``."""
-    unknowns = len(objective)
-    system = np.block([[objective, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
-    right = np.concatenate([np.zeros((unknowns, values.shape[1])), values])
-    try:
-        inverse = np.linalg.inv(system)
-    except np.linalg.LinAlgError:
-        failed = np.full_like(right, np.nan)
-        return failed[:unknowns], failed[unknowns:]
+def _minimisers(
+    objectives: np.ndarray, rows: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimisers under equalities alone, and multipliers: ``P x + A^T y = 0``, ``A x = b``; NaN of none."""
+    count, held, unknowns = rows.shape
+    system = np.zeros((count, unknowns + held, unknowns + held))
+    system[:, :unknowns, :unknowns] = objectives
+    system[:, unknowns:, :unknowns] = rows
+    system[:, :unknowns, unknowns:] = np.swapaxes(rows, 1, 2)
+    right = np.concatenate([np.zeros((count, unknowns, values.shape[2])), values], axis=1)
+    inverse = _inverses(system)
     solution = inverse @ right
     solution += inverse @ (right - system @ solution)  # the step that brings the residual to rounding
-    return solution[:unknowns], solution[unknowns:]
+    return solution[:, :unknowns], solution[:, unknowns:]
+
+
+def _inverses(systems: np.ndarray) -> np.ndarray:
+    """Of square matrices; NaN where there is none."""
+    try:
+        return np.linalg.inv(systems)
+    except np.linalg.LinAlgError:  # of one: the others have theirs
+        if len(systems) == 1:
+            return np.full_like(systems, np.nan)
+        return np.concatenate([_inverses(own[None]) for own in systems])
 
 
 def _active_sides(program: Program, column: int) -> np.ndarray | None:

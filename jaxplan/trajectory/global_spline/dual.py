@@ -1,0 +1,199 @@
+"""From the rows that a program asks for to its dual, and from the dual's answer to a step.
+
+The slopes of a row are a product of a row of the axes and one of the basis, or a sum of a few (`Slopes`). So
+the dual's matrix ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of
+the axes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory.global_spline.rows import Family, Index
+
+if TYPE_CHECKING:
+    from jaxplan.trajectory.global_spline.program import Quadratic
+
+_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
+_SHORTEST_STEP = -0.5  # of the duration, taken off at once: it stays positive
+_NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The rows of a family among all.
+
+    Attributes:
+        index: of the family's rows.
+        number: (r,) of each among all.
+    """
+
+    index: Index
+    number: np.ndarray
+
+
+class Rows(NamedTuple):
+    """Rows of some curves of a stack, those of a curve together, R in all with T products.
+
+    Attributes:
+        which: (g,) numbers of the curves.
+        ends: (g,) where the rows of each end.
+        room: (R,).
+        time: (R,).
+        kind: (R,) int.
+        row: (T,) int, whose each product is, rising.
+        axes: (T, A).
+        basis: (T, n).
+        families: of each.
+    """
+
+    which: np.ndarray
+    ends: np.ndarray
+    room: np.ndarray
+    time: np.ndarray
+    kind: np.ndarray
+    row: np.ndarray
+    axes: np.ndarray
+    basis: np.ndarray
+    families: list[Part]
+
+    @classmethod
+    def of(cls, families: Sequence[Family], chosen: Sequence[np.ndarray], which: np.ndarray) -> "Rows":
+        """The rows of families that are chosen, bool like their rooms, for some curves."""
+        indices: list[Index] = []
+        for mask in chosen:
+            curve, *rest = np.nonzero(mask[which])
+            indices.append((which[curve], *rest))
+        slopes = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
+        counts = [len(index[0]) for index in indices]
+        curve = np.concatenate([index[0] for index in indices]) if indices else np.zeros(0, int)
+        order = np.argsort(curve, kind="stable")
+        number = np.empty_like(order)
+        number[order] = np.arange(len(order))
+        parts = np.split(number, np.cumsum(counts)[:-1]) if indices else []
+
+        def gathered(values: Sequence[np.ndarray]) -> np.ndarray:
+            return np.concatenate(values)[order] if indices else np.zeros(0)
+
+        rows = [np.repeat(own, each.axes.shape[1]) for own, each in zip(parts, slopes, strict=True)]
+        row = np.concatenate(rows) if indices else np.zeros(0, int)
+        sort = np.argsort(row, kind="stable")
+        wide = [each.axes.reshape(-1, each.axes.shape[2]) for each in slopes]
+        long = [each.basis.reshape(-1, each.basis.shape[2]) for each in slopes]
+        return cls(
+            which=which,
+            ends=np.searchsorted(curve[order], which, side="right"),
+            room=gathered([family.room[index] for family, index in zip(families, indices, strict=True)]),
+            time=gathered([np.full(n, family.time) for family, n in zip(families, counts, strict=True)]),
+            kind=gathered([np.full(n, family.kind) for family, n in zip(families, counts, strict=True)]),
+            row=row[sort],
+            axes=np.concatenate(wide)[sort] if indices else np.zeros((0, 0)),
+            basis=np.concatenate(long)[sort] if indices else np.zeros((0, 0)),
+            families=[Part(*pair) for pair in zip(indices, parts, strict=True)],
+        )
+
+
+class _Dual(NamedTuple):
+    """The dual of one program.
+
+    Attributes:
+        program: of the rows that are kept.
+        kept: (r,) which of its rows.
+        axes: (t, A) of their products.
+        basis: (t, k) likewise, of the free coefficients.
+        of: (t,) int, whose of the rows that are kept each product is.
+        time: (r,).
+    """
+
+    program: BoxProgram
+    kept: np.ndarray
+    axes: np.ndarray
+    basis: np.ndarray
+    of: np.ndarray
+    time: np.ndarray
+
+
+def solve_duals(
+    quadratic: "Quadratic", inverse: np.ndarray, alone: np.ndarray, rows: Rows, penalty: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The best steps under some rows.
+
+    Args:
+        quadratic: the objectives of a stack.
+        inverse: (G, k, k) of the Hessians in the free coefficients.
+        alone: (G, k, A) the steps without rows.
+        rows: of some of the curves.
+        penalty: (G, 3) by kind of row.
+
+    Returns:
+        Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
+    """
+    begins = np.append(0, rows.ends[:-1])
+    firsts = np.searchsorted(rows.row, begins)
+    lasts = np.searchsorted(rows.row, rows.ends)
+    spans = list(zip(begins.tolist(), rows.ends.tolist(), firsts.tolist(), lasts.tolist(), strict=True))
+    duals = [
+        _dual(quadratic, curve, inverse[curve], alone[curve], rows, span, penalty[curve])
+        for curve, span in zip(rows.which.tolist(), spans, strict=True)
+    ]
+    answers = solve_box_qps([dual.program for dual in duals])
+    multipliers = np.zeros(len(rows.room))
+    changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
+    stretches = np.zeros(len(duals))
+    for own, (curve, span, dual, answer) in enumerate(
+        zip(rows.which.tolist(), spans, duals, answers, strict=True)
+    ):
+        y = answer.multipliers
+        pull = dual.basis.T @ (y[dual.of, None] * dual.axes)
+        changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ pull)
+        if quadratic.haste is not None:
+            stretches[own] = max(float(-(1 + dual.time @ y) / quadratic.haste), _SHORTEST_STEP)
+            changes[own] += stretches[own] * quadratic.by_time[curve]
+        multipliers[span[0] + dual.kept] = y
+    return changes, stretches, multipliers
+
+
+def _dual(
+    quadratic: "Quadratic",
+    curve: int,
+    inverse: np.ndarray,
+    alone: np.ndarray,
+    rows: Rows,
+    span: tuple[int, int, int, int],
+    penalty: np.ndarray,
+) -> _Dual:
+    """The dual of one curve's program; rows and products are those within the span."""
+    begin, end, first, last = span
+    axes, basis = rows.axes[first:last], rows.basis[first:last]
+    of, room, time = rows.row[first:last] - begin, rows.room[begin:end], rows.time[begin:end]
+    limit = penalty[rows.kind[begin:end].astype(int)]
+    if end == begin:
+        none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
+        return _Dual(BoxProgram(none[0], room, limit), np.zeros(0, int), *none[1:], of, time)
+    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(basis @ quadratic.free[curve]), axis=1) > _NO_SLOPE
+    kept = np.unique(of[sloping])
+    if len(kept) > _MOST_ROWS:  # those with the least room
+        kept = np.sort(kept[np.argsort(room[kept], kind="stable")[:_MOST_ROWS]])
+    if len(kept) < end - begin:
+        stays = np.isin(of, kept)
+        axes, basis, of = axes[stays], basis[stays], np.searchsorted(kept, of[stays])
+        room, time, limit = room[kept], time[kept], limit[kept]
+    by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
+    single = len(of) == len(kept)
+
+    def summed(values: np.ndarray, axis: int = 0) -> np.ndarray:
+        """Over the products of each row."""
+        return values if single else np.add.reduceat(values, by_row, axis=axis)
+
+    if quadratic.haste is not None:
+        time = time + summed(np.sum((basis @ quadratic.by_time[curve]) * axes, axis=1))
+    basis = basis @ quadratic.free[curve]
+    matrix = summed(summed((basis @ inverse @ basis.T) * (axes @ axes.T)), axis=1)
+    linear = summed(np.sum((basis @ alone) * axes, axis=1)) - room
+    if quadratic.haste is not None:
+        matrix += np.outer(time, time) / quadratic.haste
+        linear -= time / quadratic.haste
+    return _Dual(BoxProgram(matrix, linear, limit), kept, axes, basis, of, time)

@@ -1,0 +1,269 @@
+"""What is fitted, and curves with all that is known of them; alike tasks are worked on as one stack.
+
+Along a stack every number is that of its own task, to the last bit: what is summed is summed within a task.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxplan.trajectory.global_spline.curve_space import CurveSpace
+from jaxplan.trajectory.global_spline.linear_rows import Tube
+from jaxplan.trajectory.global_spline.motion import Motion, evaluate
+from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
+
+_BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
+_TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A fit.
+
+    Attributes:
+        problem: chart, limits and zones.
+        space: the curves.
+        places: (S,) where loads and margins are looked at.
+        rows: (4, S, n) of the basis there.
+        wanted: (D, Z) rad, margins to keep.
+        tube: about the nodes, or None.
+        limited: whether limits of rates and loads are kept, or time will be stretched to them.
+        weights: of the energy.
+        free_time: whether the duration is looked for as well.
+    """
+
+    problem: Problem
+    space: CurveSpace
+    places: np.ndarray
+    rows: np.ndarray
+    wanted: np.ndarray
+    tube: Tube | None
+    limited: bool
+    weights: tuple[float, float, float]
+    free_time: bool
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What tasks of one stack share."""
+        problem = self.problem
+        return (
+            self.rows.shape,
+            self.space.free.shape,
+            self.wanted.shape,
+            len(problem.spacecraft.terminals),
+            problem.names,
+            bool(problem.cones.paths),
+            None if self.tube is None else -(-len(self.tube.rows) // _TUBE_NODES),
+            bool(np.any(self.space.by_time)),
+            self.limited,
+            self.free_time,
+        )
+
+
+class Point(NamedTuple):
+    """A curve with its duration, and what is known of it.
+
+    Attributes:
+        coefficients: (n, A).
+        duration: s.
+        margins: (S, D, Z) rad, as `Motion` has them.
+        violations: (3,) by kind of row, the largest; zero or less where none is broken.
+        finite: whether all numbers are.
+    """
+
+    coefficients: np.ndarray
+    duration: float
+    margins: np.ndarray
+    violations: np.ndarray
+    finite: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Points:
+    """A stack of G curves with their durations, and all that is known of them.
+
+    Attributes:
+        coefficients: (G, n, A).
+        duration: (G,) s.
+        motion: at the places of the search.
+        violations: (G, 3) by kind of row, the largest; zero or less where none is broken.
+    """
+
+    coefficients: np.ndarray
+    duration: np.ndarray
+    motion: Motion
+    violations: np.ndarray
+
+    @property
+    def is_sound(self) -> np.ndarray:
+        """(G,) whether nothing is broken."""
+        return np.all(self.violations <= _BROKEN, axis=1)
+
+    def one(self, number: int) -> Point:
+        """One of them."""
+        return Point(
+            coefficients=self.coefficients[number],
+            duration=float(self.duration[number]),
+            margins=self.motion.margins[number],
+            violations=self.violations[number],
+            finite=bool(self.motion.finite[number]),
+        )
+
+    def some(self, which: np.ndarray) -> "Points":
+        """Some of them, by number or as (G,) bool."""
+        return Points(
+            coefficients=self.coefficients[which],
+            duration=self.duration[which],
+            motion=self.motion.some(which),
+            violations=self.violations[which],
+        )
+
+    @staticmethod
+    def chosen(first: "Points", other: "Points", others: np.ndarray) -> "Points":
+        """Of two stacks of as many, the other's where `others` (G,) says so."""
+        if np.all(others) or not np.any(others):
+            return other if np.any(others) else first
+
+        def mixed(own: np.ndarray, another: np.ndarray) -> np.ndarray:
+            found = own.copy()
+            found[others] = another[others]
+            return found
+
+        return Points(
+            coefficients=mixed(first.coefficients, other.coefficients),
+            duration=mixed(first.duration, other.duration),
+            motion=first.motion.mixed(other.motion, others),
+            violations=mixed(first.violations, other.violations),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stack:
+    """Tasks of one kind, G of them.
+
+    Attributes:
+        tasks: what is fitted.
+        places: (G, S).
+        rows: (G, 4, S, n).
+        wanted: (G, D, Z) rad.
+        free: (G, n, k).
+        by_time: (G, n, A).
+        energies: (G, 4, n, n) of the curve and its first three derivatives.
+        weights: (G, 3).
+        tube_rows: (G, m, n), zero where a task has fewer nodes; m is 0 without tubes.
+        tube_values: (G, m, A).
+        tube_radius: (G, A).
+    """
+
+    tasks: Sequence[Task]
+    places: np.ndarray
+    rows: np.ndarray
+    wanted: np.ndarray
+    free: np.ndarray
+    by_time: np.ndarray
+    energies: np.ndarray
+    weights: np.ndarray
+    tube_rows: np.ndarray
+    tube_values: np.ndarray
+    tube_radius: np.ndarray
+
+    @classmethod
+    def of(cls, tasks: Sequence[Task]) -> "Stack":
+        """Of tasks of one kind."""
+        size, axes = tasks[0].space.fixed.shape
+        tubes = [_padded(task.tube, size, axes) for task in tasks]
+        return cls(
+            tasks=tasks,
+            places=stacked([task.places for task in tasks]),
+            rows=stacked([task.rows for task in tasks]),
+            wanted=stacked([task.wanted for task in tasks]),
+            free=stacked([task.space.free for task in tasks]),
+            by_time=stacked([task.space.by_time for task in tasks]),
+            energies=stacked([task.space.energies for task in tasks]),
+            weights=np.array([task.weights for task in tasks]),
+            tube_rows=stacked([tube.rows for tube in tubes]),
+            tube_values=stacked([tube.values for tube in tubes]),
+            tube_radius=stacked([tube.radius for tube in tubes]),
+        )
+
+    def some(self, which: np.ndarray) -> "Stack":
+        """Some of them, by number or as (G,) bool."""
+        numbers = np.arange(len(self.tasks))[which].tolist()
+        arrays = {name: taken(own, which) for name, own in vars(self).items() if name != "tasks"}
+        return replace(self, tasks=[self.tasks[number] for number in numbers], **arrays)
+
+    @property
+    def problems(self) -> list[Problem]:
+        """Of the tasks."""
+        return [task.problem for task in self.tasks]
+
+    def points(self, coefficients: np.ndarray, duration: np.ndarray) -> Points:
+        """Curves (G, n, A) with all known of them; of free time and rest at both ends, in the time needed."""
+        motion = evaluate(self.problems, self.places, self.rows @ coefficients[:, None])
+        kind = self.tasks[0]
+        found = np.full((len(self.tasks), 3), -np.inf)
+        ranges = np.stack([problem.spacecraft.joint_limits for problem in self.problems])
+        found[:, ZONE] = _most(self.wanted[:, None] - motion.margins)
+        found[:, LIMIT] = _most(np.abs(motion.curves[:, 0, :, 3:]) - ranges[:, None])
+        if kind.limited:
+            needed = needed_durations(self.problems, motion)
+            if kind.free_time and not np.any(self.by_time):
+                duration = needed
+            found[:, LIMIT] = np.maximum(found[:, LIMIT], needed / duration - 1)
+        if kind.tube is not None:
+            off = np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
+            found[:, TUBE] = _most(off)
+        found[~motion.finite, LIMIT] = np.inf
+        return Points(coefficients=coefficients, duration=duration, motion=motion, violations=found)
+
+
+def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (G, ...); what all share is there but once."""
+    first = arrays[0]
+    if all(array is first for array in arrays):
+        return np.broadcast_to(first, (len(arrays), *first.shape))
+    return np.stack(arrays)
+
+
+def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of `stacked` arrays, by number or as (G,) bool."""
+    if array.strides[0] == 0:
+        count = int(np.sum(which)) if which.dtype == bool else len(which)
+        return np.broadcast_to(array[0], (count, *array.shape[1:]))
+    return array[which]
+
+
+def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:
+    """The shortest durations (G,) in which motions keep all limits of rates and loads at their places, s."""
+    limits = np.stack([problem.limits for problem in problems])
+    crafts = [problem.spacecraft for problem in problems]
+    found = [
+        np.max(np.abs(motion.loads[:, :, q]) / limits[:, None, q], axis=(1, 2)) ** (1 / power)
+        for q, power in enumerate(problems[0].powers)
+    ]
+    of_joints = (
+        np.stack([craft.joint_rate_limits for craft in crafts]),
+        np.stack([craft.joint_acceleration_limits for craft in crafts]),
+    )
+    for power, limit in enumerate(of_joints, start=1):
+        shares = np.abs(motion.curves[:, power, :, 3:]) / limit[:, None]
+        found.append(np.max(shares, axis=(1, 2), initial=0) ** (1 / power))
+    return np.asarray(np.max(found, axis=0))
+
+
+def _most(values: np.ndarray) -> np.ndarray:
+    """(G,) the largest of values (G, ...), -inf of none."""
+    return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
+
+
+def _padded(tube: Tube | None, size: int, axes: int) -> Tube:
+    """A tube of as many nodes as `_TUBE_NODES` allows; those beyond its own have no row and much room."""
+    if tube is None:
+        return Tube(np.zeros((0, size)), np.zeros((0, axes)), np.ones(axes))
+    extra = -len(tube.rows) % _TUBE_NODES
+    return Tube(
+        np.pad(tube.rows, ((0, extra), (0, 0))), np.pad(tube.values, ((0, extra), (0, 0))), tube.radius
+    )

@@ -1,0 +1,126 @@
+"""Fits made together: each is the one that it is alone, to the last bit, whatever is fitted beside it."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scenes import make_spacecraft
+
+import jaxplan as jp
+from jaxplan.cases import RANDOM_KINDS
+from jaxplan.scenario import TrajectorySettings
+from jaxplan.trajectory import FitQuery, fit_batch, fit_global, fit_paper
+from jaxplan.zones import tabulate
+
+EACH = 5
+FITS = {"global": fit_global, "paper": fit_paper}
+
+
+@pytest.fixture(scope="module")
+def queries() -> list[FitQuery]:
+    """Of paths among the zones of every kind of random scene, and between them one that breaks a limit."""
+    scenes = [jp.random_scenario(seed, kind) for kind in RANDOM_KINDS for seed in range(EACH)]
+    plans = [plan for plan in jp.plan_batch(scenes, progress=False) if plan.path is not None]
+    assert len(plans) == len(scenes)
+    found = []
+    for plan in plans:
+        scene = plan.scenario
+        cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft.device_names)
+        found.append(
+            FitQuery(path=plan.path, spacecraft=scene.spacecraft, settings=TrajectorySettings(), cones=cones)
+        )
+    slow = replace(found[3].spacecraft, rate_limit=0.2 * found[3].spacecraft.rate_limit)
+    wheels = replace(
+        found[4].spacecraft, inertia=np.diag([2.0, 3.0, 4.0]), torque_limit=0.02, jerk_limit=0.05
+    )
+    found[3], found[4] = replace(found[3], spacecraft=slow), replace(found[4], spacecraft=wheels)
+    found[5] = replace(found[5], start_angular_velocity=np.array([0.004, -0.002, 0.001]))
+    return found
+
+
+def asked(queries, method, duration):
+    settings = TrajectorySettings(method=method, duration=duration)
+    return [replace(query, settings=settings) for query in queries]
+
+
+def alone(query):
+    return FITS[query.settings.method](**{field.name: getattr(query, field.name) for field in fields(query)})
+
+
+def expect_the_same(one, other):
+    assert (one.status, one.message, one.needed_duration) == (
+        other.status,
+        other.message,
+        other.needed_duration,
+    )
+    assert (one.trajectory is None) == (other.trajectory is None)
+    if one.trajectory is not None:
+        for field in fields(one.trajectory):
+            own, its = (getattr(curve, field.name) for curve in (one.trajectory, other.trajectory))
+            np.testing.assert_array_equal(own, its)
+
+
+@pytest.mark.parametrize(
+    ("method", "duration"),
+    [
+        ("global", 80.0),
+        ("global", "stretched"),
+        ("global", "minimum"),
+        ("paper", 80.0),
+        ("paper", "stretched"),
+    ],
+)
+def test_fits_made_together_are_those_made_alone(queries, method, duration):
+    given = asked(queries, method, duration)
+    if duration == "minimum":
+        given = given[::3]
+    for query, fit in zip(given, fit_batch(given), strict=True):
+        expect_the_same(fit, alone(query))
+
+
+def test_what_is_fitted_beside_it_changes_no_fit(queries):
+    mixed = [*asked(queries, "global", 80.0), *asked(queries, "paper", "stretched")]
+    order = np.random.default_rng(0).permutation(len(mixed))
+    shuffled = fit_batch([mixed[number] for number in order])
+    for number, fit in zip(order, shuffled, strict=True):
+        if number % 4 == 0:
+            expect_the_same(fit, fit_batch([mixed[number]])[0])
+
+
+def test_seconds_are_shared_out_to_the_fits(queries):
+    spent = np.zeros(len(queries))
+    fit_batch(asked(queries, "paper", 80.0), spent)
+    assert np.all(spent > 0)
+    assert np.max(spent) < 0.9 * np.sum(spent)
+
+
+def test_no_fits_are_none_and_what_makes_no_sense_is_said_by_its_name(queries):
+    assert fit_batch([]) == []
+    wrong = asked(queries[:2], "global", 80.0)
+    wrong[1] = replace(wrong[1], settings=replace(wrong[1].settings, duration=-1.0))
+    with pytest.raises(ValueError, match=r"trajectory\.duration_s"):
+        fit_batch(wrong)
+
+
+def test_a_path_of_numbers_that_are_none_harms_no_other_fit(queries):
+    given = asked(queries[:3], "global", 80.0)
+    broken = np.full_like(given[1].path.joints, np.nan)
+    given[1] = replace(given[1], path=replace(given[1].path, joints=broken))
+    first, middle, last = fit_batch(given)
+    assert middle.trajectory is None
+    assert middle.status is jp.Status.INFEASIBLE
+    for fit, query in ((first, given[0]), (last, given[2])):
+        expect_the_same(fit, alone(query))
+
+
+def test_spacecraft_of_other_shapes_are_fitted_beside_each_other(queries):
+    one = queries[0]
+    few = replace(
+        one,
+        spacecraft=make_spacecraft(1),
+        path=replace(one.path, joints=one.path.joints[:, [0, one.path.joints.shape[1] // 2]]),
+        cones=None,
+    )
+    given = asked([one, few, one], "global", "stretched")
+    for query, fit in zip(given, fit_batch(given), strict=True):
+        expect_the_same(fit, alone(query))
