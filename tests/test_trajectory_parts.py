@@ -11,7 +11,8 @@ from scenes import make_spacecraft
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
-from jaxplan.trajectory import basis, maxima, scaling, schedule
+from jaxplan.scenario import TrajectorySettings
+from jaxplan.trajectory import basis, fit_global, maxima, scaling, schedule
 from jaxplan.trajectory.paper import counting, qp
 from jaxplan.trajectory.paper.assembly import assemble
 
@@ -200,6 +201,32 @@ def test_peaks_between_the_points_are_found():
             )
             best = max(best, -polished.fun, -height(near))
         assert found[quantity] == pytest.approx(best, rel=1e-9, abs=1e-15)
+
+
+def test_points_that_do_not_tell_what_is_between_them_are_found():
+    def values(points: int, wave: float) -> np.ndarray:
+        x = np.cos(np.pi * np.arange(points) / (points - 1))
+        return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
+
+    assert maxima.is_resolved(values(13, 0.5))
+    assert not maxima.is_resolved(values(13, 9.0))
+    assert maxima.is_resolved(values(37, 9.0))
+    few, many = (maxima.largest(values(points, 0.5)) for points in (13, 37))
+    np.testing.assert_allclose(few, many, rtol=1e-10)
+
+
+def test_peaks_are_those_at_many_points_where_pieces_turn_far():
+    craft = make_spacecraft()
+    plan = fit_global(load("rrt_c1"), craft, TrajectorySettings(duration=80.0)).trajectory
+    for factor in (1.0, 200.0):  # of the chart's rate: six turns in a piece
+        curve = replace(plan, chart_rate=factor * plan.chart_rate)
+        found = scaling.peaks(curve, craft).ratios[:6]
+        samples = curve.sample(np.linspace(0, curve.duration, 200_000))
+        seen = [np.abs(samples.angular_velocity), np.abs(samples.angular_acceleration)]
+        limits = np.repeat([craft.rate_limit, craft.acceleration_limit], 3)
+        least = np.concatenate([own.max(axis=0) for own in seen]) / limits
+        assert np.all(found >= least * (1 - 1e-9))
+        np.testing.assert_allclose(found, least, rtol=1e-4)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

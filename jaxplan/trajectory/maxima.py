@@ -16,7 +16,19 @@ _FINE = 4  # grid intervals in theta for each point; then a grid maximum is with
 _NEAR = 0.9  # grid maxima above this share of the highest are followed
 _NEWTON_STEPS = 12
 _STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums
 _ELEMENTS = 200_000  # of an array that many pieces are looked at in
+
+
+def is_resolved(values: np.ndarray) -> bool:
+    """Whether values (N, G, Q) at the Chebyshev points of pieces tell what is between the points.
+
+    So they do where the last terms of the cosine sums are next to nothing; a number that is not finite counts
+    as told.
+    """
+    series = np.abs(np.tensordot(chebyshev(values.shape[1])[0], values, axes=(1, 1)))
+    most = np.max(series, axis=(0, 1))
+    return not np.any(np.max(series[-2:], axis=(0, 1)) > _RESOLVED * most)
 
 
 def largest(values: np.ndarray) -> np.ndarray:

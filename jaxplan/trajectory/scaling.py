@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import pieces
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.maxima import all_largest
+from jaxplan.trajectory.maxima import all_largest, is_resolved
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 
@@ -97,8 +97,18 @@ def _limits(spacecraft: Spacecraft) -> dict[str, tuple[Any, int]]:
 def _platform_values(trajectory: Trajectory, spacecraft: Spacecraft, asked: tuple[str, ...]) -> np.ndarray:
     """(N, G, 3 Q) the loads asked for, at the Chebyshev points of every piece."""
     inertia = np.zeros((3, 3)) if spacecraft.inertia is None else np.asarray(spacecraft.inertia, float)
-    loads = _in_blocks(lambda pieces: _platform_loads(pieces, inertia, asked), trajectory.platform_pieces)
-    return loads.reshape(*loads.shape[:2], -1)
+    pieces, size = trajectory.platform_pieces, trajectory.coefficients.shape[1]
+
+    def at(points: int) -> np.ndarray:
+        loads = _in_blocks(lambda block: _platform_loads(block, inertia, asked, points), pieces)
+        return loads.reshape(*loads.shape[:2], -1)
+
+    # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
+    if len(trajectory.coefficients) > 2 * _FEW:
+        values = at(size + 7)
+        if is_resolved(values):
+            return values
+    return at(4 * size + 13)
 
 
 def _joint_values(trajectory: Trajectory) -> np.ndarray:
@@ -142,11 +152,10 @@ def _in_blocks(kernel: Callable[[Any], Array], stacked: Any) -> np.ndarray:
     return np.concatenate(found)[:count]
 
 
-@partial(jax.jit, static_argnames="wanted")
-def _platform_loads(stacked: pieces.Piece, inertia: Array, wanted: tuple[str, ...]) -> Array:
-    """(N, G, Q, 3) the loads wanted, at the Chebyshev points of every piece."""
-    count, size, _ = jnp.shape(stacked.coefficients)
-    points = 4 * size + 13  # the attitude's exponentials add to the polynomials' degree
+@partial(jax.jit, static_argnames=("wanted", "points"))
+def _platform_loads(stacked: pieces.Piece, inertia: Array, wanted: tuple[str, ...], points: int) -> Array:
+    """(N, points, Q, 3) the loads wanted, at the Chebyshev points of every piece."""
+    count = jnp.shape(stacked.coefficients)[0]
     own = jax.tree.map(lambda array: jnp.repeat(array, points, axis=0), stacked)
     _, rate, acceleration, jerk = pieces.platform(own, _chebyshev_times(stacked.start, stacked.end, points))
     momentum = rate @ inertia.T
