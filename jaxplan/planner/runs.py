@@ -23,8 +23,8 @@ from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
-_LEAST_HANDED_OUT = 16  # scenarios, so that a worker's searches run in lockstep, too
-_PARTS = 4  # for each worker, so that all get done at about the same time
+_LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask for together
+_PARTS = 3  # for each worker, so that all get done at about the same time
 
 
 def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
@@ -97,6 +97,11 @@ def plan_batch(
         check_executor(executor)
     if executor is not None and scenarios:
         return _by_workers(scenarios, executor, progress)
+    return _here(scenarios, progress)
+
+
+def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
+    """Plan scenarios that are as filed, in this process."""
     plans: list[Plan] = []
     with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
@@ -145,7 +150,7 @@ def _by_workers(scenarios: Sequence[Scenario], executor: Executor | int, progres
 
 def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
     """What a worker does."""
-    return plan_batch(scenarios, progress=False)
+    return _here(scenarios, progress=False)
 
 
 class _Run:

@@ -7,7 +7,8 @@ spells it with zero-based indices, the value in the file's units, and what it mu
 import difflib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 # A longer name is not compared with the known ones, nor shown in full.
@@ -75,11 +76,11 @@ class Place:
 
     def key(self, name: str) -> "Place":
         """The place of a key of this table."""
-        return replace(self, path=f"{self.path}.{spell_key(_cut(name))}".lstrip("."))
+        return Place(self.faults, self.devices, f"{self.path}.{spell_key(_cut(name))}".lstrip("."))
 
     def item(self, index: int) -> "Place":
         """The place of an entry of this array."""
-        return replace(self, path=f"{self.path}[{index}]")
+        return Place(self.faults, self.devices, f"{self.path}[{index}]")
 
     def fault(self, complaint: str, value: object = _NOTHING) -> None:
         """Note that this value, or what stands here, is wrong.
@@ -106,6 +107,7 @@ def _cut(text: str) -> str:
     return text if len(text) <= _LONGEST_NAME else text[:_LONGEST_NAME] + "..."
 
 
+@lru_cache(maxsize=1024)
 def spell_key(key: str) -> str:
     """A key as TOML writes it, bare where that is allowed."""
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else quote(key)

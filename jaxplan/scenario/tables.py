@@ -69,14 +69,15 @@ class Table(Kind):
         read: dict[str, Any] = {}
         given: dict[str, str] = {}
         for entry in self.fields:
+            if entry.key not in value:
+                continue
             here = place.key(entry.key)
-            if entry.key in value:
-                if entry.attribute in given:
-                    here.fault(f"says the same as {given[entry.attribute]}, only one of them can be given")
-                given[entry.attribute] = entry.key
-                content = entry.kind.read(value[entry.key], here)
-                if content is not None:
-                    read[entry.attribute] = content
+            if entry.attribute in given:
+                here.fault(f"says the same as {given[entry.attribute]}, only one of them can be given")
+            given[entry.attribute] = entry.key
+            content = entry.kind.read(value[entry.key], here)
+            if content is not None:
+                read[entry.attribute] = content
         self._note_missing(given, place)
         return read
 
