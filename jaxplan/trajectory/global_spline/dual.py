@@ -1,8 +1,8 @@
 """From the rows that a program asks for to its dual, and from the dual's answer to a step.
 
 The slopes of a row are a product of a row of the axes and one of the basis, or a sum of a few (`Slopes`). So
-the dual's matrix ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of
-the axes.
+where each row is one product the dual's matrix ``G H^-1 G^T`` is that of the rows of the basis times, number
+by number, that of the rows of the axes.
 """
 
 from collections.abc import Sequence
@@ -184,14 +184,18 @@ def _dual(
     by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
     single = len(of) == len(kept)
 
-    def summed(values: np.ndarray, axis: int = 0) -> np.ndarray:
+    def summed(values: np.ndarray) -> np.ndarray:
         """Over the products of each row."""
-        return values if single else np.add.reduceat(values, by_row, axis=axis)
+        return values if single else np.add.reduceat(values, by_row, axis=0)
 
     if quadratic.haste is not None:
         time = time + summed(np.sum((basis @ quadratic.by_time[curve]) * axes, axis=1))
     basis = basis @ quadratic.free[curve]
-    matrix = summed(summed((basis @ inverse @ basis.T) * (axes @ axes.T)), axis=1)
+    if single:
+        matrix = (basis @ inverse @ basis.T) * (axes @ axes.T)
+    else:  # of a row with four products it would take sixteen times as many numbers
+        slopes = summed(axes[:, :, None] * basis[:, None, :])
+        matrix = np.tensordot(slopes @ inverse, slopes, axes=((1, 2), (1, 2)))
     linear = summed(np.sum((basis @ alone) * axes, axis=1)) - room
     if quadratic.haste is not None:
         matrix += np.outer(time, time) / quadratic.haste
