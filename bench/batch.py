@@ -8,7 +8,6 @@ whether all answers are the same to the last bit.
 """
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -33,10 +32,16 @@ Work = Callable[[], list[Trajectory | None]]
 
 def paths(count: int, method: str) -> list[FitQuery]:
     """So many paths of random scenes, to be fitted in 80 s."""
-    scenes = [jp.random_scenario(seed, kind) for seed in range(-(-count // 5)) for kind in RANDOM_KINDS]
+    scenes = [
+        jp.random_scenario(seed, kind)
+        for seed in range(-(-count // len(RANDOM_KINDS)))
+        for kind in RANDOM_KINDS
+    ]
     settings = TrajectorySettings(method=method, duration=80.0)
     found = []
     for plan in jp.plan_batch(scenes[:count]):
+        if plan.path is None:
+            raise SystemExit(f"{plan.scenario.name} has no path: {plan.message}")
         scene = plan.scenario
         cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft.device_names)
         query = FitQuery(path=plan.path, spacecraft=scene.spacecraft, settings=settings, cones=cones)
@@ -116,9 +121,7 @@ def main() -> None:
     parser.add_argument("--workers", type=positive, default=2, help="processes (default 2)")
     parser.add_argument("--repeats", type=positive, default=5)
     options = parser.parse_args()
-    cores = os.sched_getaffinity(0)
-    print_machine()
-    os.sched_setaffinity(0, cores)  # all of them, for whoever can use them
+    print_machine(pinned=False)
     count, workers = options.count, options.workers
     print(f"{count} each, ms")
     several = f"{workers} processes"

@@ -9,7 +9,8 @@ from scenes import make_spacecraft
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.scenario import TrajectorySettings
-from jaxplan.trajectory import FitQuery, fit_batch, fit_global, fit_paper
+from jaxplan.trajectory import FitQuery, fit_batch, fit_global, fit_paper, maxima
+from jaxplan.trajectory.global_spline import box_qp, sqp
 from jaxplan.zones import tabulate
 
 EACH = 5
@@ -85,6 +86,29 @@ def test_what_is_fitted_beside_it_changes_no_fit(queries):
     for number, fit in zip(order, shuffled, strict=True):
         if number % 4 == 0:
             expect_the_same(fit, fit_batch([mixed[number]])[0])
+
+
+def test_fits_are_the_same_in_stacks_of_few(queries, monkeypatch):
+    """Stacks are split where they are large, which here they are not."""
+    given = [*asked(queries, "global", 80.0), *asked(queries, "paper", 80.0)]
+    expected = fit_batch(given)
+    monkeypatch.setattr(sqp, "_TOGETHER", 4)
+    monkeypatch.setattr(box_qp, "_TOGETHER", 3)
+    monkeypatch.setattr(maxima, "_ELEMENTS", 5000)
+    for one, other in zip(fit_batch(given), expected, strict=True):
+        expect_the_same(one, other)
+
+
+def test_fits_with_other_settings_are_the_same_beside_each_other(queries):
+    given = asked(queries[:10], "global", 80.0)
+    changes = [{"node_tube": 0.0}, {"node_tube": 0.0}, {"end_acceleration": "free"}, {"jerk_weight": 0.0}, {}]
+    for number, query in enumerate(given):
+        given[number] = replace(query, settings=replace(query.settings, **changes[number % 5]))
+    for number in (4, 9):
+        count = len(given[number].path.attitudes)
+        given[number] = replace(given[number], node_fractions=np.linspace(0, 1, count) ** 1.1)
+    for query, fit in zip(given, fit_batch(given), strict=True):
+        expect_the_same(fit, alone(query))
 
 
 def test_seconds_are_shared_out_to_the_fits(queries):

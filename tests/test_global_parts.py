@@ -15,7 +15,7 @@ from jaxplan.trajectory.bound import duration_bound, shortest_time
 from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
 from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qp, solve_box_qps
 from jaxplan.trajectory.global_spline.chart import farthest, fitting
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
+from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends, weighted
 from jaxplan.trajectory.global_spline.motion import evaluate
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.timing import Pace
@@ -132,8 +132,8 @@ def test_the_energy_is_the_weighted_integral_of_squares_over_time():
     places, steps = (UNEVEN[:-1, None] + half * (nodes + 1)).ravel(), duration * (half * shares).ravel()
     squares = [(scipy_curve(basis, coefficients, d)(places) / duration**d) ** 2 for d in (1, 2, 3)]
     expected = sum(weight * (steps @ square) for weight, square in zip(weights, squares, strict=True))
-    energy = coefficients @ space.energy(duration, weights) @ coefficients
-    assert energy == pytest.approx(expected, rel=1e-11)
+    both = weighted(np.stack([space.energies] * 2), np.array([2.0, duration]), np.array([(1, 1, 1), weights]))
+    assert coefficients @ both[1] @ coefficients == pytest.approx(expected, rel=1e-11)
 
 
 TURNS = [[0, 20], [0, 180], [0, 90, 180], [0, 60, 120, 180, 240, 300], [0, 100, 190], [0, 170, 10], [0, 0, 5]]

@@ -25,6 +25,7 @@ from jaxplan.path import Path
 from jaxplan.planner.chain import fit
 from jaxplan.trajectory.asking import alone
 from jaxplan.trajectory.basis import end_derivatives
+from jaxplan.trajectory.global_spline.curve_space import weighted
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
@@ -73,7 +74,7 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
         np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
     nodes = np.concatenate([chart.coordinates(job.attitudes, places), job.joints], axis=1)
     np.testing.assert_allclose(inputs.nodes[:count], nodes, atol=1e-12)
-    energy = space.energy(duration, task.weights)
+    energy = weighted(space.energies[None], np.array([duration]), np.array([task.weights]))[0]
     np.testing.assert_allclose(inputs.energy / inputs.energy.max(), energy / energy.max(), atol=1e-13)
     rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
     radius = [] if task.tube is None else task.tube.radius  # there is none where nodes are passed exactly

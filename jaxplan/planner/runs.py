@@ -82,7 +82,7 @@ def plan_batch(
     Returns:
         The plans in the same order, failed ones with their status and message: none raises. They are those of
         `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of
-        searches and fits made together each plan is given what its own took.
+        searches and fits made together each plan is given its share: an equal one of what was done at once.
 
     Raises:
         TypeError: if one of them is no scenario, or the executor is none.
@@ -205,7 +205,7 @@ def _step(query: Query | FitQuery) -> str:
 
 
 def _together_in(step: str, asking: Sequence[_Run]) -> list[Any]:
-    """The answers to queries of one step; to each clock what its own took."""
+    """The answers to queries of one step; to each clock its share of the time."""
     begin, began = time.monotonic(), working_time()
     queries: list[Any] = [run.query for run in asking]
     spent = np.zeros(len(queries))

@@ -48,12 +48,12 @@ class FitQuery:
     """What is asked of step 3.
 
     Attributes:
-        path: m + 1 nodes; the edges' costs share out the time.
+        path: m + 1 nodes; in the paper's method the edges' costs share out the time.
         spacecraft: its limits, dynamics included.
         settings: of step 3.
         cones: the zones, None for none; the paper's method does not look at them.
         node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
-            to 1, instead of what the costs say; None for that.
+            to 1; None for those of the method.
         start_angular_velocity: (3,) rad/s, body axes; None for rest, as are the next three.
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.

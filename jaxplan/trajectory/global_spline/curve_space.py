@@ -90,12 +90,18 @@ class CurveSpace:
             energies=self.energies,
         )
 
-    def energy(self, duration: float, weights: tuple[float, float, float]) -> np.ndarray:
-        """Matrix (n, n) of the integral of squares over time, of one axis.
 
-        Args:
-            duration: s.
-            weights: of the squares of rate, acceleration and jerk.
-        """
-        powers = float(duration) ** -np.array([1.0, 3.0, 5.0])
-        return np.tensordot(np.array(weights) * powers, self.energies[1:], axes=1)
+def weighted(energies: np.ndarray, duration: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Matrices (G, n, n) of the integral of weighted squares over time, of one axis.
+
+    Args:
+        energies: (G, 4, n, n) as `CurveSpace` has them.
+        duration: (G,) s.
+        weights: (G, 3) of the squares of rate, acceleration and jerk.
+    """
+    factors = weights * duration[:, None] ** -np.array([1.0, 3.0, 5.0])
+    _, *parts = np.moveaxis(energies, 1, 0)
+    rate, acceleration, jerk = (
+        factor[:, None, None] * part for factor, part in zip(factors.T, parts, strict=True)
+    )
+    return np.asarray(rate + acceleration + jerk)

@@ -6,8 +6,8 @@ import numpy as np
 
 from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
 from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
-from jaxplan.trajectory.global_spline.rows import Family
-from jaxplan.trajectory.global_spline.stack import Points, Stack, stacked
+from jaxplan.trajectory.global_spline.rows import Family, stacked
+from jaxplan.trajectory.global_spline.stack import Points, Stack
 
 
 def families(stack: Stack, at: Points) -> Iterator[Family]:

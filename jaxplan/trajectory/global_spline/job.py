@@ -253,15 +253,7 @@ def attempt_at(
         return None
     task = built.task
     first = sqp.Begin(task=task, coefficients=built.coefficients, duration=duration)
-    point: Point = yield Ask(sqp.look, first)
-    if limited and not free_time and not job.at_speed and point.violations[LIMIT] > 0:
-        # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
-        free = replace(task, free_time=True)
-        point = yield Ask(sqp.improve, replace(first, task=free, until=duration))
-        first = replace(first, coefficients=point.coefficients)
-        point = yield Ask(sqp.look, first)
-    if free_time or job.at_speed or point.violations[LIMIT] <= _MENDED:
-        point = yield Ask(sqp.improve, replace(first, duration=point.duration))
+    point = yield from _nearby(job, first)
     if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite):
         return None
     curve = trajectory(task, point, point.duration * request.places)
@@ -278,6 +270,24 @@ def attempt_at(
         breach=_breach(point.margins, job.spacecraft),
         tube=float(point.violations[TUBE]),
     )
+
+
+def _nearby(job: Job, first: sqp.Begin) -> Steps[Point]:
+    """The best curve near the first one; in a given time one that is far too quick is left as it is."""
+    task = first.task
+    if task.free_time or job.at_speed:
+        best: Point = yield Ask(sqp.improve, first)
+        return best
+    point: Point = yield Ask(sqp.look, first)
+    if task.limited and point.violations[LIMIT] > 0:
+        # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
+        free = replace(task, free_time=True)
+        slower: Point = yield Ask(sqp.improve, replace(first, task=free, until=first.duration))
+        first = replace(first, coefficients=slower.coefficients)
+        point = yield Ask(sqp.look, first)
+    if point.violations[LIMIT] <= _MENDED:
+        point = yield Ask(sqp.improve, first)
+    return point
 
 
 def _breach(margins: np.ndarray, craft: Spacecraft) -> tuple[str, float] | None:

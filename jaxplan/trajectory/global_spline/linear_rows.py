@@ -18,6 +18,7 @@ from jaxplan.trajectory.global_spline.rows import (
     Index,
     Slopes,
     Step,
+    taken,
 )
 
 
@@ -51,11 +52,11 @@ class Joints(_Linear):
     @cached_property
     def room(self) -> np.ndarray:
         """Of the rows."""
-        return 1 - self._shares(slice(None), self.coefficients)
+        return 1 - self._shares(np.arange(len(self.scale)), self.coefficients)
 
-    def _shares(self, which: np.ndarray | slice, coefficients: np.ndarray) -> np.ndarray:
-        shares = self.differences[which] @ coefficients[:, :, 3:] * self.scale[which][:, None]
-        return _both(shares)
+    def _shares(self, which: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        differences = taken(self.differences, which)
+        return _both(differences @ coefficients[:, :, 3:] * self.scale[which][:, None])
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`."""

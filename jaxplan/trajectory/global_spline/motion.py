@@ -6,6 +6,7 @@ divided by powers of the duration.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Motion:
             )
         return self._load_slopes[curve]
 
-    @property
+    @cached_property
     def finite(self) -> np.ndarray:
         """(G,) whether all numbers are."""
         kept = np.all(np.isfinite(self.loads), axis=(1, 2, 3))

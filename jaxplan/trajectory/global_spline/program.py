@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.trajectory.global_spline.dual import Rows, solve_duals
-from jaxplan.trajectory.global_spline.rows import Family, Step, lowest
-from jaxplan.trajectory.global_spline.stack import taken
+from jaxplan.trajectory.global_spline.rows import Family, Step, lowest, taken
+from jaxplan.trajectory.inverses import inverses
 
 _ROUNDS = 6
 _ALL_AT_ONCE = 2  # rounds, after which all rows that are broken are added
@@ -74,7 +74,7 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
     count = len(quadratic.gradient)
     which = np.arange(count)
     free_t = np.swapaxes(quadratic.free, 1, 2)
-    inverse = np.linalg.inv(free_t @ quadratic.hessian @ quadratic.free)
+    inverse = inverses(free_t @ quadratic.hessian @ quadratic.free)
     alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
     found = {family.name: np.zeros(family.room.shape) for family in families}

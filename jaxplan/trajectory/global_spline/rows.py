@@ -6,6 +6,7 @@ family knows the room of all its rows and how a step changes it, and writes out 
 asks for.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -101,3 +102,19 @@ def lowest(room: np.ndarray) -> np.ndarray:
     kept[..., 1:, :] &= down
     kept[..., :-1, :] &= up
     return kept
+
+
+def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (G, ...); what all share is there but once."""
+    first = arrays[0]
+    if all(array is first for array in arrays):
+        return np.broadcast_to(first, (len(arrays), *first.shape))
+    return np.stack(arrays)
+
+
+def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of `stacked` arrays, by number or as (G,) bool."""
+    if array.strides[0] == 0:
+        count = int(np.sum(which)) if which.dtype == bool else len(which)
+        return np.broadcast_to(array[0], (count, *array.shape[1:]))
+    return array[which]

@@ -9,11 +9,13 @@ tasks are worked on together, each until it is done.
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from jaxplan.trajectory.global_spline.curve_space import weighted
 from jaxplan.trajectory.global_spline.families import families
 from jaxplan.trajectory.global_spline.program import Multipliers, Proposal, Quadratic, propose
 from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
@@ -83,19 +85,16 @@ class Objective:
     def _free_time(self) -> bool:
         return self._stack.tasks[0].free_time
 
-    def some(self, which: np.ndarray) -> "Objective":
-        """Of some of the tasks, (G,) bool."""
-        found = object.__new__(Objective)
-        found._stack, found._duration = self._stack.some(which), self._duration[which]
-        found.share = self.share[which]
+    def some(self, stack: Stack, which: np.ndarray) -> "Objective":
+        """Of some of the tasks, (G,) bool, whose stack is given."""
+        found = copy(self)
+        found._stack, found._duration, found.share = stack, self._duration[which], self.share[which]
         return found
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """(G, n, n) of the integral of weighted squares over time, of one axis."""
-        weights = self._stack.weights * duration[:, None] ** -np.array([1.0, 3.0, 5.0])
-        _, rate, acceleration, jerk = np.moveaxis(self._stack.energies, 1, 0)
-        form = weights[:, 0, None, None] * rate + weights[:, 1, None, None] * acceleration
-        return np.asarray((form + weights[:, 2, None, None] * jerk) / self.share[:, None, None])
+        """(G, n, n), `weighted` as shares of the first curves'."""
+        form = weighted(self._stack.energies, duration, self._stack.weights)
+        return np.asarray(form / self.share[:, None, None])
 
     def _energy(self, at: Points) -> np.ndarray:
         product = at.coefficients * (self._form(at.duration) @ at.coefficients)
@@ -185,11 +184,11 @@ class _Search:
 
     def some(self, which: np.ndarray) -> "_Search":
         """Those of (G,) bool."""
-        objective = self.objective.some(which)
+        stack = self.stack.some(which)
         names = ("number", "until", "penalty", "value", "damping", "failed", "dearer")
         return _Search(
-            stack=self.stack.some(which),
-            objective=objective,
+            stack=stack,
+            objective=self.objective.some(stack, which),
             at=self.at.some(which),
             held={name: own[which] for name, own in self.held.items()},
             **{name: getattr(self, name)[which] for name in names},

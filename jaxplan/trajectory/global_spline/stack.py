@@ -13,7 +13,7 @@ from jaxplan.trajectory.global_spline.curve_space import CurveSpace
 from jaxplan.trajectory.global_spline.linear_rows import Tube
 from jaxplan.trajectory.global_spline.motion import Motion, evaluate
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
+from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE, stacked, taken
 
 _BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
 _TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
@@ -105,10 +105,10 @@ class Points:
     def one(self, number: int) -> Point:
         """One of them."""
         return Point(
-            coefficients=self.coefficients[number],
+            coefficients=self.coefficients[number].copy(),  # no view, which would keep the whole stack
             duration=float(self.duration[number]),
-            margins=self.motion.margins[number],
-            violations=self.violations[number],
+            margins=self.motion.margins[number].copy(),
+            violations=self.violations[number].copy(),
             finite=bool(self.motion.finite[number]),
         )
 
@@ -218,22 +218,6 @@ class Stack:
             found[:, TUBE] = _most(off)
         found[~motion.finite, LIMIT] = np.inf
         return Points(coefficients=coefficients, duration=duration, motion=motion, violations=found)
-
-
-def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (G, ...); what all share is there but once."""
-    first = arrays[0]
-    if all(array is first for array in arrays):
-        return np.broadcast_to(first, (len(arrays), *first.shape))
-    return np.stack(arrays)
-
-
-def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Some of `stacked` arrays, by number or as (G,) bool."""
-    if array.strides[0] == 0:
-        count = int(np.sum(which)) if which.dtype == bool else len(which)
-        return np.broadcast_to(array[0], (count, *array.shape[1:]))
-    return array[which]
 
 
 def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.trajectory.inverses import inverses
+
 _TOLERANCE = 1e-11
 _OSQP_SETTINGS = {
     "verbose": False,
@@ -117,20 +119,10 @@ def _minimisers(
     system[:, unknowns:, :unknowns] = rows
     system[:, :unknowns, unknowns:] = np.swapaxes(rows, 1, 2)
     right = np.concatenate([np.zeros((count, unknowns, values.shape[2])), values], axis=1)
-    inverse = _inverses(system)
+    inverse = inverses(system)
     solution = inverse @ right
     solution += inverse @ (right - system @ solution)  # the step that brings the residual to rounding
     return solution[:, :unknowns], solution[:, unknowns:]
-
-
-def _inverses(systems: np.ndarray) -> np.ndarray:
-    """Of square matrices; NaN where there is none."""
-    try:
-        return np.linalg.inv(systems)
-    except np.linalg.LinAlgError:  # of one: the others have theirs
-        if len(systems) == 1:
-            return np.full_like(systems, np.nan)
-        return np.concatenate([_inverses(own[None]) for own in systems])
 
 
 def _active_sides(program: Program, column: int) -> np.ndarray | None:
