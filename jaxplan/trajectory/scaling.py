@@ -97,10 +97,10 @@ def _limits(spacecraft: Spacecraft) -> dict[str, tuple[Any, int]]:
 def _platform_values(trajectory: Trajectory, spacecraft: Spacecraft, asked: tuple[str, ...]) -> np.ndarray:
     """(N, G, 3 Q) the loads asked for, at the Chebyshev points of every piece."""
     inertia = np.zeros((3, 3)) if spacecraft.inertia is None else np.asarray(spacecraft.inertia, float)
-    pieces, size = trajectory.platform_pieces, trajectory.coefficients.shape[1]
+    stacked, size = trajectory.platform_pieces, trajectory.coefficients.shape[1]
 
     def at(points: int) -> np.ndarray:
-        loads = _in_blocks(lambda block: _platform_loads(block, inertia, asked, points), pieces)
+        loads = _in_blocks(lambda block: _platform_loads(block, inertia, asked, points), stacked)
         return loads.reshape(*loads.shape[:2], -1)
 
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
@@ -115,7 +115,7 @@ def _joint_values(trajectory: Trajectory) -> np.ndarray:
     """(M, G, 6n) angles, rates and accelerations of joints, at the Chebyshev points of every piece."""
     breaks = trajectory.joint_breaks
     joint_pieces = breaks[:-1], breaks[1:], trajectory.joint_coefficients
-    return _in_blocks(lambda pieces: _joint_loads(*pieces), joint_pieces)
+    return _in_blocks(lambda block: _joint_loads(*block), joint_pieces)
 
 
 def _shares(
