@@ -63,23 +63,27 @@ class Rows(NamedTuple):
     @classmethod
     def of(cls, families: Sequence[Family], chosen: Sequence[np.ndarray], which: np.ndarray) -> "Rows":
         """The rows of families that are chosen, bool like their rooms, for some curves."""
+        if not families:
+            none, nobody = np.zeros(0), np.zeros(0, int)
+            empty = np.zeros((0, 0))
+            return cls(which, np.zeros_like(which), none, none, nobody, nobody, empty, empty, [])
         indices: list[Index] = []
         for mask in chosen:
             curve, *rest = np.nonzero(mask[which])
             indices.append((which[curve], *rest))
         slopes = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
         counts = [len(index[0]) for index in indices]
-        curve = np.concatenate([index[0] for index in indices]) if indices else np.zeros(0, int)
+        curve = np.concatenate([index[0] for index in indices])
         order = np.argsort(curve, kind="stable")
         number = np.empty_like(order)
         number[order] = np.arange(len(order))
-        parts = np.split(number, np.cumsum(counts)[:-1]) if indices else []
+        parts = np.split(number, np.cumsum(counts)[:-1])
 
         def gathered(values: Sequence[np.ndarray]) -> np.ndarray:
-            return np.concatenate(values)[order] if indices else np.zeros(0)
+            return np.concatenate(values)[order]
 
         rows = [np.repeat(own, each.axes.shape[1]) for own, each in zip(parts, slopes, strict=True)]
-        row = np.concatenate(rows) if indices else np.zeros(0, int)
+        row = np.concatenate(rows)
         sort = np.argsort(row, kind="stable")
         wide = [each.axes.reshape(-1, each.axes.shape[2]) for each in slopes]
         long = [each.basis.reshape(-1, each.basis.shape[2]) for each in slopes]
@@ -90,8 +94,8 @@ class Rows(NamedTuple):
             time=gathered([np.full(n, family.time) for family, n in zip(families, counts, strict=True)]),
             kind=gathered([np.full(n, family.kind) for family, n in zip(families, counts, strict=True)]),
             row=row[sort],
-            axes=np.concatenate(wide)[sort] if indices else np.zeros((0, 0)),
-            basis=np.concatenate(long)[sort] if indices else np.zeros((0, 0)),
+            axes=np.concatenate(wide)[sort],
+            basis=np.concatenate(long)[sort],
             families=[Part(*pair) for pair in zip(indices, parts, strict=True)],
         )
 
@@ -169,7 +173,7 @@ def _dual(
     begin, end, first, last = span
     axes, basis = rows.axes[first:last], rows.basis[first:last]
     of, room, time = rows.row[first:last] - begin, rows.room[begin:end], rows.time[begin:end]
-    limit = penalty[rows.kind[begin:end].astype(int)]
+    limit = penalty[rows.kind[begin:end]]
     if end == begin:
         none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
         return _Dual(BoxProgram(none[0], room, limit), np.zeros(0, int), *none[1:], of, time)
