@@ -23,8 +23,8 @@ from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.kernel_room import make_room
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
-from jaxplan.planner.chain import fit, judged
-from jaxplan.planner.check import start_attitude
+from jaxplan.planner.chain import fit, fitted_plan, judged
+from jaxplan.planner.check import prove, start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, MovingTargets, Scenario
@@ -185,7 +185,12 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     with clock.step("trajectory"):
         fitted = fit(scenario, path, goal)
-    return judged(replace(plan, scenario=scenario, goal=goal, path=path), fitted, clock), fitted
+    followed = fitted_plan(replace(plan, scenario=scenario, goal=goal, path=path), fitted)
+    if followed.trajectory is None:
+        return followed, fitted
+    with clock.step("certificate"):
+        report = prove(scenario, goal, followed.trajectory)
+    return judged(followed, report), fitted
 
 
 def _ends(scenario: Scenario) -> list[tuple[Any, Any]]:

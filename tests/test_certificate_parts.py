@@ -31,8 +31,8 @@ def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duratio
     breaks = np.array([0, 0.4, 1]) * duration
     fixed = rng.normal(size=(instruments, 3))
     return Motion(
-        platform=Pieces.of(breaks, size * decay * rng.normal(size=(2, degree + 1, 3))),
-        joints=Pieces.of(breaks, size * decay * rng.normal(size=(2, degree + 1, 2 * terminals))),
+        platform=Pieces.of((breaks, size * decay * rng.normal(size=(2, degree + 1, 3)))),
+        joints=Pieces.of((breaks, size * decay * rng.normal(size=(2, degree + 1, 2 * terminals)))),
         chart_attitude=Rotation.random(2, random_state=seed).as_matrix(),
         chart_start=breaks[:-1],
         chart_rate=rng.normal(size=(2, 3)) / duration,
@@ -60,7 +60,7 @@ def exponential(v):
 
 def curve(motion, piece, time, kind=LONG):
     """Attitudes (k, 3, 3), joints (k, 2T) and boresights (k, D, 3) by definition, also at complex times."""
-    first, last = motion.platform.breaks[piece : piece + 2].astype(kind)
+    first, last = motion.platform.breaks()[piece : piece + 2].astype(kind)
     x = 2 * (time - first) / (last - first) - 1
     b, joints = (
         legendre.legval(x, p.derivatives[piece, :, 0].astype(kind)).T
@@ -122,7 +122,7 @@ def test_samples_are_those_of_the_definition_to_far_less_than_the_allowances():
     factorials = np.array([factorial(k) for k in range(5)])[:, None] * LONG(2) ** np.arange(5)[:, None]
     for seed in range(6):
         motion = random_motion(seed, size=(0.02, 0.5, 1.0)[seed % 3])
-        on = motion.between(np.union1d(np.linspace(0, 60, 20), motion.platform.breaks))
+        on = motion.between(np.union1d(np.linspace(0, 60, 20), motion.platform.breaks()))
         samples = motion.sample(on)
         stated = errors.rounding(motion, on, errors.majorants(motion, on))
         for n, m in np.ndindex(samples.time.shape):
@@ -157,7 +157,7 @@ def test_majorants_bound_taylor_coefficients_anywhere_on_an_interval(parts):
     looseness = []
     for seed in range(4):
         motion = random_motion(10 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks))
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
         majorants = errors.majorants(motion, on)
         orders, rng = len(majorants.spin), RNG(seed)
         for n in rng.integers(len(on.half), size=4):
@@ -191,7 +191,7 @@ def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
     share = {}
     for seed in range(3):
         motion = random_motion(20 + seed, size=0.1)
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks))
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
         majorants = errors.majorants(motion, on)
         left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
         place = np.linspace(-1, 1, 41)
@@ -227,7 +227,7 @@ def test_errors_go_with_the_unit_of_time():
     found = []
     for slower in (1.0, 8.0):
         motion = random_motion(50, size=0.1, duration=60.0 * slower)
-        edges = slower * np.union1d(np.linspace(0, 60, 31), motion.platform.breaks / slower)
+        edges = slower * np.union1d(np.linspace(0, 60, 31), motion.platform.breaks() / slower)
         on = motion.between(edges)
         majorants = errors.majorants(motion, on)
         left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
@@ -251,7 +251,7 @@ def test_errors_go_with_the_unit_of_time():
 def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
     spacecraft = craft(2, joints={}, torque_limit=1.0, inertia=INERTIA)
     motion, rng = random_motion(51), RNG(51)
-    on = motion.between(np.union1d(np.linspace(0, 60, 121), motion.platform.breaks))
+    on = motion.between(np.union1d(np.linspace(0, 60, 121), motion.platform.breaks()))
     majorants, samples = errors.majorants(motion, on), motion.sample(on)
     none = errors.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
@@ -281,15 +281,13 @@ def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
 @pytest.mark.parametrize("tight", ["direction", "spin", "joints"])
 def test_intervals_are_cut_until_so_little_is_left_out_and_no_finer(tight):
     motion = random_motion(52, size=0.1)
-    sizes = {"direction": np.ones(3), "spin": np.ones(3), "joints": np.ones((3, 4))}
+    sizes = {"direction": np.ones((3, 1)), "spin": np.ones((3, 1)), "joints": np.ones((3, 4, 1))}
     wanted = Errors(**{name: ones * (1e-9 if name == tight else 1e99) for name, ones in sizes.items()})
     evidence = errors.gather(motion, wanted)
-    shares = {
-        name: np.max(getattr(evidence.left_out, name) / getattr(wanted, name)[..., None]) for name in sizes
-    }
+    shares = {name: np.max(getattr(evidence.left_out, name) / getattr(wanted, name)) for name in sizes}
     assert max(shares.values()) == shares[tight] <= 1
     edges = np.append(evidence.on.centre - evidence.on.half, 60.0)
-    on = motion.between(np.union1d(edges[::3], motion.platform.breaks))  # two thirds of the cuts left out
+    on = motion.between(np.union1d(edges[::3], motion.platform.breaks()))  # two thirds of the cuts left out
     coarse = getattr(errors.interpolation(on, errors.majorants(motion, on)), tight)
     assert np.max(coarse) > 1e-9
 
@@ -301,8 +299,8 @@ def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess
     basis[:, -1] = 1.0
     breaks = np.linspace(0, 60, pieces + 1)
     motion = Motion(
-        platform=Pieces.of(breaks, np.zeros((pieces, DEGREE + 2, 3))),
-        joints=Pieces.of(breaks, basis),
+        platform=Pieces.of((breaks, np.zeros((pieces, DEGREE + 2, 3)))),
+        joints=Pieces.of((breaks, basis)),
         chart_attitude=np.repeat(np.eye(3)[None], pieces, axis=0),
         chart_start=breaks[:-1],
         chart_rate=np.zeros((pieces, 3)),
@@ -311,8 +309,8 @@ def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess
     )
     on = motion.between(breaks)
     most = errors.interpolation(on, errors.majorants(motion, on)).joints[0].max()
-    joints = np.array([[most / excess ** (DEGREE + 1)] * 2, [1e99] * 2, [1e99] * 2])
-    wanted = Errors(direction=np.full(1, 1e99), spin=np.full(3, 1e99), joints=joints)
+    joints = np.array([[most / excess ** (DEGREE + 1)] * 2, [1e99] * 2, [1e99] * 2])[..., None]
+    wanted = Errors(direction=np.full((1, 1), 1e99), spin=np.full((3, 1), 1e99), joints=joints)
     evidence = errors.gather(motion, wanted)
     assert len(evidence.on.centre) == pieces * np.ceil(excess)
     assert np.all(evidence.left_out.joints[0] <= joints[0, 0])
@@ -321,8 +319,8 @@ def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess
 def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
     rate, angles = np.array([0.03, -0.02, 0.06]), np.array([0.7, -0.3])
     motion = Motion(
-        platform=Pieces.of(np.array([0.0, 60.0]), np.zeros((1, 2, 3))),
-        joints=Pieces.of(np.array([0.0, 60.0]), np.stack([angles, 0 * angles])[None]),
+        platform=Pieces.of((np.array([0.0, 60.0]), np.zeros((1, 2, 3)))),
+        joints=Pieces.of((np.array([0.0, 60.0]), np.stack([angles, 0 * angles])[None])),
         chart_attitude=np.eye(3)[None],
         chart_start=np.zeros(1),
         chart_rate=rate[None],
@@ -339,7 +337,7 @@ def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
 
 def test_conversion_to_bernstein_coefficients_is_counted_into_peaks():
     motion = random_motion(54)
-    on = motion.between(motion.platform.breaks)
+    on = motion.between(motion.platform.breaks())
     evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
     values, none = np.stack([np.full((2, DEGREE + 1), 0.25), np.full((2, DEGREE + 1), 1.0)]), np.zeros(2)
     quantity = limits.Quantity("torque", ("about x", "about y"), values, none, none, np.full(2, 2.0))
@@ -355,7 +353,7 @@ def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
     motion = replace(
         motion, chart_rate=1e-9 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]]
     )
-    on = motion.between(motion.platform.breaks)
+    on = motion.between(motion.platform.breaks())
     majorants, samples = errors.majorants(motion, on), motion.sample(on)
     none = errors.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
@@ -385,7 +383,7 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_margins():
     spacecraft = craft(1, instruments=0)
     motion = random_motion(57, terminals=1, instruments=0, size=0.0)
     motion = replace(motion, chart_rate=0 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
-    on = motion.between(motion.platform.breaks)
+    on = motion.between(motion.platform.breaks())
     samples, majorants = motion.sample(on), errors.majorants(motion, on)
     majorants = replace(majorants, direction=np.ones_like(majorants.direction))  # so that no cap settles it
     none = errors.interpolation(on, majorants)
@@ -432,7 +430,9 @@ def test_intervals_stay_within_the_pieces_of_axes_that_move():
     times = np.array([-5.0, 7.0, 31.0, 55.0, 70.0])
     samples = np.array([[1, 0, 0], [1, 0.1, 0], [1, 0.2, 0.1], [1, 0.2, 0.3], [1, 0, 0.4]])
     way = Way.of(DirectionPath.through(times, samples / np.linalg.norm(samples, axis=1, keepdims=True)))
-    loose = Errors(direction=np.full(3, 1e99), spin=np.full(3, 1e99), joints=np.full((3, 4), 1e99))
+    loose = Errors(
+        direction=np.full((3, 1), 1e99), spin=np.full((3, 1), 1e99), joints=np.full((3, 4, 1), 1e99)
+    )
     on = errors.gather(motion, loose, [way]).on
     edges = np.append(on.centre - on.half, on.centre[-1] + on.half[-1])
     np.testing.assert_allclose(edges, [0, 7, 24, 31, 55, 60], atol=1e-12)
@@ -451,8 +451,8 @@ def test_the_bound_of_what_is_left_out_is_attained(duration):
         degree = DEGREE + 1 + order
         basis = 1e-16 * np.eye(degree + 2)[..., None]
         motion = Motion(
-            platform=Pieces.of(np.array([0, duration]), basis[None, degree + 1] * [0, 1, 0]),
-            joints=Pieces.of(np.array([0, duration]), basis[None, degree] * [1, 0]),
+            platform=Pieces.of((np.array([0, duration]), basis[None, degree + 1] * [0, 1, 0])),
+            joints=Pieces.of((np.array([0, duration]), basis[None, degree] * [1, 0])),
             chart_attitude=np.eye(3)[None],
             chart_start=np.zeros(1),
             chart_rate=np.zeros((1, 3)),
@@ -475,7 +475,7 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
     spacecraft = craft(2)
     motion = random_motion(40, size=0.05)
     motion = replace(motion, chart_rate=0.1 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
-    on = motion.between(np.union1d(np.linspace(0, 60, 61), motion.platform.breaks))
+    on = motion.between(np.union1d(np.linspace(0, 60, 61), motion.platform.breaks()))
     majorants, samples = errors.majorants(motion, on), motion.sample(on)
     none = errors.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
@@ -517,7 +517,7 @@ def test_bernstein_coefficients_give_back_the_polynomial(degree):
     nodes, place = -np.cos(np.pi * np.arange(degree + 1) / degree), np.linspace(-1, 1, 33)
     polynomials = RNG(2).normal(size=(20, degree + 1))
     values = np.stack([np.polynomial.polynomial.polyval(nodes, p) for p in polynomials])
-    coefficients = values @ bounds.to_bernstein(degree).T
+    coefficients = bounds.to_rows(values).T
     wanted = np.stack([np.polynomial.polynomial.polyval(place, p) for p in polynomials])
     assert coefficients @ bernstein_basis(degree, place) == pytest.approx(wanted, abs=1e-13)
     assert np.array_equal(coefficients[:, [0, -1]], values[:, [0, -1]])
@@ -534,7 +534,9 @@ def random_rows(rng, layout, tasks, degree):
     kind = np.concatenate([np.flatnonzero(layout.clause == c) for c in clauses])
     coefficients = rng.normal(size=(len(kind), degree + 1)).cumsum(axis=1)
     low = np.arange(tasks, dtype=float)
-    rows = Rows(coefficients=coefficients, error=np.zeros(len(kind)), kind=kind, low=low, high=low + 1)
+    rows = Rows(
+        coefficients=coefficients.T.copy(), error=np.zeros(len(kind)), kind=kind, low=low, high=low + 1
+    )
     return rows, clauses, coefficients @ bernstein_basis(degree, np.linspace(-1, 1, 4001))
 
 
@@ -556,12 +558,16 @@ def brute(layout, kind, values):
 
 LAYOUTS = {
     "single rows": Layout(
-        opens_entry=np.ones(5, bool), opens_clause=np.ones(5, bool), quantity=np.array([0, 0, 1, 2, 2])
+        opens_entry=np.ones(5, bool),
+        opens_clause=np.ones(5, bool),
+        quantity=np.array([0, 0, 1, 2, 2]),
+        owner=np.zeros(5, int),
     ),
     "groups": Layout(
         opens_entry=np.array([1, 0, 1, 1, 1, 0, 0, 1, 1], bool),
         opens_clause=np.array([1, 0, 0, 1, 1, 0, 0, 0, 1], bool),
         quantity=np.array([0, 0, 0, 1]),
+        owner=np.zeros(4, int),
     ),
 }
 
@@ -588,7 +594,7 @@ def test_minima_are_bounds_and_tight_for_what_decides(name, shift):
                 brute(
                     layout,
                     rows.kind,
-                    rows.coefficients @ bernstein_basis(DEGREE, [2 * (minima.time[clause] - t) - 1]),
+                    rows.coefficients.T @ bernstein_basis(DEGREE, [2 * (minima.time[clause] - t) - 1]),
                 )[t, 0]
                 for t in np.flatnonzero(clauses == clause)
                 if t <= minima.time[clause] <= t + 1
@@ -628,7 +634,7 @@ def test_a_bound_of_what_is_not_a_number_is_not_a_number(monkeypatch):
     monkeypatch.setattr(bounds, "_MOST_ROWS", 10_000)
     layout = LAYOUTS["groups"]
     rows, _, _ = random_rows(RNG(5), layout, 30, DEGREE)
-    rows.coefficients[7, 3] = np.nan
+    rows.coefficients[3, 7] = np.nan
     minima = Minima.of(len(layout.quantity))
     with np.errstate(invalid="ignore"):
         bounds.minimise(rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, 1e-6))

@@ -7,20 +7,24 @@ what is settled, halve the rest, all rows at once.
 Rows come in nests. An *entry* holds where all its rows do, so its value is that of its worst row; a
 *clause* holds where one of its entries does, so its value is that of its best entry. The rows of one clause
 on one interval form a *task* and are halved together. Clauses belong to *quantities*, for which one least
-value is wanted.
+value is wanted, and to *owners*, of whom each has a budget of work. The last axis numbers the rows.
+
+What is found for one owner is, to the last bit, the same whichever others there are: nothing is summed but
+along each row by itself.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
+from typing import Self
 
 import numpy as np
 
 # By how much the polynomial through samples at most enlarges their errors, up to degree 12.
 LEBESGUE = 3.0
 _MOST_HALVINGS = 40
-_MOST_ROWS = 400_000
+_MOST_ROWS = 400_000  # of an owner, in one round
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,11 +35,26 @@ class Layout:
         opens_entry: (kinds,) bool, whether the kind is the first of its entry.
         opens_clause: (kinds,) bool, whether it is the first of its clause.
         quantity: (clauses,) int, the quantity each clause belongs to.
+        owner: (clauses,) int, the owner each clause belongs to.
     """
 
     opens_entry: np.ndarray
     opens_clause: np.ndarray
     quantity: np.ndarray
+    owner: np.ndarray
+
+    @classmethod
+    def joined(cls, layouts: Sequence[Self]) -> Self:
+        """Those of some owners, each the only one of its layout; they are numbered in this order."""
+        quantities = [layout.quantity.max(initial=-1) + 1 for layout in layouts]
+        clauses = [len(layout.quantity) for layout in layouts]
+        before = np.cumsum([0, *quantities[:-1]])
+        return cls(
+            opens_entry=np.concatenate([layout.opens_entry for layout in layouts]),
+            opens_clause=np.concatenate([layout.opens_clause for layout in layouts]),
+            quantity=np.concatenate([layout.quantity for layout in layouts]) + np.repeat(before, clauses),
+            owner=np.repeat(np.arange(len(layouts)), clauses),
+        )
 
     @property
     def clause(self) -> np.ndarray:
@@ -47,14 +66,16 @@ class Layout:
 
         Args:
             kind: (rows,).
-            values: (rows, ...).
+            values: (..., rows).
 
         Returns:
-            (tasks, ...).
+            (..., tasks).
         """
         entries = np.flatnonzero(self.opens_entry[kind])
         clauses = np.flatnonzero(self.opens_clause[kind[entries]])
-        return np.maximum.reduceat(np.minimum.reduceat(values, entries), clauses)
+        if len(clauses) == len(kind):  # each row is a task
+            return values
+        return np.maximum.reduceat(np.minimum.reduceat(values, entries, axis=-1), clauses, axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +83,7 @@ class Rows:
     """Polynomials on intervals, the rows of each task together and in the order of their kinds.
 
     Attributes:
-        coefficients: (rows, K + 1) in the Bernstein basis.
+        coefficients: (K + 1, rows) in the Bernstein basis.
         error: (rows,) how far each polynomial may be off.
         kind: (rows,) int.
         low: (tasks,) s, start of the interval.
@@ -94,6 +115,10 @@ class Minima:
     def of(cls, clauses: int) -> "Minima":
         """Nothing known yet of so many clauses."""
         return cls(bound=np.full(clauses, np.inf), seen=np.full(clauses, np.inf), time=np.zeros(clauses))
+
+    def part(self, of: slice) -> "Minima":
+        """Of some clauses; what is changed in one is changed in both."""
+        return Minima(bound=self.bound[of], seen=self.seen[of], time=self.time[of])
 
     def meet(self, clause: np.ndarray, value: np.ndarray, time: np.ndarray) -> None:
         """Takes in values (k,) of clauses at some times."""
@@ -139,16 +164,31 @@ def to_bernstein(degree: int) -> np.ndarray:
     return matrix
 
 
+@lru_cache
 def growth(degree: int) -> float:
     """By how much `to_bernstein` may enlarge an error: it grows like 2^K, 733 for K = 10."""
     return float(np.abs(to_bernstein(degree)).sum(axis=1).max())
 
 
-@lru_cache
-def _halvings(degree: int) -> np.ndarray:
-    """De Casteljau's matrices (2, K + 1, K + 1) to the coefficients on the left and on the right half."""
-    left = np.array([[comb(j, i) / 2**j for i in range(degree + 1)] for j in range(degree + 1)])
-    return np.stack([left, left[::-1, ::-1]])
+def to_rows(samples: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients (K + 1, rows) from samples (rows, K + 1) at the places of `to_bernstein`."""
+    values = np.ascontiguousarray(samples.T)
+    if values.shape[1] == 1:  # of one row alone numpy takes the sum in another order
+        return to_rows(np.repeat(samples, 2, axis=0))[:, :1]
+    return np.einsum("kj,jr->kr", to_bernstein(len(values) - 1), values)
+
+
+def _halved(coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients (K + 1, 2 rows) of all left halves and then of all right ones, by de Casteljau."""
+    last, count = len(coefficients) - 1, coefficients.shape[1]
+    halves = np.empty((last + 1, 2 * count))
+    left, right = halves[:, :count], halves[:, count:]
+    between = coefficients
+    left[0], right[last] = between[0], between[last]
+    for k in range(1, last + 1):
+        between = (between[:-1] + between[1:]) / 2
+        left[k], right[last - k] = between[0], between[-1]
+    return halves
 
 
 def minimise(
@@ -161,37 +201,38 @@ def minimise(
     """Bounds the least value of every clause over all its tasks, and completes `minima` with it.
 
     The least clause of a quantity is bounded to within the tolerance, and so is every clause that falls
-    below zero; of the others it is only proved that they are larger. Where the work exceeds a fixed budget,
-    bounds are less tight, but remain bounds.
+    below zero; of the others it is only proved that they are larger. Where the work for an owner exceeds a
+    fixed budget, its bounds are less tight, but remain bounds.
 
     Args:
         rows: what is not settled yet.
         layout: how rows nest.
         minima: what is known already; changed in place.
-        value: rising function of polynomials' values (rows, ...) and of the rows' kinds (rows,).
+        value: rising function of polynomials' values (..., rows) and of the rows' kinds (rows,).
         tolerance: how close a bound must come to the least value met, (clauses,) to (clauses,).
     """
     clause_of = layout.clause
     coefficients, error, kind, low, high = rows.coefficients, rows.error, rows.kind, rows.low, rows.high
     for _ in range(_MOST_HALVINGS):
-        first = np.flatnonzero(layout.opens_clause[kind])
-        clause = clause_of[kind[first]]
-        ends = coefficients[:, [0, -1]]
-        guarded = np.column_stack([coefficients.min(axis=1) - error, ends - error[:, None], ends])
-        lower, left, right, at_low, at_high = layout.fold(kind, value(guarded, kind)).T
+        clause = clause_of[kind[layout.opens_clause[kind]]]
+        ends = coefficients[[0, -1]]
+        guarded = np.concatenate([coefficients.min(axis=0)[None] - error, ends - error, ends])
+        lower, left, right, at_low, at_high = layout.fold(kind, value(guarded, kind))
         minima.meet(clause, at_low, low)
         minima.meet(clause, at_high, high)
         # Halving does not help where an end is the least already.
         settled = (lower >= minima.wanted(layout, tolerance)[clause]) | (lower >= np.minimum(left, right))
+        owner = layout.owner[clause]
+        task = np.cumsum(layout.opens_clause[kind]) - 1
+        unsettled = np.bincount(owner[task], ~settled[task], minlength=1)
+        settled |= (2 * unsettled > _MOST_ROWS)[owner]
         np.minimum.at(minima.bound, clause[settled], lower[settled])
         lower, clause = lower[~settled], clause[~settled]
-        open_row = np.repeat(~settled, np.diff(np.append(first, len(kind))))
-        count = np.count_nonzero(open_row)
-        if count == 0 or 2 * count > _MOST_ROWS:
-            break
-        halves = coefficients[open_row] @ np.swapaxes(_halvings(coefficients.shape[1] - 1), 1, 2)
+        row = np.flatnonzero(~settled[task])
+        if len(row) == 0:
+            return
+        coefficients = _halved(coefficients[:, row])
         middle = (low + high)[~settled] / 2
-        coefficients = np.concatenate(halves)
-        error, kind = np.tile(error[open_row], 2), np.tile(kind[open_row], 2)
+        error, kind = np.tile(error[row], 2), np.tile(kind[row], 2)
         low, high = np.append(low[~settled], middle), np.append(middle, high[~settled])
     np.minimum.at(minima.bound, clause, lower)

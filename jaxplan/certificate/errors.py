@@ -141,30 +141,26 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
 
 
 def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence:
-    """Samples a motion on intervals so short that the polynomials leave out at most as much as wanted.
+    """Samples trajectories on intervals so short that the polynomials leave out at most as much as wanted.
 
     Args:
-        motion: the motion.
-        wanted: the errors that may remain, without the axis n. Where that takes too many intervals,
-            larger ones do.
-        ways: of the axes that move; they must be known all the time.
+        motion: of one trajectory or of several.
+        wanted: the errors that may remain, with the last axis for the trajectories. Where one would take too
+            many intervals, larger ones do.
+        ways: of the axes that move, where there is a single trajectory; they must be known all the time.
     """
-    edges = np.union1d(motion.platform.breaks, motion.joints.breaks)
-    for way in ways:
-        inner = (way.breaks > edges[0]) & (way.breaks < edges[-1])
-        edges = np.union1d(edges, way.breaks[inner])
-    for _ in range(_ROUNDS):
-        on = motion.between(edges)
+    on = motion.pieces(ways)
+    unsettled = np.ones(len(on.begins) - 1, dtype=bool)
+    for left in reversed(range(_ROUNDS)):
         bounds = majorants(motion, on, ways)
         left_out = interpolation(on, bounds)
         # An error shrinks with the interval's power DEGREE + 1 at the least, so this rarely cuts too finely.
-        parts = np.ceil(np.minimum(_excess(left_out, wanted) ** (1 / (DEGREE + 1)), _MOST_PARTS)).astype(int)
-        if np.all(parts == 1) or parts.sum() > max(_MOST_INTERVALS, 2 * len(edges)):
+        parts = np.ceil(np.minimum(_excess(left_out, wanted, on) ** (1 / (DEGREE + 1)), _MOST_PARTS))
+        before, after = np.diff(on.begins), np.add.reduceat(parts, on.begins[:-1])
+        unsettled &= (after > before) & (after <= np.maximum(_MOST_INTERVALS, 2 * before))
+        if left == 0 or not np.any(unsettled):
             break
-        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        fraction = number / np.repeat(parts, parts)
-        cuts = np.repeat(edges[:-1], parts) + fraction * np.repeat(np.diff(edges), parts)
-        edges = np.append(cuts, edges[-1])
+        on = on.cut(np.where(unsettled[on.trajectory], parts, 1).astype(int))
     return Evidence(
         on=on,
         samples=motion.sample(on),
@@ -174,11 +170,11 @@ def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence
     )
 
 
-def _excess(errors: Errors, wanted: Errors) -> np.ndarray:
+def _excess(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
     """The worst ratio of an error to the one wanted on each interval, (n,), at least one."""
     ratios = (
-        errors.direction / wanted.direction[:, None],
-        errors.spin / wanted.spin[:, None],
-        np.concatenate(errors.joints / wanted.joints[..., None]),
+        errors.direction / wanted.direction[:, on.trajectory],
+        errors.spin / wanted.spin[:, on.trajectory],
+        np.concatenate(errors.joints / wanted.joints[..., on.trajectory]),
     )
     return np.maximum(np.nan_to_num(np.concatenate(ratios), nan=np.inf).max(axis=0), 1)

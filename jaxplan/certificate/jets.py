@@ -94,7 +94,7 @@ def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     powers = np.ones((_TERMS, square.shape[1]))
     np.cumprod(np.broadcast_to(-square[0] / 2, (_TERMS - 1, square.shape[1])), axis=0, out=powers[1:])
     chain = np.zeros((length, length + 1, square.shape[1]))  # (order, member, n)
-    chain[0] = _chain_series(length + 1) @ powers
+    chain[0] = np.einsum("mj,jn->mn", _chain_series(length + 1), powers)
     rate = slope(square)
     for k in range(1, length):
         chain[k, :-1] = np.einsum("Zn,Zmn->mn", rate[:k], chain[k - 1 :: -1, 1:]) / (-2 * k)

@@ -24,43 +24,48 @@ def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def jumps(samples: Samples) -> dict[str, np.ndarray]:
-    """Jumps between neighbouring intervals, (n - 1,) each, by the names and units of `Report.jumps`."""
-    attitude, spin, joints = samples.attitude, samples.spin, samples.joints
-    found = {_PLATFORM[0]: _apart(attitude[..., :-1, -1], attitude[..., 1:, 0])}
-    for names, curves in ((_PLATFORM[1:], spin), (_JOINTS, joints)):
-        steps = np.abs(curves[..., :-1, -1] - curves[..., 1:, 0]).max(axis=1, initial=0)
+    """Jumps by the names and units of `Report.jumps`, (n,) each: from every interval to the next.
+
+    From the last one it is to the first, so that there are two at least (see `motion`).
+    """
+    found = {_PLATFORM[0]: _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))}
+    for names, curves in ((_PLATFORM[1:], samples.spin), (_JOINTS, samples.joints)):
+        steps = np.abs(curves[..., -1] - np.roll(curves[..., 0], -1, axis=-1)).max(axis=1, initial=0)
         found |= dict(zip(names, steps, strict=True))
     return found
 
 
-def jump_faults(samples: Samples, smoothness: int, jerk_limited: bool) -> Iterator[str]:
+def jump_faults(
+    found: dict[str, np.ndarray], times: np.ndarray, smoothness: int, jerk_limited: bool
+) -> Iterator[str]:
     """A sentence for each quantity that jumps though it must not.
 
     Args:
-        samples: of the motion.
+        found: (k,) each, the jumps of a trajectory.
+        times: (k,) s, when they are.
         smoothness: number of derivatives that the trajectory claims to be continuous; rates must be anyway.
         jerk_limited: whether the spacecraft limits the jerk, so that the angular acceleration must not jump.
     """
-    for name, steps in jumps(samples).items():
+    for name, steps in found.items():
         order = (_PLATFORM if name in _PLATFORM else _JOINTS).index(name)
         needed = max(smoothness, 2 if jerk_limited and name in _PLATFORM else 1)
         if order <= needed and not np.all(steps <= TOLERANCE):
             worst = int(np.argmax(steps))
             unit = "rad" + ("", "/s", "/s^2", "/s^3")[order]
-            time = samples.time[worst, -1]
+            time = times[worst]
             yield f"there is a jump of {steps[worst]:.3g} {unit} in {_words(name)} at t = {time:.6g} s"
 
 
-def end_faults(samples: Samples, name: str, end: EndState, index: int) -> Iterator[str]:
+def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, int]) -> Iterator[str]:
     """A sentence for each part of a wanted state that the trajectory misses.
 
     Args:
         samples: of the motion.
         name: of the state, for the sentences.
         end: the wanted state.
-        index: 0 for the first instant, -1 for the last.
+        instant: its interval, and its number there.
     """
-    at = (..., index, index)
+    at = (..., *instant)
     rest = np.zeros(3), np.zeros(samples.joints.shape[1])
     wanted_spin = rest[0] if end.angular_velocity is None else end.angular_velocity
     wanted_rates = rest[1] if end.joint_rates is None else end.joint_rates

@@ -122,25 +122,35 @@ def _of_actuators(spacecraft: "Spacecraft", evidence: Evidence) -> list[Quantity
 
 
 def prove(limited: list[Quantity], evidence: Evidence) -> Minima:
-    """Bounds the least of ``1 - |f| / limit`` over all time, for the components of all quantities in turn."""
-    limit = np.concatenate([q.limit for q in limited])[:, None]
+    """Bounds the least of ``1 - |f| / limit`` over all time.
+
+    Returns:
+        For the components of all quantities in turn, trajectory by trajectory.
+    """
+    on, limit = evidence.on, np.concatenate([q.limit for q in limited])[:, None]
     ratio = np.concatenate([q.values for q in limited]) / limit[..., None]
     largest = np.abs(ratio).max(axis=2)
     error = [np.broadcast_to(q.left_out + LEBESGUE * q.rounding, q.values.shape[:2]) for q in limited]
     conversion = ROUNDING * bounds.growth(DEGREE) * largest
-    coefficients = ratio @ bounds.to_bernstein(DEGREE).T
-    components, count = largest.shape
-    every = np.ones(components, dtype=bool)
+    coefficients = bounds.to_rows(ratio.reshape(-1, DEGREE + 1))
+    components, trajectories = len(limit), len(on.begins) - 1
+    every = np.ones(trajectories * components, dtype=bool)
     quantity = np.repeat(np.arange(len(limited)), [len(q.components) for q in limited])
-    layout = Layout(opens_entry=every, opens_clause=every, quantity=quantity)
-    rows = Rows(
-        coefficients=np.concatenate([1 - coefficients, 1 + coefficients]).reshape(-1, DEGREE + 1),
-        error=np.tile((np.concatenate(error) / limit + conversion).ravel(), 2),
-        kind=np.tile(np.repeat(np.arange(components), count), 2),
-        low=np.tile(evidence.on.centre - evidence.on.half, 2 * components),
-        high=np.tile(evidence.on.centre + evidence.on.half, 2 * components),
+    owner = np.arange(trajectories)[:, None]
+    layout = Layout(
+        opens_entry=every,
+        opens_clause=every,
+        quantity=(len(limited) * owner + quantity).ravel(),
+        owner=np.repeat(owner, components),
     )
-    minima = Minima.of(components)
+    rows = Rows(
+        coefficients=np.concatenate([1 - coefficients, 1 + coefficients], axis=1),
+        error=np.tile((np.concatenate(error) / limit + conversion).ravel(), 2),
+        kind=np.tile((np.arange(components)[:, None] + components * on.trajectory).ravel(), 2),
+        low=np.tile(on.low, 2 * components),
+        high=np.tile(on.high, 2 * components),
+    )
+    minima = Minima.of(len(every))
     bounds.minimise(rows, layout, minima, lambda value, _: value, tolerance)
     return minima
 

@@ -12,7 +12,8 @@ An axis that moves is taken where it is at each instant; how far polynomials in 
 is in the evidence.
 
 A zone binds each of its devices by itself: each is a clause (see `bounds`). Zones of one group are one clause
-with an entry for each zone, which holds where all devices of the zone do.
+with an entry for each zone, which holds where all devices of the zone do. A trajectory's pairs of zones and
+devices are tasks on its own intervals only, so what is proved of it is the same alone and among others.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ from jaxplan.certificate import bounds
 from jaxplan.certificate.axes import Way
 from jaxplan.certificate.bounds import LEBESGUE, Layout, Minima, Rows
 from jaxplan.certificate.errors import Evidence
-from jaxplan.certificate.motion import DEGREE, Motion
+from jaxplan.certificate.motion import DEGREE, Motion, places
 from jaxplan.certificate.pieces import ROUNDING
 
 if TYPE_CHECKING:
@@ -42,18 +43,16 @@ class Bindings:
     """Pairs of a zone and a device that it binds; they are the kinds of `layout`.
 
     Attributes:
-        cones: the zones as they were given.
-        zone: (pairs,) row of the zone.
+        zone: (pairs,) row of the zone, among those of its trajectory.
         device: (pairs,) number of the device.
         axis: (pairs, 3) unit vector, the zone's or its opposite; NaN where it moves.
         ways: of the axes that move, by the zone's row.
         flip: (pairs,) -1 where the axis is the zone's opposite, else +1.
         angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis.
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside.
-        layout: how pairs make up constraints.
+        layout: how pairs make up constraints; owners are the trajectories on which they must hold.
     """
 
-    cones: "Cones"
     zone: np.ndarray
     device: np.ndarray
     axis: np.ndarray
@@ -79,12 +78,12 @@ class Bindings:
             opens_entry=new_zone | ~shared,
             opens_clause=opens_clause,
             quantity=np.zeros(np.count_nonzero(opens_clause), dtype=int),
+            owner=np.zeros(np.count_nonzero(opens_clause), dtype=int),
         )
         wide = (cones.half_angle > np.pi / 2)[zone]
         flip = np.where(wide, -1.0, 1.0)
         direction = cones.direction / np.linalg.norm(cones.direction, axis=-1, keepdims=True)
         return cls(
-            cones=cones,
             zone=zone,
             device=device,
             axis=flip[:, None] * direction[zone],
@@ -97,6 +96,18 @@ class Bindings:
             angle=np.where(wide, np.pi - cones.half_angle[zone], cones.half_angle[zone]),
             side=flip * cones.side[zone],
             layout=layout,
+        )
+
+    @classmethod
+    def joined(cls, several: "Sequence[Bindings]") -> "Bindings":
+        """Those of several trajectories, of which no axis moves; or of one."""
+        if len(several) == 1:
+            return several[0]
+        names = ("zone", "device", "axis", "flip", "angle", "side")
+        return cls(
+            **{name: np.concatenate([getattr(own, name) for own in several]) for name in names},
+            layout=Layout.joined([own.layout for own in several]),
+            ways={},
         )
 
     def axes(self, pair: np.ndarray, centre: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -120,73 +131,79 @@ class Bindings:
         return axes
 
     def margin(self, guarded: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Margins in rad from ``side c``, with which they rise: (rows, ...), for pairs (rows,)."""
-        side, angle = (x[pair].reshape(-1, *[1] * (guarded.ndim - 1)) for x in (self.side, self.angle))
+        """Margins in rad from ``side c``, with which they rise: (..., rows), for pairs (rows,)."""
+        side, angle = self.side[pair], self.angle[pair]
         return side * (2 * np.arcsin(np.sqrt(np.clip(side * guarded, 0, 4)) / 2) - angle)
 
     def prove(self, evidence: Evidence) -> Minima:
         """Bounds the least margin of every clause, rad, over all time."""
-        minima = Minima.of(len(self.layout.quantity))
-        pairs = np.arange(len(self.zone))
-        if len(pairs) == 0:
+        minima, on = Minima.of(len(self.layout.quantity)), evidence.on
+        if len(self.zone) == 0:
             return minima
+        number = np.diff(on.begins)[self.layout.owner]
+        clause = np.repeat(np.arange(len(number)), number)
+        interval = on.begins[self.layout.owner][clause] + places(number)
         # First a cap around the boresight at mid-interval, as wide as it may move: that settles nearly all.
-        middle = evidence.samples.boresights[..., DEGREE // 2]
-        axes, number = self.axis[..., None], len(evidence.on.centre)
-        if self.ways:
-            centre = np.tile(evidence.on.centre, len(pairs))
-            found = self.axes(np.repeat(pairs, number), centre, centre[:, None])
-            axes = np.moveaxis(found[..., 0].reshape(len(pairs), number, 3), 2, 1)
-        chord = np.linalg.norm(middle[self.device] - axes, axis=1)
-        reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.device]
-        side = self.side[:, None]
+        pair, where = self._rows_of(clause, interval)
+        device, side, centre = self.device[pair], self.side[pair], on.centre[where]
+        middle = evidence.samples.boresights[device, :, where, DEGREE // 2]
+        chord = np.linalg.norm(middle - self.axes(pair, centre, centre[:, None])[..., 0], axis=1)
+        reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[device, where]
         near = np.clip(chord - side * reach, 0, 2)
-        lower = self.layout.fold(pairs, self.margin(side * near**2, pairs))
-        met = self.layout.fold(pairs, self.margin(side * chord**2, pairs))
-        least = met.argmin(axis=1)
-        minima.meet(np.arange(len(met)), met.min(axis=1), evidence.on.centre[least])
-        settled = lower >= minima.wanted(self.layout, tolerance)[:, None]
-        minima.bound[:] = np.where(settled, lower, np.inf).min(axis=1)
+        squares = np.stack([near, chord]) ** 2
+        lower, met = self.layout.fold(pair, self.margin(side * squares, pair))
+        minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equals the first
+        settled = lower >= minima.wanted(self.layout, tolerance)[clause]
+        np.minimum.at(minima.bound, clause[settled], lower[settled])
         if not np.all(settled):
-            rows = self._rows(evidence, *np.nonzero(~settled))
+            rows = self._rows(evidence, clause[~settled], interval[~settled])
             bounds.minimise(rows, self.layout, minima, self.margin, tolerance)
         return minima
 
-    def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """The polynomials of ``side c`` for some clauses on some intervals, (tasks,) each."""
+    def _rows_of(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs and intervals (rows,) of the rows of some clauses on some intervals, (tasks,) each."""
         opening = np.flatnonzero(self.layout.opens_clause)
         size = np.diff(np.append(opening, len(self.zone)))[clause]
-        within = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-        pair, where = np.repeat(opening[clause], size) + within, np.repeat(interval, size)
-        device = self.device[pair]
-        apart = evidence.samples.boresights[device, :, where] - self.axes(
-            pair, evidence.on.centre[where], evidence.samples.time[where]
-        )
+        return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
+
+    def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
+        """The polynomials of ``side c`` for some clauses on some intervals, (tasks,) each."""
+        pair, where = self._rows_of(clause, interval)
+        device, on = self.device[pair], evidence.on
+        axes = self.axes(pair, on.centre[where], evidence.samples.time[where])
+        apart = evidence.samples.boresights[device, :, where] - axes
         square = np.einsum("rim,rim->rm", apart, apart)
         largest = square.max(axis=1)
         # With |p| = 1 an error d of p changes c by 2 |p - e| d at most, but what is left out by 2 d.
         noise = LEBESGUE * 2 * evidence.rounding.direction[device, where] * np.sqrt(largest)
         conversion = ROUNDING * bounds.growth(DEGREE) * largest
         return Rows(
-            coefficients=self.side[pair][:, None] * square @ bounds.to_bernstein(DEGREE).T,
+            coefficients=self.side[pair] * bounds.to_rows(square),
             error=2 * evidence.left_out.direction[device, where] + noise + conversion,
             kind=pair,
-            low=(evidence.on.centre - evidence.on.half)[interval],
-            high=(evidence.on.centre + evidence.on.half)[interval],
+            low=on.low[interval],
+            high=on.high[interval],
         )
 
-    def deciding(self, clause: int, time: float, motion: Motion) -> tuple[int, int]:
-        """Zone and device whose margin is the clause's at some time: the best entry's worst pair."""
+    def deciding(self, clause: int, time: float, motion: Motion, trajectory: int = 0) -> int:
+        """The pair whose margin is the clause's at some time: the best entry's worst one.
+
+        Args:
+            clause: its number.
+            time: s.
+            motion: of the trajectory, maybe among others.
+            trajectory: its number there.
+        """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
-            instant = motion.sample(motion.between(np.array([time, time])), np.zeros(1))
+            instant = motion.sample(motion.between(np.array([time, time]), trajectory), np.zeros(1))
             when = np.full((len(pairs), 1), time)
             chord = (
                 instant.boresights[self.device[pairs], :, 0, 0] - self.axes(pairs, when[:, 0], when)[..., 0]
             )
             margin = self.margin(self.side[pairs] * np.sum(chord**2, axis=1), pairs)
             pairs = pairs[margin == self.layout.fold(pairs, margin)]
-        return int(self.zone[pairs[0]]), int(self.device[pairs[0]])
+        return int(pairs[0])
 
     def faults(
         self,
@@ -195,19 +212,21 @@ class Bindings:
         device_names: Sequence[str],
         zone_names: Sequence[str],
         allowance: float,
+        trajectory: int = 0,
     ) -> Iterator[str]:
         """A sentence for each clause whose margin is not proved to be at least minus the allowance."""
         for clause in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
             time, seen, bound = minima.time[clause], minima.seen[clause], minima.bound[clause]
-            zone, device = self.deciding(clause, time, motion)
-            kind, wrong = ("keep-out", "inside") if self.cones.side[zone] > 0 else ("keep-in", "outside")
-            place = f"the {kind} zone {zone_names[zone]}"
+            pair = self.deciding(clause, time, motion, trajectory)
+            outside = self.flip[pair] * self.side[pair] > 0
+            kind, wrong = ("keep-out", "inside") if outside else ("keep-in", "outside")
+            device, place = device_names[self.device[pair]], f"the {kind} zone {zone_names[self.zone[pair]]}"
             if seen < -allowance:
                 single = len(np.unique(self.zone[self.layout.clause == clause])) == 1
                 rest = "" if single else ", the nearest to hold of its group,"
-                overlap = f"{device_names[device]} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
+                overlap = f"{device} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
                 yield f"{overlap}{rest} at t = {time:.6g} s"
             else:
                 met = f"{np.rad2deg(seen):.3g} deg was met at t = {time:.6g} s"
                 proof = f"is not proved: {met}, the bound is {np.rad2deg(bound):.3g} deg"
-                yield f"the margin of {device_names[device]} to {place} {proof}"
+                yield f"the margin of {device} to {place} {proof}"

@@ -13,6 +13,7 @@ from numpy.polynomial import legendre
 
 # Size of the rounding error of a sum or of a short computation, relative to the size of its terms.
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
+_ENDS = slice(None, -1), slice(1, None)
 
 
 @lru_cache
@@ -28,33 +29,54 @@ def _operators(degree: int) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """Polynomials of degree p in c components on the intervals between breaks.
+    """Polynomials of degree p in c components on the intervals between breaks, of one curve or of several.
+
+    The pieces of all curves are numbered one after the other.
 
     Attributes:
-        breaks: (N + 1,) s.
+        first: (N,) s, where each piece begins.
+        last: (N,) s, where it ends.
         derivatives: (N, p + 1, p + 1, c) Legendre coefficients (second axis) of the k-th derivative in time
             over k! (third axis).
+        begins: (curves + 1,) number of each curve's first piece, and N.
     """
 
-    breaks: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
     derivatives: np.ndarray
+    begins: np.ndarray
 
     @classmethod
-    def of(cls, breaks: np.ndarray, coefficients: np.ndarray) -> Self:
-        """From Legendre coefficients of shape (N, p + 1, c)."""
-        degree = coefficients.shape[1] - 1
-        unit = (2 / np.diff(breaks))[:, None, None] ** np.arange(degree + 1)[:, None]
-        derivatives = np.einsum("kij,njc->nikc", _operators(degree), coefficients)
-        return cls(breaks=breaks, derivatives=derivatives * unit[:, None])
+    def of(cls, *curves: tuple[np.ndarray, np.ndarray]) -> Self:
+        """From the breaks and the Legendre coefficients of each curve, the latter (pieces, p + 1, c)."""
+        first, last = (np.concatenate([breaks[part] for breaks, _ in curves]) for part in _ENDS)
+        coefficients = np.concatenate([own for _, own in curves])
+        pieces, length, components = coefficients.shape
+        # One product a piece, so that none depends on how many there are.
+        derivatives = _operators(length - 1).reshape(-1, length) @ coefficients
+        derivatives = derivatives.reshape(pieces, length, length, components).swapaxes(1, 2)
+        unit = (2 / (last - first))[:, None, None] ** np.arange(length)[:, None]
+        return cls(
+            first=first,
+            last=last,
+            derivatives=derivatives * unit[:, None],
+            begins=np.cumsum([0, *(len(own) for _, own in curves)]),
+        )
 
     @property
     def length(self) -> int:
         """Number of coefficients, p + 1."""
         return self.derivatives.shape[1]
 
-    def holding(self, time: np.ndarray) -> np.ndarray:
-        """Numbers of the pieces that hold at some times; at a break the later one."""
-        return np.clip(np.searchsorted(self.breaks, time, side="right") - 1, 0, len(self.breaks) - 2)
+    def breaks(self, curve: int = 0) -> np.ndarray:
+        """(pieces + 1,) s, of one curve."""
+        own = slice(*self.begins[curve : curve + 2])
+        return np.append(self.first[own], self.last[own][-1:])
+
+    def holding(self, time: np.ndarray, curve: int = 0) -> np.ndarray:
+        """Numbers of the pieces of one curve that hold at some times; at a break the later one."""
+        begin, end = self.begins[curve : curve + 2]
+        return begin + np.clip(np.searchsorted(self.first[begin:end], time, side="right") - 1, 0, None)
 
     def taylor(self, piece: np.ndarray, time: np.ndarray, orders: int) -> np.ndarray:
         """Taylor coefficients about some instants.
@@ -67,7 +89,7 @@ class Pieces:
         Returns:
             (orders, c, n, m), of the powers of seconds.
         """
-        first, last = self.breaks[piece, None], self.breaks[piece + 1, None]
+        first, last = self.first[piece, None], self.last[piece, None]
         argument = ((time - first) - (last - time)) / (last - first)
         length, components = self.length, self.derivatives.shape[3]
         known = min(orders, length)
@@ -85,6 +107,6 @@ class Pieces:
         terms = np.abs(self.derivatives[:, :, : orders + 1]).sum(axis=1)  # (N, orders, c)
         sizes = np.zeros((len(terms), orders + 1, terms.shape[2]))
         sizes[:, : terms.shape[1]] = terms
-        half = np.diff(self.breaks)[:, None, None] / 2
+        half = (self.last - self.first)[:, None, None] / 2
         slopes = np.arange(1, orders + 1)[:, None] * sizes[:, 1:] * half
         return ROUNDING * np.moveaxis((sizes[:, :-1] + slopes / 4)[piece], 0, -1)

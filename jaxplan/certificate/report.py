@@ -1,8 +1,15 @@
-"""What the certificate is asked about the ends of a trajectory, and what it says."""
+"""What the certificate is asked about a trajectory, and what it says."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.trajectory.curve import Trajectory
+    from jaxplan.zones import Cones
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,6 +27,27 @@ class EndState:
     joints: np.ndarray
     angular_velocity: np.ndarray | None = None
     joint_rates: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Claim:
+    """What is to be proved: that a trajectory is safe and does what it should.
+
+    Attributes:
+        trajectory: the manoeuvre.
+        spacecraft: its devices and limits.
+        cones: all zones, padded or not.
+        zone_names: names of the zones in the order of the cones' rows.
+        start: the state it must start from.
+        goal: the state it must end in.
+    """
+
+    trajectory: "Trajectory"
+    spacecraft: "Spacecraft"
+    cones: "Cones"
+    zone_names: Sequence[str]
+    start: EndState
+    goal: EndState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

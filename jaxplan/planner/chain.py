@@ -8,7 +8,7 @@ The first certified plan ends it; else the answer is that of the attempt that go
 Where targets or zones move, a goal is one at the end of the manoeuvre (`meeting`), the search sees what zones
 sweep (`sweeps`), and fit and certificate see them move.
 
-The chain is a generator that asks for its searches and its fits, so that those of many scenarios are made
+The chain is a generator that asks for its searches, fits and proofs, so that those of many scenarios are made
 together. Where targets or zones move, fits and goals follow each other, and a chain fits by itself.
 """
 
@@ -18,9 +18,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jaxplan.certificate import Report
 from jaxplan.path import Goal, MovingGoal, Path, halve
 from jaxplan.planner import messages
-from jaxplan.planner.check import prove, start_attitude
+from jaxplan.planner.check import ProofQuery, start_attitude
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.meeting import guesses, meet
@@ -63,12 +64,13 @@ class Query:
 
 
 T = TypeVar("T")
-Asking = Generator[Query | FitQuery, Any, T]
+Question = Query | FitQuery | ProofQuery
+Asking = Generator[Question, Any, T]
 Chain = Asking[Plan]
 
 
 def chain(scenario: Scenario, clock: Clock) -> Chain:
-    """Plan a scenario; yields searches and fits, and is sent their answers.
+    """Plan a scenario; yields searches, fits and proofs, and is sent their answers.
 
     Args:
         scenario: the problem and its settings.
@@ -209,20 +211,21 @@ def finish(so_far: Plan, path: Path, clock: Clock) -> Asking[Plan]:
             so_far = replace(so_far, goal=goal, path=meeting.path)
     else:
         fitted = yield wanted_fit(scenario, path, goal)
-    return judged(so_far, fitted, clock)
-
-
-def judged(so_far: Plan, fitted: Fit, clock: Clock) -> Plan:
-    """The plan with a trajectory that was fitted, certified or not."""
-    scenario, goal = so_far.scenario, so_far.goal
-    assert goal is not None
-    message = fitted.note if fitted.status is Status.OK else fitted.message
-    so_far = replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
-    if fitted.trajectory is None:
+    so_far = fitted_plan(so_far, fitted)
+    if so_far.trajectory is None:
         return so_far
-    with clock.step("certificate"):
-        report = prove(scenario, goal, fitted.trajectory)
+    return judged(so_far, (yield ProofQuery(scenario=scenario, goal=goal, trajectory=so_far.trajectory)))
+
+
+def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
+    """The plan with what step 3 found, if anything, not yet certified."""
+    message = fitted.note if fitted.status is Status.OK else fitted.message
+    return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
+
+
+def judged(so_far: Plan, report: Report) -> Plan:
+    """The plan with a report on its trajectory, certified or not."""
     so_far = replace(so_far, report=report)
-    if fitted.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
+    if so_far.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
         return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(report))
     return so_far

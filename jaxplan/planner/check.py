@@ -1,12 +1,13 @@
 """The certificate of a scenario's trajectory, made when it is planned and made anew from a file."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import EndState, ProvedMargin, Report, certify, prove_margins
+from jaxplan.certificate import Claim, EndState, ProvedMargin, Report, certify_batch, prove_margins
 from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
@@ -28,22 +29,48 @@ def start_attitude(scenario: Scenario) -> np.ndarray:
         return np.asarray(exp(np.asarray(scenario.start.rotation_vector, float)))
 
 
-def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
-    """Certify a trajectory against a scenario: zones, limits, start, and the goal that is asked for.
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProofQuery:
+    """What is to be certified against a scenario: zones, limits, start, and the goal that is asked for.
 
-    Args:
+    Attributes:
         scenario: what must hold.
         goal: where the trajectory must end; it must be what the scenario asks for.
         trajectory: the manoeuvre.
     """
-    start, end = scenario.start, end_rates(scenario, goal)
-    craft = scenario.spacecraft
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    report = certify(
-        trajectory,
-        craft,
-        tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
-        zone_names=[zone.name for zone in zones],
+
+    scenario: Scenario
+    goal: Goal
+    trajectory: Trajectory
+
+
+def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
+    """Certify a trajectory by itself, see `ProofQuery`."""
+    return prove_batch([ProofQuery(scenario=scenario, goal=goal, trajectory=trajectory)])[0]
+
+
+def prove_batch(queries: Sequence[ProofQuery]) -> list[Report]:
+    """Certify many trajectories; each report is the one it gets by itself, to the last bit."""
+    reports = []
+    for query, report in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
+        off = (
+            *_goal_faults(query.scenario, query.goal),
+            *arrival_faults(query.scenario, query.goal, query.trajectory),
+        )
+        certified, faults = report.certified and not off, (*report.faults, *off)
+        reports.append(replace(report, certified=certified, faults=faults))
+    return reports
+
+
+def _claim(query: ProofQuery) -> Claim:
+    """What the scenario asks of the trajectory, its goal being where it should end."""
+    scenario, goal, start = query.scenario, query.goal, query.scenario.start
+    end, craft = end_rates(scenario, goal), scenario.spacecraft
+    return Claim(
+        trajectory=query.trajectory,
+        spacecraft=craft,
+        cones=tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
+        zone_names=_zone_names(scenario),
         start=EndState(
             attitude=start_attitude(scenario),
             joints=start.joints,
@@ -57,8 +84,6 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
             joint_rates=end[1],
         ),
     )
-    off = (*_goal_faults(scenario, goal), *arrival_faults(scenario, goal, trajectory))
-    return replace(report, certified=report.certified and not off, faults=(*report.faults, *off))
 
 
 def check_plan(plan: Plan) -> Report:
@@ -85,13 +110,18 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
     if plan.trajectory is None:
         return ()
     scenario, names = plan.scenario, plan.scenario.spacecraft.device_names
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
     return prove_margins(
         plan.trajectory,
         scenario.spacecraft,
         tabulate(scenario.keep_out, scenario.keep_in, names),
-        zone_names=[zone.name for zone in zones],
+        zone_names=_zone_names(scenario),
     )
+
+
+def _zone_names(scenario: Scenario) -> list[str]:
+    """In the order of the rows of the scenario's cones."""
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    return [zone.name for zone in zones]
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:

@@ -1,25 +1,20 @@
 """Planning one scenario, or many at once."""
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from jaxplan.crew import Crew, check_executor
 from jaxplan.kernel_room import make_room
+from jaxplan.planner.answers import Answer, answer, answers
 from jaxplan.planner.asked import as_filed
-from jaxplan.planner.chain import Chain, Query, chain
+from jaxplan.planner.chain import Chain, Question, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.scenario import Scenario
-from jaxplan.search import PLANNERS, SearchResult, search_batch
-from jaxplan.stopwatch import working_time
 from jaxplan.threads import one_thread
-from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -61,7 +56,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         clock = Clock(scenario.search.time_limit, show)
         run = _Run(scenario, clock)
         while run.query is not None:
-            run.go_on(_answer(run.query, clock))
+            run.go_on(answer(run.query, clock))
     result = run.plan()
     if throw and not result.ok:
         raise PlanningError(result)
@@ -71,7 +66,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
 def plan_batch(
     scenarios: Iterable[Scenario], *, executor: Executor | int | None = None, progress: bool = True
 ) -> list[Plan]:
-    """Plan many scenarios, their searches and fits together.
+    """Plan many scenarios, their searches, fits and proofs together.
 
     Args:
         scenarios: the problems, each with its own settings; they need not be alike.
@@ -81,8 +76,8 @@ def plan_batch(
 
     Returns:
         The plans in the same order, failed ones with their status and message: none raises. They are those of
-        `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of
-        searches and fits made together each plan is given its share: an equal one of what was done at once.
+        `plan` one by one, on the CPU to the last bit, unless a time limit ends a search. Of the time of what
+        was made together each plan is given its share: an equal one of what was done at once.
 
     Raises:
         TypeError: if one of them is no scenario, or the executor is none.
@@ -116,8 +111,9 @@ def _together(scenarios: Sequence[Scenario], bar: Any) -> list[Plan]:
         runs.append(_Run(scenario, Clock(scenario.search.time_limit)))
         bar.update(runs[-1].query is None)
     while asking := [run for run in runs if run.query is not None]:
-        for run, found in zip(asking, _answers(asking), strict=True):
-            run.go_on(found)
+        found = answers([(run.query, run.clock) for run in asking if run.query is not None])
+        for run, own in zip(asking, found, strict=True):
+            run.go_on(own)
             bar.update(run.query is None)
     return [run.plan() for run in runs]
 
@@ -158,17 +154,17 @@ class _Run:
 
     Attributes:
         clock: its time.
-        query: the search or the fit it waits for, None at its end.
+        query: what it waits for, None at its end.
     """
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
         self.clock = clock
         self._chain: Chain = chain(scenario, clock)
         self._plan: Plan | None = None
-        self.query: Query | FitQuery | None = None
+        self.query: Question | None = None
         self.go_on(None)
 
-    def go_on(self, found: SearchResult | Fit | None) -> None:
+    def go_on(self, found: Answer | None) -> None:
         """Send the answer to the query, None to begin."""
         make_room()
         try:
@@ -180,46 +176,6 @@ class _Run:
         """The answer at its end."""
         assert self._plan is not None
         return replace(self._plan, timings=self.clock.timings())
-
-
-def _answer(query: Query | FitQuery, clock: Clock) -> SearchResult | Fit:
-    """The answer to one query, and the time it took to the clock."""
-    with clock.step(_step(query)):
-        if isinstance(query, FitQuery):
-            return fit_batch([query])[0]
-        return PLANNERS[query.settings.method](query.scene, query.settings)
-
-
-def _answers(asking: Sequence[_Run]) -> list[SearchResult | Fit]:
-    """The answers to the queries, those of a step together, and the time they took to the clocks."""
-    found: dict[int, SearchResult | Fit] = {}
-    for step in ("search", "trajectory"):
-        own = {number: run for number, run in enumerate(asking) if run.query and _step(run.query) == step}
-        if own:
-            found.update(zip(own, _together_in(step, list(own.values())), strict=True))
-    return [found[number] for number in range(len(asking))]
-
-
-def _step(query: Query | FitQuery) -> str:
-    return "trajectory" if isinstance(query, FitQuery) else "search"
-
-
-def _together_in(step: str, asking: Sequence[_Run]) -> list[Any]:
-    """The answers to queries of one step; to each clock its share of the time."""
-    begin, began = time.monotonic(), working_time()
-    queries: list[Any] = [run.query for run in asking]
-    spent = np.zeros(len(queries))
-    if step == "search":
-        found: list[Any] = list(
-            search_batch([q.scene for q in queries], [q.settings for q in queries], spent)
-        )
-    else:
-        found = list(fit_batch(queries, spent))
-    wall, working = time.monotonic() - begin, working_time() - began
-    spent += (working - np.sum(spent)) / len(spent)  # what is nobody's own
-    for run, own in zip(asking, spent.tolist(), strict=True):
-        run.clock.add(step, own + (wall - working) / len(spent), own)
-    return found
 
 
 @contextmanager
