@@ -79,7 +79,7 @@ def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     peaked &= fine > 0
     peaked[1:] &= fine[1:] > fine[:-1]
     peaked[:-1] &= fine[:-1] >= fine[1:]
-    row, column = np.nonzero(peaked)
+    row, column = np.divmod(np.flatnonzero(peaked), peaked.shape[1])
     series = np.concatenate(several, axis=1)[:, column].T
     followed = _follow(np.ascontiguousarray(series), row * np.pi / (len(fine) - 1), np.pi / (len(fine) - 1))
     np.maximum.at(highest, of[column], followed)

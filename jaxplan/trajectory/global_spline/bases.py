@@ -29,6 +29,7 @@ class Basis:
     breaks: np.ndarray
     differences: tuple[np.ndarray, ...]
     _found: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
+    _ends: dict[bool, tuple[np.ndarray, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def on(cls, breaks: np.ndarray) -> "Basis":
@@ -100,6 +101,32 @@ class Basis:
         rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel())
         return np.swapaxes(rows, 1, 2) @ ((half * weights).reshape(-1, 1) * rows)
 
+    @cached_property
+    def _at_nodes(self) -> np.ndarray:
+        """(6 K, n) the curve at the nodes of a Legendre fit on each interval."""
+        half = np.diff(self.breaks)[:, None] / 2
+        return self.rows((self.breaks[:-1, None] + half * (_legendre_fit()[0] + 1)).ravel(), 1)[0]
+
+    def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
+        """What given values and rates at both ends leave free, and what they make of the coefficients.
+
+        Args:
+            rest: whether accelerations are zero there; else they are free.
+
+        Returns:
+            Free coefficients (n, k), and (n, 2) of the values and of the rates.
+        """
+        if rest not in self._ends:
+            count = 3 if rest else 2
+            rows = self.rows(np.array([0.0, 1.0]), count)
+            of_values, of_rates = np.zeros((2, self.size, 2))
+            for end, part in enumerate((slice(0, count), slice(self.size - count, self.size))):
+                # At an end only as many B-splines differ from zero as derivatives are given.
+                solve = np.linalg.inv(rows[:, end, part])
+                of_values[part, end], of_rates[part, end] = solve[:, 0], solve[:, 1]
+            self._ends[rest] = np.eye(self.size)[:, count:-count], of_values, of_rates
+        return self._ends[rest]
+
     def pieces(self, coefficients: np.ndarray) -> np.ndarray:
         """The same curve in Legendre polynomials on each interval.
 
@@ -109,14 +136,11 @@ class Basis:
         Returns:
             (K, 6, d) in the basis of `jaxplan.trajectory.basis`.
         """
-        nodes, to_legendre = _legendre_fit()
-        half = np.diff(self.breaks)[:, None] / 2
         # The splines sum to one, so a constant may go by itself: in a short time its rounding would be a jump
         # of the derivatives.
         base = coefficients[:1]
-        rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel(), 1)[0]
-        values = rows @ (coefficients - base)
-        found: np.ndarray = to_legendre @ values.reshape(len(half), DEGREE + 1, -1)
+        values = self._at_nodes @ (coefficients - base)
+        found: np.ndarray = _legendre_fit()[1] @ values.reshape(len(self.breaks) - 1, DEGREE + 1, -1)
         found[:, 0] += base
         return found
 

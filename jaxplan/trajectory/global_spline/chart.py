@@ -11,7 +11,6 @@ turn.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +21,7 @@ from jaxplan import so3
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 REACH = 4.0  # rad; beyond it, short of the whole turn at which D is singular, a chart is no longer used
+_NO_ANGLE = 1e-300  # rad, of a vector that has no direction
 _NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the one the other way round
 
 
@@ -54,12 +54,14 @@ class Chart:
             (m + 1, 3) rad.
         """
         eta, steps = self.departures(attitudes, places)
-        # Views: each is taken on the branch that the edge from the one before leads to.
-        for (before, own), step in zip(pairwise(eta), steps, strict=True):
-            angle = np.sqrt(own @ own)
-            if angle > 0:
-                ahead = (before + step) @ own / angle
-                own *= 1 + 2 * np.pi / angle * np.round((ahead - angle) / (2 * np.pi))
+        # Each is taken on the branch that the edge from the one before leads to, from the first on that is
+        # not there already.
+        angle = np.linalg.norm(eta[1:], axis=1)
+        elsewhere = _turns(eta[:-1], steps, eta[1:], angle) != 0
+        for number in range(int(np.argmax(elsewhere)), len(steps)) if np.any(elsewhere) else ():
+            own = eta[number + 1]
+            turns = _turns(eta[number], steps[number], own, angle[number])
+            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * turns
         return eta + places[:, None] * self.turn
 
     def departures(self, attitudes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,6 +104,12 @@ def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
 def _at(attitudes: np.ndarray, places: np.ndarray, turn: np.ndarray) -> tuple[Chart, np.ndarray]:
     chart = Chart(attitude=attitudes[0], turn=turn)
     return chart, chart.coordinates(attitudes, places)
+
+
+def _turns(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Whole turns by which rotation vectors (..., 3) must be longer to lie where steps from others lead."""
+    ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
+    return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)
 
 
 @jax.jit

@@ -51,16 +51,10 @@ class CurveSpace:
     @classmethod
     def of(cls, basis: Basis, ends: Ends) -> "CurveSpace":
         """All splines with the given ends."""
-        count = 3 if ends.rest else 2
-        rows = basis.rows(np.array([0.0, 1.0]), count)
-        of_values, of_rates = np.zeros((2, basis.size, 2))
-        for end, part in enumerate((slice(0, count), slice(basis.size - count, basis.size))):
-            # At an end only as many B-splines differ from zero as derivatives are given.
-            solve = np.linalg.inv(rows[:, end, part])
-            of_values[part, end], of_rates[part, end] = solve[:, 0], solve[:, 1]
+        free, of_values, of_rates = basis.ends(ends.rest)
         return cls(
             basis=basis,
-            free=np.eye(basis.size)[:, count:-count],
+            free=free,
             of_values=of_values,
             of_rates=of_rates,
             fixed=of_values @ ends.values,

@@ -7,12 +7,13 @@ by number, that of the rows of the axes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qps
-from jaxplan.trajectory.global_spline.rows import Family, Index
+from jaxplan.trajectory.global_spline.rows import Family, Index, numbers
 
 if TYPE_CHECKING:
     from jaxplan.trajectory.global_spline.program import Quadratic
@@ -69,7 +70,7 @@ class Rows(NamedTuple):
             return cls(which, np.zeros_like(which), none, none, nobody, nobody, empty, empty, [])
         indices: list[Index] = []
         for mask in chosen:
-            curve, *rest = np.nonzero(mask[which])
+            curve, *rest = numbers(mask[which])
             indices.append((which[curve], *rest))
         slopes = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
         counts = [len(index[0]) for index in indices]
@@ -158,6 +159,15 @@ def solve_duals(
             changes[own] += stretches[own] * quadratic.by_time[curve]
         multipliers[span[0] + dual.kept] = y
     return changes, stretches, multipliers
+
+
+def pulls(rows: Rows, multipliers: np.ndarray) -> np.ndarray:
+    """What rows with multipliers (R,) pull at the coefficients of their curves: (g, n, A)."""
+    pull = multipliers[rows.row, None] * rows.axes
+    ends = np.searchsorted(rows.row, rows.ends)
+    return np.stack(
+        [rows.basis[first:last].T @ pull[first:last] for first, last in pairwise([0, *ends.tolist()])]
+    )
 
 
 def _dual(

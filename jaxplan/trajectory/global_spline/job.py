@@ -16,7 +16,7 @@ from jaxplan.trajectory.global_spline import sqp
 from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.build import Request, build, trajectory
 from jaxplan.trajectory.global_spline.chart import REACH
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE
+from jaxplan.trajectory.global_spline.rows import TUBE
 from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
 from jaxplan.trajectory.scaling import Peaks, all_peaks
@@ -275,18 +275,15 @@ def attempt_at(
 def _nearby(job: Job, first: sqp.Begin) -> Steps[Point]:
     """The best curve near the first one; in a given time one that is far too quick is left as it is."""
     task = first.task
-    if task.free_time or job.at_speed:
-        best: Point = yield Ask(sqp.improve, first)
-        return best
-    point: Point = yield Ask(sqp.look, first)
-    if task.limited and point.violations[LIMIT] > 0:
+    if not (task.free_time or job.at_speed):
+        first = replace(first, patience=0.0 if task.limited else _MENDED)
+    point: Point = yield Ask(sqp.improve, first)
+    if task.limited and point.steps == 0:
         # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
-        free = replace(task, free_time=True)
-        slower: Point = yield Ask(sqp.improve, replace(first, task=free, until=first.duration))
-        first = replace(first, coefficients=slower.coefficients)
-        point = yield Ask(sqp.look, first)
-    if point.violations[LIMIT] <= _MENDED:
-        point = yield Ask(sqp.improve, first)
+        free = replace(first, task=replace(task, free_time=True), until=first.duration, patience=np.inf)
+        slower: Point = yield Ask(sqp.improve, free)
+        slow = replace(first, coefficients=slower.coefficients, patience=_MENDED)
+        point = yield Ask(sqp.improve, slow)
     return point
 
 

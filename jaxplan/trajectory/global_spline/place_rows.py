@@ -15,6 +15,7 @@ from jaxplan.trajectory.global_spline.rows import (
     Index,
     Slopes,
     Step,
+    numbers,
 )
 
 _FAR_SHARE = 0.5  # of a limit is left at every place: then no step reaches it
@@ -95,7 +96,7 @@ class Zones:
     @cached_property
     def _known(self) -> tuple[Index, np.ndarray]:
         """The rows that a step may reach, and their slopes (R, A) in the curve there."""
-        index = np.nonzero(self.room < _KNOWN_ANGLE)
+        index = numbers(self.room < _KNOWN_ANGLE)
         return index, self.motion.margin_slopes(*index)
 
     def change(self, step: Step) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.dual import Rows, solve_duals
+from jaxplan.trajectory.global_spline.dual import Rows, pulls, solve_duals
 from jaxplan.trajectory.global_spline.rows import Family, Step, lowest, taken
 from jaxplan.trajectory.inverses import inverses
 
@@ -53,13 +53,11 @@ class Proposal:
         coefficients: (G, n, A) changes to make; not finite where a program broke down.
         stretch: (G,) relative changes of the duration.
         multipliers: by family, of every row (G, ...); zero where it does not bind.
-        exact: (G,) whether no row that is only linearised binds.
     """
 
     coefficients: np.ndarray
     stretch: np.ndarray
     multipliers: Multipliers
-    exact: np.ndarray
 
 
 def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, held: Multipliers) -> Proposal:
@@ -103,11 +101,37 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
         if not len(which):
             break
     _drop_small(found, count)
-    exact = np.ones(count, dtype=bool)
-    for family in families:
-        if not family.linear:
-            exact &= ~np.any(found[family.name].reshape(count, -1), axis=1)
-    return Proposal(coefficients=coefficients, stretch=stretch, multipliers=found, exact=exact)
+    return Proposal(coefficients=coefficients, stretch=stretch, multipliers=found)
+
+
+def promised(
+    quadratic: Quadratic, families: list[Family], multipliers: Multipliers, which: np.ndarray
+) -> np.ndarray:
+    """By how much programs of a given time can lower their objectives at most.
+
+    By weak duality, from any multipliers: those of the programs before tell next to exactly once steps are
+    short.
+
+    Args:
+        quadratic: the objectives at a stack of curves.
+        families: all rows at the curves.
+        multipliers: by family, of every row, none larger than its penalty.
+        which: (g,) numbers of the curves that are asked about.
+
+    Returns:
+        (g,).
+    """
+    rows = Rows.of(families, [multipliers[family.name] > 0 for family in families], which)
+    y = np.zeros(len(rows.room))
+    for family, part in zip(families, rows.families, strict=True):
+        y[part.number] = multipliers[family.name][part.index]
+    free = taken(quadratic.free, which)
+    free_t = np.swapaxes(free, 1, 2)
+    left = free_t @ (quadratic.gradient[which] + pulls(rows, y))
+    inverse = inverses(free_t @ quadratic.hessian[which] @ free)
+    by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
+    by_room = np.array([np.sum(part) for part in np.split(y * rows.room, rows.ends[:-1])])
+    return np.asarray(by_slope + by_room)
 
 
 def _drop_small(multipliers: Multipliers, count: int) -> None:

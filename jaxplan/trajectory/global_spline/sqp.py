@@ -8,7 +8,7 @@ tasks are worked on together, each until it is done.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxplan.trajectory.global_spline.curve_space import weighted
 from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.program import Multipliers, Proposal, Quadratic, propose
+from jaxplan.trajectory.global_spline.program import Multipliers, Proposal, Quadratic, promised, propose
 from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
 from jaxplan.trajectory.global_spline.stack import Point, Points, Stack, Task
 
@@ -30,6 +30,7 @@ _SETTLED = 1e-4  # of the merit, between steps
 _DAMPING = 8.0
 _FIRST_DAMPING = 1e-2
 _NO_DAMPING = 1e-6
+_WORTH = 1e-3  # of the energy: a sound curve whose program promises less is left as it is
 _MOST_FAILED = 2  # steps in a row that lower no merit, once it is dear to break rows: nothing better is near
 
 
@@ -42,17 +43,14 @@ class Begin:
         coefficients: (n, A) of the curve.
         duration: s.
         until: s, a duration that is short enough.
+        patience: a curve that breaks limits by more is left as it is.
     """
 
     task: Task
     coefficients: np.ndarray
     duration: float
     until: float = 0.0
-
-
-def look(begins: Sequence[Begin]) -> list[Point]:
-    """All that is known of curves."""
-    return _by_stacks(begins, _begun)
+    patience: float = np.inf
 
 
 def improve(begins: Sequence[Begin]) -> list[Point]:
@@ -64,7 +62,15 @@ def improve(begins: Sequence[Begin]) -> list[Point]:
     Returns:
         Of each the point of the lowest merit; broken rows show in its violations.
     """
-    return _by_stacks(begins, _improved)
+    alike: dict[Any, list[int]] = defaultdict(list)
+    for number, begin in enumerate(begins):
+        alike[begin.task.kind].append(number)
+    answers: dict[int, Point] = {}
+    for numbers in alike.values():
+        for first in range(0, len(numbers), _TOGETHER):
+            part = numbers[first : first + _TOGETHER]
+            answers.update(zip(part, _improved([begins[number] for number in part]), strict=True))
+    return [answers[number] for number in range(len(begins))]
 
 
 def penalties(free_time: bool) -> np.ndarray:
@@ -79,7 +85,7 @@ class Objective:
     def __init__(self, stack: Stack, start: Points) -> None:
         self._stack, self._duration = stack, start.duration
         self.share = np.ones(len(start.duration))
-        self.share = self._energy(start)
+        self.share = self.energy(start)
 
     @property
     def _free_time(self) -> bool:
@@ -96,13 +102,14 @@ class Objective:
         form = weighted(self._stack.energies, duration, self._stack.weights)
         return np.asarray(form / self.share[:, None, None])
 
-    def _energy(self, at: Points) -> np.ndarray:
+    def energy(self, at: Points) -> np.ndarray:
+        """(G,) as shares of the first curves'."""
         product = at.coefficients * (self._form(at.duration) @ at.coefficients)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Points, penalty: np.ndarray) -> np.ndarray:
         """Objectives and penalties (G, 3) by kind of row: (G,)."""
-        value = self._energy(at)
+        value = self.energy(at)
         if self._free_time:
             value = _SMALL * value + at.duration / self._duration
         broken = penalty * np.maximum(at.violations, 0.0)
@@ -122,31 +129,6 @@ class Objective:
         )
 
 
-def _by_stacks(begins: Sequence[Begin], work: Callable[[Stack, Sequence[Begin]], list[Point]]) -> list[Point]:
-    """What some work on stacks of alike tasks answers, in the order of the tasks."""
-    alike: dict[Any, list[int]] = defaultdict(list)
-    for number, begin in enumerate(begins):
-        alike[begin.task.kind].append(number)
-    answers: dict[int, Point] = {}
-    for numbers in alike.values():
-        for first in range(0, len(numbers), _TOGETHER):
-            part = numbers[first : first + _TOGETHER]
-            own = [begins[number] for number in part]
-            answers.update(zip(part, work(Stack.of([begin.task for begin in own]), own), strict=True))
-    return [answers[number] for number in range(len(begins))]
-
-
-def _points(stack: Stack, begins: Sequence[Begin]) -> Points:
-    return stack.points(
-        np.stack([begin.coefficients for begin in begins]), np.array([begin.duration for begin in begins])
-    )
-
-
-def _begun(stack: Stack, begins: Sequence[Begin]) -> list[Point]:
-    at = _points(stack, begins)
-    return [at.one(number) for number in range(len(begins))]
-
-
 @dataclass(kw_only=True, eq=False)
 class _Search:
     """The tasks of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...)."""
@@ -164,8 +146,12 @@ class _Search:
     held: Multipliers
 
     @classmethod
-    def of(cls, stack: Stack, begins: Sequence[Begin]) -> "_Search":
-        at, count = _points(stack, begins), len(begins)
+    def of(cls, begins: Sequence[Begin]) -> "_Search":
+        stack, count = Stack.of([begin.task for begin in begins]), len(begins)
+        at = stack.points(
+            np.stack([begin.coefficients for begin in begins]),
+            np.array([begin.duration for begin in begins]),
+        )
         objective = Objective(stack, at)
         penalty = np.tile(penalties(stack.tasks[0].free_time), (count, 1))
         return cls(
@@ -205,6 +191,8 @@ class _Search:
         )
         value = self.objective.merit(ahead, self.penalty)
         close = np.abs(self.value - value) <= _SETTLED * self.value
+        promised = self.objective.energy(self.at) - self.objective.energy(ahead)
+        over = self.at.is_sound & (promised <= _WORTH * self.value)
         better = value < self.value
         self.at = Points.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
@@ -212,14 +200,21 @@ class _Search:
         wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
         self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
         self.failed = np.where(better, 0, self.failed + 1)
-        if not free_time:
-            close |= better & proposal.exact & (self.damping == 0)
         short = better & (self.at.duration <= self.until)
         done = short | (close & (self.at.is_sound | (self.dearer == _DEARER)))
         if not free_time:
-            done |= (self.failed == _MOST_FAILED) & (self.dearer == _DEARER)
+            done |= over | ((self.failed == _MOST_FAILED) & (self.dearer == _DEARER))
+            self._stop(done, better & self.at.is_sound)
         self._raise(close & ~done)
         return done
+
+    def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
+        """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
+        which = np.flatnonzero(asked & ~done)
+        if len(which):
+            quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
+            rows = list(families(self.stack, self.at))
+            done[which] = promised(quadratic, rows, self.held, which) <= _WORTH * self.value[which]
 
     def _raise(self, which: np.ndarray) -> None:
         """Make it dearer to break rows, for those of (G,) bool."""
@@ -231,13 +226,16 @@ class _Search:
         self.damping[which] = 0.0
 
 
-def _improved(stack: Stack, begins: Sequence[Begin]) -> list[Point]:
-    search = _Search.of(stack, begins)
+def _improved(begins: Sequence[Begin]) -> list[Point]:
+    """`improve` for alike tasks."""
+    search = _Search.of(begins)
     answers: dict[int, Point] = {}
-    for count in range(1, _MOST_STEPS + 1):
-        done = search.step() | (count == _MOST_STEPS)
+    done = ~(search.at.violations[:, LIMIT] <= np.array([begin.patience for begin in begins]))
+    for steps in range(_MOST_STEPS + 1):
+        if steps > 0:
+            done = search.step() | (steps == _MOST_STEPS)
         for own in np.flatnonzero(done).tolist():
-            answers[int(search.number[own])] = search.at.one(own)
+            answers[int(search.number[own])] = search.at.one(own, steps)
         if np.all(done):
             break
         if np.any(done):

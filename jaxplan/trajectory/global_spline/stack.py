@@ -72,6 +72,7 @@ class Point(NamedTuple):
         margins: (S, D, Z) rad, as `Motion` has them.
         violations: (3,) by kind of row, the largest; zero or less where none is broken.
         finite: whether all numbers are.
+        steps: how many were taken, or tried, from the curve that it began with.
     """
 
     coefficients: np.ndarray
@@ -79,6 +80,7 @@ class Point(NamedTuple):
     margins: np.ndarray
     violations: np.ndarray
     finite: bool
+    steps: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,14 +104,15 @@ class Points:
         """(G,) whether nothing is broken."""
         return np.all(self.violations <= _BROKEN, axis=1)
 
-    def one(self, number: int) -> Point:
-        """One of them."""
+    def one(self, number: int, steps: int) -> Point:
+        """One of them, after so many steps."""
         return Point(
             coefficients=self.coefficients[number].copy(),  # no view, which would keep the whole stack
             duration=float(self.duration[number]),
             margins=self.motion.margins[number].copy(),
             violations=self.violations[number].copy(),
             finite=bool(self.motion.finite[number]),
+            steps=steps,
         )
 
     def some(self, which: np.ndarray) -> "Points":
