@@ -1,12 +1,13 @@
 """From a path to the task that `sqp` works on, and from its curve to a trajectory."""
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.global_spline import chart as charts
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
 from jaxplan.trajectory.global_spline.linear_rows import Tube
@@ -14,7 +15,6 @@ from jaxplan.trajectory.global_spline.motion import cosines, margins
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import along
-from jaxplan.zones import Cones
 
 CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
 OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
@@ -53,42 +53,40 @@ class Built:
     Attributes:
         task: for `sqp.improve`.
         coefficients: (n, A) of the first curve.
-        reach: rad, how far the nodes lie from the chart's steady motion.
     """
 
     task: Task
     coefficients: np.ndarray
-    reach: float
 
 
 def build(
     request: Request,
-    spacecraft: Spacecraft,
-    cones: Cones,
+    problem: Problem,
+    b: np.ndarray,
+    wanted: np.ndarray,
     duration: float,
     *,
     weights: tuple[float, float, float],
     limited: bool,
     free_time: bool,
-    horizon: float = 0.0,
 ) -> Built:
     """The task of a request.
 
     Args:
         request: what to fit.
-        spacecraft: its limits.
-        cones: the zones.
+        problem: its chart, limits and zones.
+        b: (m + 1, 3) rad, the nodes in the chart.
+        wanted: (D, Z) rad, margins to keep.
         duration: s, given or to begin with.
         weights: of rate, acceleration and jerk.
         limited: whether limits are kept, or time will be stretched to them.
         free_time: whether the shortest duration is looked for.
-        horizon: of `Problem`.
     """
-    chart, b = charts.fitting(request.attitudes, request.places)
     nodes = np.column_stack([b, request.joints])
     basis = request.basis
     rates = request.rates.copy()
-    rates[1, :3] = chart.end_turn @ rates[1, :3]
+    if np.any(rates[1, :3]):
+        rates[1, :3] = problem.chart.end_turn @ rates[1, :3]
     space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=request.rest))
     places, rows = basis.within(request.points)
     inner = slice(1, -1)
@@ -102,20 +100,19 @@ def build(
         radius = np.full(nodes.shape[1], request.radius)
         radius[:3] /= np.sqrt(3.0)
         tube = Tube(basis.rows(request.places[inner], 1)[0], nodes[inner], radius)
-    problem = Problem.of(chart, spacecraft, cones, horizon)
     first = _nearest(space, rows[0], along(nodes, request.places, places), duration)
     task = Task(
         problem=problem,
         space=space,
         places=places,
         rows=rows,
-        wanted=_wanted(problem, request),
+        wanted=wanted,
         tube=tube,
         limited=limited,
         weights=weights,
         free_time=free_time,
     )
-    return Built(task=task, coefficients=first, reach=charts.farthest(chart, b, request.places))
+    return Built(task=task, coefficients=first)
 
 
 def trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
@@ -154,15 +151,29 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
     return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
 
-def end_margins(problem: Problem, request: Request) -> np.ndarray:
-    """Margins (2, D, Z) at start and goal, as `Motion` has them."""
-    ends = [0, -1]
-    seen = cosines(problem, np.array([0.0, 1.0]), request.attitudes[ends], request.joints[ends])
-    return margins([problem.cones], seen[None])[0]
-
-
-def _wanted(problem: Problem, request: Request) -> np.ndarray:
+def wanted_margins(asked: Sequence[tuple[Problem, Request]]) -> list[np.ndarray]:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
-    cones, found = problem.cones, end_margins(problem, request)
-    room = np.where(cones.side > 0, np.inf, cones.half_angle)  # of a group whose other zone holds at the ends
-    return np.minimum(CLEARANCE, OF_ENDS * np.minimum(np.maximum(np.min(found, axis=0), 0), room))
+    found = end_margins([problem for problem, _ in asked], [request for _, request in asked])
+    answers = []
+    for (problem, _), own in zip(asked, found, strict=True):
+        cones = problem.cones
+        room = np.where(cones.side > 0, np.inf, cones.half_angle)  # of a group whose other zone holds there
+        left = np.minimum(np.maximum(np.min(own, axis=0), 0), room)
+        answers.append(np.minimum(CLEARANCE, OF_ENDS * left))
+    return answers
+
+
+def end_margins(problems: Sequence[Problem], requests: Sequence[Request]) -> list[np.ndarray]:
+    """Margins (2, D, Z) at start and goal of each, as `Motion` has them."""
+    alike: dict[Any, list[int]] = defaultdict(list)
+    for number, problem in enumerate(problems):
+        cones, craft = problem.cones, problem.spacecraft
+        alike[cones.bound.shape, len(craft.terminals), bool(cones.paths)].append(number)
+    found: dict[int, np.ndarray] = {}
+    for numbers in alike.values():
+        own = [problems[number] for number in numbers]
+        attitudes = np.stack([requests[number].attitudes[[0, -1]] for number in numbers])
+        joints = np.stack([requests[number].joints[[0, -1]] for number in numbers])
+        seen = cosines(own, np.tile([0.0, 1.0], (len(own), 1)), attitudes, joints)
+        found.update(zip(numbers, margins([problem.cones for problem in own], seen), strict=True))
+    return [found[number] for number in range(len(problems))]

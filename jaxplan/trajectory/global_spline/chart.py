@@ -11,6 +11,7 @@ turn.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -53,16 +54,7 @@ class Chart:
         Returns:
             (m + 1, 3) rad.
         """
-        eta, steps = self.departures(attitudes, places)
-        # Each is taken on the branch that the edge from the one before leads to, from the first on that is
-        # not there already.
-        angle = np.linalg.norm(eta[1:], axis=1)
-        elsewhere = _turns(eta[:-1], steps, eta[1:], angle) != 0
-        for number in range(int(np.argmax(elsewhere)), len(steps)) if np.any(elsewhere) else ():
-            own = eta[number + 1]
-            turns = _turns(eta[number], steps[number], own, angle[number])
-            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * turns
-        return eta + places[:, None] * self.turn
+        return self._on_branch(*self.departures(attitudes, places), places)
 
     def departures(self, attitudes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
@@ -71,6 +63,30 @@ class Chart:
             packed = _departures(self.attitude, self.turn, *nodes)
         eta, steps = (np.array(part) for part in packed)
         return eta[: len(places)], steps[: len(places) - 1]
+
+    def _on_branch(self, eta: np.ndarray, steps: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """`coordinates` from departures.
+
+        Each is taken on the branch that the edge from the one before leads to, from the first on that is not
+        there already.
+        """
+        angle = np.linalg.norm(eta[1:], axis=1)
+        elsewhere = _turns(eta[:-1], steps, eta[1:], angle) != 0
+        for number in range(int(np.argmax(elsewhere)), len(steps)) if np.any(elsewhere) else ():
+            own = eta[number + 1]
+            turns = _turns(eta[number], steps[number], own, angle[number])
+            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * turns
+        return eta + places[:, None] * self.turn
+
+    @classmethod
+    def through(cls, attitudes: np.ndarray, places: np.ndarray) -> tuple[Self, np.ndarray]:
+        """The chart from the first node to the last the short way, and ``b`` at the nodes."""
+        nodes = padded(attitudes, FEWEST_NODES), padded(places, FEWEST_NODES)
+        with jax.enable_x64(True):
+            packed = _short_way(attitudes[-1], *nodes)
+        turn, eta, steps = (np.array(part) for part in packed)
+        chart = cls(attitude=attitudes[0], turn=turn)
+        return chart, chart._on_branch(eta[: len(places)], steps[: len(places) - 1], places)
 
 
 def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
@@ -83,12 +99,12 @@ def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarra
     Returns:
         The chart, and ``b`` (m + 1, 3) at the nodes.
     """
-    with jax.enable_x64(True):
-        turn = np.asarray(_turn(attitudes[0], attitudes[-1]))
-    best = _at(attitudes, places, turn)
+    best = Chart.through(attitudes, places)
+    turn = best[0].turn
     angle = np.linalg.norm(turn)
     if farthest(*best, places) > _NEAR and angle > 0:
-        other = _at(attitudes, places, turn * (1 - 2 * np.pi / angle))  # the long way round
+        chart = Chart(attitude=attitudes[0], turn=turn * (1 - 2 * np.pi / angle))  # the long way round
+        other = chart, chart.coordinates(attitudes, places)
         if farthest(*other, places) < farthest(*best, places):
             return other
     return best
@@ -99,11 +115,6 @@ def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
     eta = b - places[:, None] * chart.turn
     distances = np.linalg.norm(eta, axis=1)
     return float(np.max(distances)) if distances[-1] < 1 else np.inf
-
-
-def _at(attitudes: np.ndarray, places: np.ndarray, turn: np.ndarray) -> tuple[Chart, np.ndarray]:
-    chart = Chart(attitude=attitudes[0], turn=turn)
-    return chart, chart.coordinates(attitudes, places)
 
 
 def _turns(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -118,11 +129,6 @@ def _half(turn: Array) -> Array:
 
 
 @jax.jit
-def _turn(first: Array, last: Array) -> Array:
-    return so3.log(first.T @ last)
-
-
-@jax.jit
 def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -> tuple[Array, Array]:
     """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
     back = so3.exp(-places[:, None] * turn / 2)  # U^T
@@ -130,3 +136,10 @@ def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -
     edges = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     turned = jnp.einsum("mji,mj->mi", back[:-1], edges)
     return eta, turned - jnp.diff(places)[:, None] * turn
+
+
+@jax.jit
+def _short_way(last: Array, attitudes: Array, places: Array) -> tuple[Array, Array, Array]:
+    """The turn from the first node to the last, and the departures from it."""
+    turn = so3.log(attitudes[0].T @ last)
+    return turn, *_departures(attitudes[0], turn, attitudes, places)

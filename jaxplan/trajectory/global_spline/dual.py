@@ -187,31 +187,34 @@ def _dual(
     if end == begin:
         none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
         return _Dual(BoxProgram(none[0], room, limit), np.zeros(0, int), *none[1:], of, time)
-    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(basis @ quadratic.free[curve]), axis=1) > _NO_SLOPE
-    kept = np.unique(of[sloping])
+    along = basis @ quadratic.free[curve]
+    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(along), axis=1) > _NO_SLOPE
+    kept = np.arange(end - begin) if np.all(sloping) else np.unique(of[sloping])
     if len(kept) > _MOST_ROWS:  # those with the least room
         kept = np.sort(kept[np.argsort(room[kept], kind="stable")[:_MOST_ROWS]])
     if len(kept) < end - begin:
         stays = np.isin(of, kept)
-        axes, basis, of = axes[stays], basis[stays], np.searchsorted(kept, of[stays])
+        axes, basis, along = axes[stays], basis[stays], along[stays]
+        of = np.searchsorted(kept, of[stays])
         room, time, limit = room[kept], time[kept], limit[kept]
-    by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
     single = len(of) == len(kept)
 
     def summed(values: np.ndarray) -> np.ndarray:
         """Over the products of each row."""
-        return values if single else np.add.reduceat(values, by_row, axis=0)
+        if single:
+            return values
+        by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
+        return np.add.reduceat(values, by_row, axis=0)
 
     if quadratic.haste is not None:
         time = time + summed(np.sum((basis @ quadratic.by_time[curve]) * axes, axis=1))
-    basis = basis @ quadratic.free[curve]
     if single:
-        matrix = (basis @ inverse @ basis.T) * (axes @ axes.T)
+        matrix = (along @ inverse @ along.T) * (axes @ axes.T)
     else:  # of a row with four products it would take sixteen times as many numbers
-        slopes = summed(axes[:, :, None] * basis[:, None, :])
+        slopes = summed(axes[:, :, None] * along[:, None, :])
         matrix = np.tensordot(slopes @ inverse, slopes, axes=((1, 2), (1, 2)))
-    linear = summed(np.sum((basis @ alone) * axes, axis=1)) - room
+    linear = summed(np.sum((along @ alone) * axes, axis=1)) - room
     if quadratic.haste is not None:
         matrix += np.outer(time, time) / quadratic.haste
         linear -= time / quadratic.haste
-    return _Dual(BoxProgram(matrix, linear, limit), kept, axes, basis, of, time)
+    return _Dual(BoxProgram(matrix, linear, limit), kept, axes, along, of, time)

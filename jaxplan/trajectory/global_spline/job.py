@@ -14,8 +14,9 @@ from jaxplan.trajectory.bound import duration_bound
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline import sqp
 from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.build import Request, build, trajectory
-from jaxplan.trajectory.global_spline.chart import REACH
+from jaxplan.trajectory.global_spline.build import Request, build, trajectory, wanted_margins
+from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
+from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.rows import TUBE
 from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
@@ -239,18 +240,21 @@ def attempt_at(
 ) -> Steps[Attempt | None]:
     """Fit a request; None if its nodes leave the chart or numbers overflow."""
     craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
+    chart, b = fitting(request.attitudes, request.places)
+    if not farthest(chart, b, request.places) <= REACH:
+        return None
+    problem = Problem.of(chart, craft, job.cones, job.horizon)
+    wanted: np.ndarray = yield Ask(wanted_margins, (problem, request))
     built = build(
         request,
-        craft,
-        job.cones,
+        problem,
+        b,
+        wanted,
         duration,
         weights=job.weights,
         limited=limited,
         free_time=free_time,
-        horizon=job.horizon,
     )
-    if not built.reach <= REACH:
-        return None
     task = built.task
     first = sqp.Begin(task=task, coefficients=built.coefficients, duration=duration)
     point = yield from _nearby(job, first)

@@ -169,9 +169,11 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
     )
 
 
-def cosines(problem: Problem, places: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Cosines (S, D, Z) of `Motion` at places (S,) for attitudes (S, 3, 3) and joints (S, 2n)."""
-    return _cosines([problem], places[None], attitudes[None], _body([problem], joints[None])[0])[0]
+def cosines(
+    problems: Sequence[Problem], places: np.ndarray, attitudes: np.ndarray, joints: np.ndarray
+) -> np.ndarray:
+    """Cosines of `Motion` at places (G, S) for attitudes (G, S, 3, 3) and joints (G, S, 2n)."""
+    return _cosines(problems, places, attitudes, _body(problems, joints)[0])
 
 
 def margins(cones: Sequence[Cones], angle_cosines: np.ndarray) -> np.ndarray:
