@@ -5,7 +5,7 @@
 over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
 inverse is that of one small matrix, and the dual has one unknown a row (`dual`). Few of the rows are near: a
 program begins with those, and is solved again with rows added that its answer breaks, of those that are true
-of all steps only the worst ones at first.
+of all steps only the worst ones at first, and without those that it leaves far behind.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from jaxplan.trajectory.inverses import inverses
 _ROUNDS = 6
 _ALL_AT_ONCE = 2  # rounds, after which all rows that are broken are added
 BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
+_KEPT = 0.1  # likewise: a row that a step leaves more room is taken out again
 _BINDING = 1e-6  # of the largest multiplier
 
 Multipliers = dict[str, np.ndarray]  # by family, of every row
@@ -95,7 +96,7 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
             broken = family.chosen(room < -BROKEN * family.near, room, which) & ~mask[which]
             if family.linear and round_ < _ALL_AT_ONCE:
                 broken &= lowest(np.where(broken, room, np.inf))
-            mask[which] |= broken
+            mask[which] = (mask[which] & (room < _KEPT * family.near)) | broken
             added |= np.any(broken.reshape(len(which), -1), axis=1)
         which = which[added]
         if not len(which):
