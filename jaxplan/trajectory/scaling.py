@@ -9,7 +9,7 @@ The peaks are maxima over continuous time (`maxima`).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -20,11 +20,13 @@ from jax.typing import ArrayLike
 
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import pieces
+from jaxplan.trajectory.basis import derivative_matrix
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.maxima import all_largest, is_resolved
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 
+_ORDERS = np.arange(3)[:, None, None]
 _FEW, _BLOCK = 4, 16  # pieces that are looked at in one call, of few and of many
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
@@ -104,18 +106,29 @@ def _platform_values(trajectory: Trajectory, spacecraft: Spacecraft, asked: tupl
         return loads.reshape(*loads.shape[:2], -1)
 
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
-    if len(trajectory.coefficients) > 2 * _FEW:
-        values = at(size + 7)
-        if is_resolved(values):
-            return values
-    return at(4 * size + 13)
+    many = len(trajectory.coefficients) > 2 * _FEW
+    values = at(size + 7 if many else 3 * size + 1)
+    return values if is_resolved(values) else at(4 * size + 13)
 
 
 def _joint_values(trajectory: Trajectory) -> np.ndarray:
     """(M, G, 6n) angles, rates and accelerations of joints, at the Chebyshev points of every piece."""
-    breaks = trajectory.joint_breaks
-    joint_pieces = breaks[:-1], breaks[1:], trajectory.joint_coefficients
-    return _in_blocks(lambda block: _joint_loads(*block), joint_pieces)
+    lengths, coefficients = np.diff(trajectory.joint_breaks), trajectory.joint_coefficients
+    count, size, joints = coefficients.shape
+    curves = (
+        _derivatives(size) @ coefficients
+    )  # a product a piece, so that none depends on how many there are
+    curves = curves.reshape(count, 3, size, joints) * (2 / lengths)[:, None, None, None] ** _ORDERS
+    return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
+
+
+@cache
+def _derivatives(size: int) -> np.ndarray:
+    """(3 size, size): a polynomial and two derivatives at Chebyshev points, from Legendre coefficients."""
+    points = np.cos(np.pi * np.arange(size) / (size - 1))
+    values = np.polynomial.legendre.legvander(points, size - 1)
+    matrix = derivative_matrix(size - 1)
+    return np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(3)])
 
 
 def _shares(
@@ -169,16 +182,6 @@ def _platform_loads(stacked: pieces.Piece, inertia: Array, wanted: tuple[str, ..
     }
     chosen = jnp.stack([loads[name] for name in wanted], axis=1)
     return chosen.reshape(count, points, len(wanted), 3)
-
-
-@jax.jit
-def _joint_loads(starts: Array, ends: Array, coefficients: Array) -> Array:
-    """(M, G, 6n) angles, rates and accelerations of joints at the Chebyshev points of every piece."""
-    count, points, _ = coefficients.shape  # as many as the polynomials have coefficients
-    start, end, c = (jnp.repeat(array, points, axis=0) for array in (starts, ends, coefficients))
-    t = _chebyshev_times(starts, ends, points)
-    curves = pieces.polynomial(c, start, end, t)
-    return jnp.concatenate(curves[:3], axis=-1).reshape(count, points, -1)
 
 
 def _chebyshev_times(start: ArrayLike, end: ArrayLike, points: int) -> Array:
