@@ -161,13 +161,15 @@ def solve_duals(
     return changes, stretches, multipliers
 
 
-def pulls(rows: Rows, multipliers: np.ndarray) -> np.ndarray:
-    """What rows with multipliers (R,) pull at the coefficients of their curves: (g, n, A)."""
-    pull = multipliers[rows.row, None] * rows.axes
-    ends = np.searchsorted(rows.row, rows.ends)
-    return np.stack(
-        [rows.basis[first:last].T @ pull[first:last] for first, last in pairwise([0, *ends.tolist()])]
-    )
+def pulls(rows: Rows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """What rows with multipliers (R,) pull at the coefficients of their curves, of the shape (g, n, A)."""
+    found = np.zeros(shape)
+    if len(multipliers):
+        pull = multipliers[rows.row, None] * rows.axes
+        ends = np.searchsorted(rows.row, rows.ends)
+        for own, (first, last) in enumerate(pairwise([0, *ends.tolist()])):
+            found[own] = rows.basis[first:last].T @ pull[first:last]
+    return found
 
 
 def _dual(

@@ -128,7 +128,8 @@ def promised(
         y[part.number] = multipliers[family.name][part.index]
     free = taken(quadratic.free, which)
     free_t = np.swapaxes(free, 1, 2)
-    left = free_t @ (quadratic.gradient[which] + pulls(rows, y))
+    gradient = quadratic.gradient[which]
+    left = free_t @ (gradient + pulls(rows, y, gradient.shape))
     inverse = inverses(free_t @ quadratic.hessian[which] @ free)
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
     by_room = np.array([np.sum(part) for part in np.split(y * rows.room, rows.ends[:-1])])

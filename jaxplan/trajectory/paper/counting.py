@@ -8,6 +8,8 @@ intervals, every other one ``l - 3``. So ``m`` intervals fit into ``S`` segments
 ``m // S <= l - 4``.
 """
 
+from functools import cache
+
 import numpy as np
 
 _CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a turn
@@ -23,6 +25,7 @@ def fewest_segments(intervals: int, order: int) -> int:
     return intervals // (order - 3) + 1
 
 
+@cache
 def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Node indices at which the segments of the joints, and those of the platform, end.
 
@@ -35,15 +38,17 @@ def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.nda
         order: of the Legendre basis.
 
     Returns:
-        Two integer arrays (S + 1,), from 0 to m.
+        Two integer arrays (S + 1,), from 0 to m, read-only.
     """
-    equal = np.round(np.linspace(0, intervals, segments + 1)).astype(int)
-    sizes = np.diff(equal)
-    if max(sizes[0], sizes[-1]) <= order - 4 and sizes.max() <= order - 3:
-        return equal, equal
-    sizes = np.full(segments, intervals // segments)
-    sizes[: intervals % segments] += 1
-    return np.concatenate([[0], np.cumsum(sizes)]), np.concatenate([[0], np.cumsum(sizes[::-1])])
+    ends = [np.round(np.linspace(0, intervals, segments + 1)).astype(int)] * 2
+    sizes = np.diff(ends[0])
+    if max(sizes[0], sizes[-1]) > order - 4 or sizes.max() > order - 3:
+        sizes = np.full(segments, intervals // segments)
+        sizes[: intervals % segments] += 1
+        ends = [np.concatenate([[0], np.cumsum(own)]) for own in (sizes, sizes[::-1])]
+    for own in ends:
+        own.flags.writeable = False
+    return ends[0], ends[1]
 
 
 def is_full(intervals: int, segments: int, order: int) -> bool:

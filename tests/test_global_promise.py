@@ -1,0 +1,93 @@
+"""What the method "global" knows of its next program without solving it, by weak duality."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxplan as jp
+from jaxplan.cases import RANDOM_KINDS
+from jaxplan.planner.chain import wanted_fit
+from jaxplan.scenario import TrajectorySettings
+from jaxplan.trajectory import fit_batch
+from jaxplan.trajectory.global_spline import job, sqp
+from jaxplan.trajectory.global_spline.families import families
+from jaxplan.trajectory.global_spline.program import promised, propose
+
+
+@pytest.fixture(scope="module")
+def searches():
+    """Of fits in 60 s and stretched ones on scenes of all kinds, after a first step."""
+    scenes = [jp.random_scenario(seed, kind) for kind in RANDOM_KINDS for seed in range(4)]
+    queries = []
+    for plan in jp.plan_batch(scenes):
+        for duration in (60.0, "stretched"):
+            settings = TrajectorySettings(duration=duration)
+            queries.append(wanted_fit(replace(plan.scenario, trajectory=settings), plan.path, plan.goal))
+    begins, improve = [], sqp.improve
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job.sqp, "improve", lambda several: begins.extend(several) or improve(several))
+        fit_batch(queries)
+    given = [begin for begin in begins if not begin.task.free_time]
+    alike = {}
+    for begin in given:
+        alike.setdefault(begin.task.kind, []).append(begin)
+    found = [sqp._Search.of(several) for several in alike.values() if len(several) > 1]
+    for search in found:
+        search.step()
+    return found
+
+
+def program(search):
+    """Objectives, rows and their program's answer at the curves of a search."""
+    quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
+    rows = list(families(search.stack, search.at))
+    return quadratic, rows, propose(quadratic, rows, search.penalty, search.held)
+
+
+def lowered(quadratic, change):
+    """By how much changes (G, n, A) lower the objectives."""
+    cost = change * (quadratic.hessian @ change / 2 + quadratic.gradient)
+    return -np.sum(cost.reshape(len(change), -1), axis=1)
+
+
+def test_a_programs_own_multipliers_promise_what_it_does(searches):
+    told = 0
+    for search in searches:
+        quadratic, rows, proposal = program(search)
+        every = np.arange(len(search.value))
+        promise = promised(quadratic, rows, proposal.multipliers, every)
+        done = lowered(quadratic, proposal.coefficients)
+        # Rows that are broken for their penalty, or by next to nothing, pay as well.
+        sound = search.at.is_sound
+        assert np.all(promise >= done - 1e-9 * search.value)
+        np.testing.assert_allclose(promise[sound], done[sound], rtol=1e-4, atol=1e-6)
+        told += np.sum(sound)
+    assert told > 20
+
+
+def test_no_multipliers_promise_less_than_a_program_does(searches):
+    rng = np.random.default_rng(0)
+    for search in searches:
+        quadratic, rows, proposal = program(search)
+        done = lowered(quadratic, proposal.coefficients)
+        which = np.flatnonzero(search.at.is_sound)
+        for _ in range(4 if len(which) else 0):
+            others = {name: own * rng.uniform(0, 2, own.shape) for name, own in proposal.multipliers.items()}
+            assert np.all(
+                promised(quadratic, rows, others, which) >= done[which] - 1e-6 * search.value[which]
+            )
+
+
+def test_where_the_last_multipliers_promise_little_the_next_program_does_little(searches):
+    stopped = 0
+    for search in searches:
+        _, _, proposal = program(search)
+        quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
+        rows = list(families(search.stack, search.at))
+        before = promised(quadratic, rows, search.held, np.arange(len(search.value)))
+        after = search.objective.energy(search.at) - lowered(quadratic, proposal.coefficients)
+        stops = search.at.is_sound & (before <= 1e-3 * search.value)
+        stopped += np.sum(stops)
+        assert np.all(after[stops] >= (1 - 1e-3) * search.objective.energy(search.at)[stops] - 1e-9)
+    assert stopped > 10
