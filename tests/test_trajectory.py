@@ -216,7 +216,6 @@ def test_a_second_trajectory_of_the_same_sizes_compiles_nothing():
         schedule._edge_turns,
         assembly._assemble,
         scaling._platform_loads,
-        scaling._joint_loads,
         curve._platform_kernel,
         curve._joint_kernel,
     )

@@ -105,9 +105,11 @@ class Zones:
         own[step.which] = np.arange(len(step.which))
         (curve, *rest), local = self._known
         change = np.zeros((len(step.which), *self.room.shape[1:]))
-        taken = own[curve] >= 0
-        own, rest = own[curve[taken]], [part[taken] for part in rest]
-        change[(own, *rest)] = -np.sum(local[taken] * step.curves[own, 0, rest[0]], axis=1)
+        if len(step.which) < len(own):
+            taken = own[curve] >= 0
+            curve, local, rest = curve[taken], local[taken], [part[taken] for part in rest]
+        own = own[curve]
+        change[(own, *rest)] = -np.einsum("ra,ra->r", local, step.curves[own, 0, rest[0]])
         return change
 
     def slopes(self, index: Index) -> Slopes:
