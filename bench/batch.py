@@ -16,6 +16,7 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
+import jax
 import numpy as np
 from _machine import print_machine
 from _options import positive
@@ -97,6 +98,11 @@ def same(one: Trajectory | None, other: Trajectory | None) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
 
 
+def inline() -> None:
+    """What jaxplan does in workers of its own: JAX computes in the thread that asks."""
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
 def compare(what: str, ways: dict[str, Work], count: int, repeats: int) -> None:
     """One row."""
     answers = {name: work() for name, work in ways.items()}  # nothing is compiled later
@@ -126,7 +132,7 @@ def main() -> None:
     print(f"{count} each, ms")
     several = f"{workers} processes"
     print(f"{'':18}{'one by one':>14}{'together':>14}{'ratio':>8}{several:>14}{'ratio':>8}{'same':>8}")
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, get_context("spawn"), inline) as pool:
         for method in ("paper", "global"):
             compare(f"fits, {method}", fits(count, method, pool, workers), count, options.repeats)
         compare("plans, satellites", plans(count, pool, workers), count, options.repeats)

@@ -117,6 +117,8 @@ def _begin(compiled_code: dict[str, object]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name, value in compiled_code.items():
         jax.config.update(name, value)
+    # Most kernels take less time than to hand them to another thread.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -78,6 +78,17 @@ def save(figure: Any, file: Path) -> None:
     say(f"wrote {file}")
 
 
+def set_up_jax() -> None:
+    """Let JAX keep what it compiles, and compute in the thread that asks.
+
+    Most kernels here take less time than to hand them to another thread.
+    """
+    import jax
+
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+    keep_compiled_code()
+
+
 def keep_compiled_code() -> None:
     """Let JAX keep its compiled kernels between runs, in a folder that only the user can write to."""
     import jax

@@ -82,7 +82,7 @@ def _plan(options: argparse.Namespace) -> int:
 
     scenario = _scenario(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
-    common.keep_compiled_code()
+    common.set_up_jax()
     result = plan(scenario, throw=False)
     print_result(result.summary() if options.json else result)
     if folder is not None:
@@ -110,7 +110,7 @@ def _check(options: argparse.Namespace) -> int:
     from jaxplan.planner.record import report_summary
 
     plan = load(options.plan)
-    common.keep_compiled_code()
+    common.set_up_jax()
     report = check_plan(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
@@ -119,7 +119,7 @@ def _check(options: argparse.Namespace) -> int:
 def _plot(options: argparse.Namespace) -> int:
     plan = load(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
-    common.keep_compiled_code()
+    common.set_up_jax()
     _draw(plan, folder)
     return code_of(plan.status)
 
@@ -130,7 +130,7 @@ def _report(options: argparse.Namespace) -> int:
 
     plan = load(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
-    common.keep_compiled_code()
+    common.set_up_jax()
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
     if plan.ok and not check_plan(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
@@ -142,7 +142,7 @@ def _export(options: argparse.Namespace) -> int:
 
     plan = load(options.plan)
     path = default_path(options.plan, options.format) if options.out is None else options.out
-    common.keep_compiled_code()
+    common.set_up_jax()
     written = export(
         plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
     )

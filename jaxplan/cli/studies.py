@@ -63,7 +63,7 @@ def _study(options: argparse.Namespace) -> int:
         return _report(options)
     first, count = options.first_seed or 0, options.n or 100
     settings = dict(map(_setting, options.set or ()))
-    common.keep_compiled_code()
+    common.set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers
     study = run_study(
         range(first, first + count),
@@ -135,7 +135,7 @@ def _table4(options: argparse.Namespace) -> int:
             if name not in known:
                 raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
     folder = None if options.out is None else writable_folder(options.out)
-    common.keep_compiled_code()
+    common.set_up_jax()
     total = options.n * len(kinds) * len(planners)
     with tqdm(total=total, desc="table4", unit=" searches", delay=1, leave=False, disable=None) as bar:
         rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
