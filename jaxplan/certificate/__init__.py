@@ -12,13 +12,8 @@ about -1e-11), and evaluation in float64 errs by less than a thousandth, 1e-12, 
 extended precision; an estimate of it is counted in as well.
 """
 
-from jaxplan.certificate.proof import (
-    LIMIT_ALLOWANCE,
-    MARGIN_ALLOWANCE,
-    certify,
-    certify_batch,
-    prove_margins,
-)
+from jaxplan.certificate.cases import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE
+from jaxplan.certificate.proof import certify, certify_batch, prove_margins
 from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
 
 __all__ = [

@@ -1,21 +1,16 @@
-"""The proof, step by step: form, samples and their errors, margins, limits, joins; then the report.
-
-Trajectories of one spacecraft are proved together, see `motion` and `bounds`; what is said of each is, to the
-last bit, the same whichever others there are.
-"""
+"""What the certificate is asked: about one trajectory, about many, and about every margin of one."""
 
 from collections import defaultdict
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxplan.certificate import errors, form, jets, joins, limits
-from jaxplan.certificate.bounds import Minima
-from jaxplan.certificate.errors import Errors
+from jaxplan.certificate import errors, form
+from jaxplan.certificate.cases import Case, negligible, prove_alike
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import Motion, Samples
+from jaxplan.certificate.motion import Motion
 from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
 
 if TYPE_CHECKING:
@@ -23,8 +18,6 @@ if TYPE_CHECKING:
     from jaxplan.trajectory.curve import Trajectory
     from jaxplan.zones import Cones
 
-MARGIN_ALLOWANCE = 1e-9  # rad
-LIMIT_ALLOWANCE = 1e-9  # of the limit
 _TOGETHER = 16  # trajectories, so that their samples stay in the cache
 
 
@@ -68,10 +61,10 @@ def certify(
 def certify_batch(claims: Sequence[Claim]) -> list[Report]:
     """What `certify` says of each of many trajectories, in less time."""
     reports: dict[int, Report] = {}
-    alike = defaultdict(list)
+    alike: dict[Hashable, list[tuple[int, Case]]] = defaultdict(list)
     with np.errstate(all="ignore"):  # NaN and infinities are found by their values
         for number, claim in enumerate(claims):
-            case = _Case.of(claim)
+            case = Case.of(claim)
             if isinstance(case, Report):
                 reports[number] = case
             else:
@@ -79,7 +72,7 @@ def certify_batch(claims: Sequence[Claim]) -> list[Report]:
         for stack in alike.values():
             for first in range(0, len(stack), _TOGETHER):
                 numbers, cases = zip(*stack[first : first + _TOGETHER], strict=True)
-                reports.update(zip(numbers, _prove(cases), strict=True))
+                reports.update(zip(numbers, prove_alike(cases), strict=True))
     return [reports[number] for number in range(len(claims))]
 
 
@@ -109,7 +102,7 @@ def prove_margins(
         together = Bindings.of(zones.at(0.0) if static else zones)
         apart = replace(together.layout, quantity=np.arange(len(together.layout.quantity)))
         bindings = replace(together, layout=apart)
-        evidence = errors.gather(motion, _negligible(spacecraft, [bindings]), list(bindings.ways.values()))
+        evidence = errors.gather(motion, negligible(spacecraft, [bindings]), list(bindings.ways.values()))
         if not np.all(np.isfinite(evidence.samples.boresights)):
             return ()
         found = bindings.prove(evidence)
@@ -129,183 +122,3 @@ def prove_margins(
                 )
             )
     return tuple(proved)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Case:
-    """A claim of legible form.
-
-    Attributes:
-        claim: as it was made.
-        static: whether it is of a state without duration, which is held for a second.
-        curve: its trajectory in float64, held.
-        bindings: its zones.
-    """
-
-    claim: Claim
-    static: bool
-    curve: "Trajectory"
-    bindings: Bindings
-
-    @classmethod
-    def of(cls, claim: Claim) -> "Self | Report":
-        """The case, or a report of what is wrong with its form."""
-        curve, zones = form.plain(claim.trajectory), form.plain(claim.cones)
-        ends = {"start": claim.start, "goal": claim.goal}
-        refused = form.faults(curve, claim.spacecraft, zones, len(claim.zone_names), ends)
-        if refused:
-            return Report(certified=False, faults=tuple(refused))
-        static = form.is_static(curve)
-        return cls(
-            claim=claim,
-            static=static,
-            curve=form.held(curve) if static else curve,
-            bindings=Bindings.of(zones.at(0.0) if static else zones),
-        )
-
-    def kind(self, number: int) -> Hashable:
-        """What is the same for all cases that may be proved together; where axes move, none with another."""
-        craft = self.claim.spacecraft
-        numbers = (
-            craft.mounts,
-            craft.fixed_boresights,
-            craft.joint_limits,
-            craft.joint_rate_limits,
-            craft.joint_acceleration_limits,
-            craft.rate_limit,
-            craft.acceleration_limit,
-            craft.jerk_limit,
-            craft.inertia,
-            craft.torque_limit,
-            craft.wheel_momentum_limit,
-        )
-        return (
-            number if self.bindings.ways else None,
-            self.curve.coefficients.shape[1],
-            self.curve.joint_coefficients.shape[1],
-            *(None if part is None else np.asarray(part, np.float64).tobytes() for part in numbers),
-        )
-
-
-def _prove(cases: Sequence[_Case]) -> list[Report]:
-    """Reports on cases of one kind."""
-    craft = cases[0].claim.spacecraft
-    motion = Motion.of(craft, *(case.curve for case in cases))
-    bindings = Bindings.joined([case.bindings for case in cases])
-    wanted = _negligible(craft, [case.bindings for case in cases])
-    evidence = errors.gather(motion, wanted, list(bindings.ways.values()))
-    samples = evidence.samples
-    if not all(np.all(np.isfinite(x)) for x in (samples.boresights, samples.spin, samples.joints)):
-        if len(cases) > 1:
-            return [report for case in cases for report in _prove([case])]
-        beyond = f"a chart turns by more than {jets.LARGEST_TURN:g} rad or a number overflows"
-        return [Report(certified=False, faults=(beyond,), evaluations=samples.time.size)]
-    limited = limits.quantities(craft, evidence)
-    margin, room, jumps = bindings.prove(evidence), limits.prove(limited, evidence), joins.jumps(samples)
-    reports, clause, component = [], 0, 0
-    components = sum(len(quantity.components) for quantity in limited)
-    for number, case in enumerate(cases):
-        clauses = len(case.bindings.layout.quantity)
-        first, end = evidence.on.begins[number : number + 2].tolist()
-        found = _Found(
-            motion=motion,
-            number=number,
-            samples=samples,
-            first=first,
-            last=end - 1,
-            margin=margin.part(slice(clause, clause + clauses)),
-            limited=limited,
-            room=room.part(slice(component, component + components)),
-            jumps={name: steps[first : end - 1] for name, steps in jumps.items()},
-        )
-        reports.append(_report(case, found))
-        clause, component = clause + clauses, component + components
-    return reports
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Found:
-    """What was found of a trajectory, maybe among others.
-
-    Attributes:
-        motion: of all.
-        number: that of the trajectory among all.
-        samples: of all.
-        first: number of the trajectory's first interval.
-        last: number of its last one.
-        margin: of its clauses.
-        limited: quantities of all.
-        room: of their components on this one.
-        jumps: at its inner breaks.
-    """
-
-    motion: Motion
-    number: int
-    samples: Samples
-    first: int
-    last: int
-    margin: Minima
-    limited: list[limits.Quantity]
-    room: Minima
-    jumps: dict[str, np.ndarray]
-
-
-def _report(case: _Case, found: _Found) -> Report:
-    """What is said of one trajectory."""
-    claim, bindings, margin, room = case.claim, case.bindings, found.margin, found.room
-    craft, names = claim.spacecraft, claim.zone_names
-    if case.static:
-        margin.time[:] = room.time[:] = 0
-    faults = (
-        *joins.end_faults(found.samples, "start", claim.start, (found.first, 0)),
-        *joins.end_faults(found.samples, "goal", claim.goal, (found.last, -1)),
-        *joins.jump_faults(
-            found.jumps,
-            found.samples.time[found.first : found.last, -1],
-            case.curve.smoothness,
-            craft.jerk_limit is not None,
-        ),
-        *limits.faults(found.limited, room, LIMIT_ALLOWANCE),
-        *bindings.faults(margin, found.motion, craft.device_names, names, MARGIN_ALLOWANCE, found.number),
-    )
-    report = Report(
-        certified=not faults,
-        peaks=limits.peaks(found.limited, room),
-        peak_times=limits.peak_times(found.limited, room),
-        jumps={name: float(np.max(steps, initial=0)) for name, steps in found.jumps.items()},
-        faults=faults,
-        evaluations=(found.last + 1 - found.first) * found.samples.time.shape[1],
-    )
-    if len(margin.bound) == 0:
-        return report
-    worst = int(np.argmin(margin.seen))
-    pair = bindings.deciding(worst, margin.time[worst], found.motion, found.number)
-    return replace(
-        report,
-        min_margin=float(np.min(margin.bound)),
-        worst_time=float(margin.time[worst]),
-        worst_device=craft.device_names[bindings.device[pair]],
-        worst_zone=names[bindings.zone[pair]],
-    )
-
-
-def _negligible(spacecraft: "Spacecraft", several: Sequence[Bindings]) -> Errors:
-    """Errors that do not matter beside the angles and limits they are compared with.
-
-    Args:
-        spacecraft: of all trajectories.
-        several: the bindings of each, which number the last axis.
-    """
-    spin = np.array([spacecraft.rate_limit, spacecraft.acceleration_limit, spacecraft.jerk_limit or np.inf])
-    if spacecraft.inertia is not None:
-        inertia = np.linalg.norm(spacecraft.inertia, 2)
-        for order, limit in enumerate((spacecraft.wheel_momentum_limit, spacecraft.torque_limit)):
-            spin[order] = np.minimum(spin[order], np.inf if limit is None else np.min(limit) / inertia)
-    angle = np.sin([np.min(bindings.angle, initial=np.pi / 2) for bindings in several])
-    joints = (spacecraft.joint_limits, spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits)
-    each = np.ones(len(several))
-    return Errors(
-        direction=errors.NEGLIGIBLE * np.ones((len(spacecraft.device_names), 1)) * angle,
-        spin=errors.NEGLIGIBLE * spin[:, None] * each,
-        joints=errors.NEGLIGIBLE * np.stack(joints)[..., None] * each,
-    )
