@@ -131,5 +131,20 @@ def test_a_budget_of_work_is_each_trajectorys_own(claims, name, most, monkeypatc
     assert [repr(vars(report)) for report in reports] == [repr(vars(report)) for report in tight]
 
 
+def test_faults_name_the_devices_of_their_own_spacecraft(claims):
+    one = claims[1]  # breaks limits
+    other = replace(
+        one,
+        spacecraft=replace(
+            one.spacecraft,
+            terminals=tuple(replace(t, name=f"other-{i}") for i, t in enumerate(one.spacecraft.terminals)),
+        ),
+    )
+    first, second = certify_batch([one, other])
+    assert any("terminal-0" in fault for fault in first.faults)
+    assert any("other-0" in fault for fault in second.faults)
+    assert not any("terminal-" in fault for fault in second.faults)
+
+
 def test_of_no_claims_nothing_is_said():
     assert certify_batch([]) == []

@@ -75,6 +75,7 @@ class Case:
         )
         return (
             number if self.bindings.ways else None,
+            craft.device_names,
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
             *(None if part is None else np.asarray(part, np.float64).tobytes() for part in numbers),

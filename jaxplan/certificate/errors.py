@@ -65,10 +65,10 @@ class Majorants:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """A motion's samples with all that is needed to speak for the time between them.
+    """Samples of trajectories with all that is needed to speak for the time between them.
 
     Attributes:
-        on: intervals that cover all time, in its order.
+        on: intervals that cover all the time of each, in its order.
         samples: of the motion at `motion.NODES` of each.
         majorants: of the motion on them.
         left_out: what the polynomials through the samples leave out.

@@ -1,7 +1,7 @@
 """What the certificate is asked: about one trajectory, about many, and about every margin of one."""
 
 from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jaxplan.trajectory.curve import Trajectory
     from jaxplan.zones import Cones
 
-_TOGETHER = 16  # trajectories, so that their samples stay in the cache
+_TOGETHER, _PIECES = 16, 1024  # trajectories that are proved at once, and about their pieces
 
 
 def certify(
@@ -70,10 +70,24 @@ def certify_batch(claims: Sequence[Claim]) -> list[Report]:
             else:
                 alike[case.kind(number)].append((number, case))
         for stack in alike.values():
-            for first in range(0, len(stack), _TOGETHER):
-                numbers, cases = zip(*stack[first : first + _TOGETHER], strict=True)
+            for part in _parts(stack):
+                numbers, cases = zip(*part, strict=True)
                 reports.update(zip(numbers, prove_alike(cases), strict=True))
     return [reports[number] for number in range(len(claims))]
+
+
+def _parts(stack: Sequence[tuple[int, Case]]) -> Iterator[list[tuple[int, Case]]]:
+    """So many cases at once that their samples stay in the cache."""
+    part: list[tuple[int, Case]] = []
+    pieces = 0
+    for number, case in stack:
+        more = len(case.curve.breaks)
+        if part and (len(part) == _TOGETHER or pieces + more > _PIECES):
+            yield part
+            part, pieces = [], 0
+        part.append((number, case))
+        pieces += more
+    yield part
 
 
 def prove_margins(

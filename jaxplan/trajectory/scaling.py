@@ -115,9 +115,8 @@ def _joint_values(trajectory: Trajectory) -> np.ndarray:
     """(M, G, 6n) angles, rates and accelerations of joints, at the Chebyshev points of every piece."""
     lengths, coefficients = np.diff(trajectory.joint_breaks), trajectory.joint_coefficients
     count, size, joints = coefficients.shape
-    curves = (
-        _derivatives(size) @ coefficients
-    )  # a product a piece, so that none depends on how many there are
+    # A product a piece, so that none depends on how many there are.
+    curves = _derivatives(size) @ coefficients
     curves = curves.reshape(count, 3, size, joints) * (2 / lengths)[:, None, None, None] ** _ORDERS
     return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
 
@@ -128,7 +127,9 @@ def _derivatives(size: int) -> np.ndarray:
     points = np.cos(np.pi * np.arange(size) / (size - 1))
     values = np.polynomial.legendre.legvander(points, size - 1)
     matrix = derivative_matrix(size - 1)
-    return np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(3)])
+    found = np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(3)])
+    found.flags.writeable = False
+    return found
 
 
 def _shares(

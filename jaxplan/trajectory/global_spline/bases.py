@@ -124,7 +124,10 @@ class Basis:
                 # At an end only as many B-splines differ from zero as derivatives are given.
                 solve = np.linalg.inv(rows[:, end, part])
                 of_values[part, end], of_rates[part, end] = solve[:, 0], solve[:, 1]
-            self._ends[rest] = np.eye(self.size)[:, count:-count], of_values, of_rates
+            found = np.eye(self.size)[:, count:-count], of_values, of_rates
+            for array in found:
+                array.flags.writeable = False
+            self._ends[rest] = found
         return self._ends[rest]
 
     def pieces(self, coefficients: np.ndarray) -> np.ndarray:

@@ -72,7 +72,8 @@ class Chart:
         """
         angle = np.linalg.norm(eta[1:], axis=1)
         elsewhere = _turns(eta[:-1], steps, eta[1:], angle) != 0
-        for number in range(int(np.argmax(elsewhere)), len(steps)) if np.any(elsewhere) else ():
+        begin = int(np.argmax(elsewhere)) if np.any(elsewhere) else len(steps)
+        for number in range(begin, len(steps)):
             own = eta[number + 1]
             turns = _turns(eta[number], steps[number], own, angle[number])
             own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * turns

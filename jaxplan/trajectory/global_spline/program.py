@@ -108,7 +108,7 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
 def promised(
     quadratic: Quadratic, families: list[Family], multipliers: Multipliers, which: np.ndarray
 ) -> np.ndarray:
-    """By how much programs of a given time can lower their objectives at most.
+    """By how much programs of a given time can lower the objectives of curves that break nothing, at most.
 
     By weak duality, from any multipliers: those of the programs before tell next to exactly once steps are
     short.
@@ -122,7 +122,9 @@ def promised(
     Returns:
         (g,).
     """
-    rows = Rows.of(families, [multipliers[family.name] > 0 for family in families], which)
+    # In a group another entry may hold now; without its multiplier the bound remains one.
+    pushing = [(multipliers[family.name] > 0) & np.isfinite(family.room) for family in families]
+    rows = Rows.of(families, pushing, which)
     y = np.zeros(len(rows.room))
     for family, part in zip(families, rows.families, strict=True):
         y[part.number] = multipliers[family.name][part.index]

@@ -191,8 +191,6 @@ class _Search:
         )
         value = self.objective.merit(ahead, self.penalty)
         close = np.abs(self.value - value) <= _SETTLED * self.value
-        promised = self.objective.energy(self.at) - self.objective.energy(ahead)
-        over = self.at.is_sound & (promised <= _WORTH * self.value)
         better = value < self.value
         self.at = Points.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
@@ -203,14 +201,14 @@ class _Search:
         short = better & (self.at.duration <= self.until)
         done = short | (close & (self.at.is_sound | (self.dearer == _DEARER)))
         if not free_time:
-            done |= over | ((self.failed == _MOST_FAILED) & (self.dearer == _DEARER))
-            self._stop(done, better & self.at.is_sound)
+            done |= (self.failed == _MOST_FAILED) & (self.dearer == _DEARER)
+            self._stop(done)
         self._raise(close & ~done)
         return done
 
-    def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
-        """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
-        which = np.flatnonzero(asked & ~done)
+    def _stop(self, done: np.ndarray) -> None:
+        """Sound curves, too, are done (G,) where the next program, not damped, cannot promise enough."""
+        which = np.flatnonzero(self.at.is_sound & ~done)
         if len(which):
             quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
             rows = list(families(self.stack, self.at))
