@@ -191,6 +191,8 @@ class _Search:
         )
         value = self.objective.merit(ahead, self.penalty)
         close = np.abs(self.value - value) <= _SETTLED * self.value
+        gained = self.objective.energy(self.at) - self.objective.energy(ahead)
+        little = self.at.is_sound & (gained <= _WORTH * self.value)
         better = value < self.value
         self.at = Points.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
@@ -201,14 +203,15 @@ class _Search:
         short = better & (self.at.duration <= self.until)
         done = short | (close & (self.at.is_sound | (self.dearer == _DEARER)))
         if not free_time:
+            done |= little & self.at.is_sound  # before the step and after it
             done |= (self.failed == _MOST_FAILED) & (self.dearer == _DEARER)
-            self._stop(done)
+            self._stop(done, better & self.at.is_sound)
         self._raise(close & ~done)
         return done
 
-    def _stop(self, done: np.ndarray) -> None:
-        """Sound curves, too, are done (G,) where the next program, not damped, cannot promise enough."""
-        which = np.flatnonzero(self.at.is_sound & ~done)
+    def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
+        """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
+        which = np.flatnonzero(asked & ~done)
         if len(which):
             quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
             rows = list(families(self.stack, self.at))
