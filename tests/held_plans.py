@@ -1,7 +1,7 @@
 """Plans that tests hold and follow, and a number on which every quantity of a trajectory has a say."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -50,15 +50,17 @@ def turned(duration, **limits):
     return follow(replace(jp.plan(scenario), path=path), scenario)
 
 
-def the_long_way():
-    """Accelerations of the platform bind, all along; in this time at the same rows a little way off, too."""
-    return turned(68.0, rate_limit=np.deg2rad(6.0), acceleration_limit=np.deg2rad(0.2))
+def the_long_way(duration):
+    """Accelerations of the platform bind, all along; at the same rows a little way off, too."""
+    return turned(duration, rate_limit=np.deg2rad(6.0), acceleration_limit=np.deg2rad(0.2))
 
 
 CASES = {
     "paper, zig-zag, stretched": zig_zag,
     "limits and a zone": near_a_zone,
-    "limits of the platform, the long way round": the_long_way,
+    "limits of the platform, the long way round": partial(the_long_way, 68.0),
+    "the same in 70 s": partial(the_long_way, 70.0),
+    "the same in 72 s": partial(the_long_way, 72.0),
 }
 
 

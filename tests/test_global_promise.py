@@ -91,3 +91,23 @@ def test_where_the_last_multipliers_promise_little_the_next_program_does_little(
         stopped += np.sum(stops)
         assert np.all(after[stops] >= (1 - 1e-3) * search.objective.energy(search.at)[stops] - 1e-9)
     assert stopped > 10
+
+
+def test_the_less_a_step_must_be_worth_the_nearer_a_fit_ends_to_its_optimum(searches):
+    nearer = 0
+    for search in searches:
+        ends = {}
+        for worth in (1e-3, 1e-6):
+            begins = [
+                sqp.Begin(task=task, coefficients=own, duration=duration, worth=worth)
+                for task, own, duration in zip(
+                    search.stack.tasks, search.at.coefficients, search.at.duration, strict=True
+                )
+            ]
+            ends[worth] = np.stack([point.coefficients for point in sqp.improve(begins)])
+        rough, exact = (search.stack.points(ends[worth], search.at.duration) for worth in (1e-3, 1e-6))
+        clean = rough.is_sound & exact.is_sound
+        more = search.objective.energy(rough) - search.objective.energy(exact)
+        assert np.all(more[clean] >= -1e-6 * search.value[clean])
+        nearer += np.sum(more[clean] > 1e-6 * search.value[clean])
+    assert nearer > 5

@@ -23,12 +23,16 @@ cases = pytest.mark.parametrize("case", CASES)
 
 
 @cache
-def kernel(case):
+def compiled():
+    return quick_jit(
+        jax.value_and_grad(lambda scenario, held: metric(replan(held, scenario)), allow_int=True)
+    )
+
+
+def told(scenario, held):
     """Value and gradient in every number of the scenario, at what is held of a plan."""
-    function = jax.value_and_grad(lambda scenario, held: metric(replan(held, scenario)), allow_int=True)
-    compiled = quick_jit(function)
     # Numbers of Python, of numpy and of both would be compiled for anew.
-    return lambda scenario, held: compiled(jax.tree.map(np.asarray, scenario), held)
+    return compiled()(jax.tree.map(np.asarray, scenario), held)
 
 
 @cache
@@ -55,9 +59,7 @@ def made_anew(case, scenario):
             start_angular_velocity=start.angular_velocity,
         )
         assert fit.origin is not None, fit.message
-        return float(
-            kernel(case)(scenario, replace(hold(plan_of(case)), fit=fit.origin.hold(), goal=plan.goal))[0]
-        )
+        return float(told(scenario, replace(hold(plan_of(case)), fit=fit.origin.hold(), goal=plan.goal))[0])
 
 
 def leaves_of(scenario):
@@ -69,7 +71,7 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
     plan = plan_of(case)
     scenario = plan.scenario
     with jax.enable_x64(True):
-        value, gradient = kernel(case)(scenario, hold(plan))
+        value, gradient = told(scenario, hold(plan))
     assert float(value) == pytest.approx(made_anew(case, scenario), rel=1e-9)
     leaves, tree = jax.tree_util.tree_flatten_with_path(scenario)
     slopes = [np.asarray(slope) for slope in jax.tree.leaves(gradient)]
@@ -82,8 +84,8 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
     telling = [slope.dtype.kind == "f" and bool(np.any(np.abs(slope) > 1e-7)) for slope in slopes]
     assert all(np.all(np.isfinite(slope)) for slope in slopes if slope.dtype.kind == "f")
     rng = np.random.default_rng(0)
-    told = {name.split(".")[1].split("[")[0] for name, tells in zip(names, telling, strict=True) if tells}
-    assert told >= {"start", "goal", "trajectory", "spacecraft"}
+    of = {name.split(".")[1].split("[")[0] for name, tells in zip(names, telling, strict=True) if tells}
+    assert of >= {"start", "goal", "trajectory", "spacecraft"}
     for part in (("start", "goal", "spacecraft", "keep_out", "keep_in"), ("trajectory",)):
         steps, expected = [], 0.0
         for (_, leaf), name, slope, tells in zip(leaves, names, slopes, telling, strict=True):
@@ -113,13 +115,13 @@ def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
     heavier = replace(plan.scenario, trajectory=heavier)
     held = hold(plan)
     with jax.enable_x64(True):
-        value, off = (float(kernel(case)(scenario, held)[0]) for scenario in (plan.scenario, heavier))
+        value, off = (float(told(scenario, held)[0]) for scenario in (plan.scenario, heavier))
         assert off == pytest.approx(made_anew(case, heavier), rel=1e-9)
         assert abs(off - value) > 1e-6
         if settings.method == "global":
             noise = np.random.default_rng(0).normal(size=held.fit.x.shape)
             held = replace(held, fit=replace(held.fit, x=held.fit.x + 0.01 * noise))
-            assert float(kernel(case)(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
+            assert float(told(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
 
 
 @cases
@@ -127,7 +129,7 @@ def test_what_is_no_number_gives_none_and_an_end(case):
     plan = plan_of(case)
     settings = replace(plan.scenario.trajectory, acceleration_weight=np.nan)
     with jax.enable_x64(True):
-        value, _ = kernel(case)(replace(plan.scenario, trajectory=settings), hold(plan))
+        value, _ = told(replace(plan.scenario, trajectory=settings), hold(plan))
     assert np.isnan(value)
 
 

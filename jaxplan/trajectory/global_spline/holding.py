@@ -24,6 +24,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
 
+_WORTH = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
 _LOOKS = 20  # at which rows bind
 _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
@@ -55,8 +56,11 @@ class Origin:
         """
         task, point = self.attempt.task, self.attempt.point
         asked = self.job.settings.duration
-        if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
+        sought = isinstance(asked, str) and not self.stretched
+        if asked == MINIMUM or sought or task.free_time:
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
+        first = sqp.Begin(task=task, coefficients=point.coefficients, duration=point.duration, worth=_WORTH)
+        (point,) = sqp.improve([first])
         stack = Stack.of([task])  # of one
         at = stack.points(point.coefficients[None], np.array([point.duration]))
         objective = sqp.Objective(stack, at)

@@ -26,11 +26,11 @@ _MOST_STEPS = 16
 _DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what
 _SMALL = 1e-3  # weight of the energy beside the duration
 _HASTE = 12.0  # of the duration: alone it would fall by 1 / 12 in a step
-_SETTLED = 1e-4  # of the merit, between steps
+_SETTLED = 1e-4  # of the merit, between steps, or the worth of a step where that is less
 _DAMPING = 8.0
 _FIRST_DAMPING = 1e-2
 _NO_DAMPING = 1e-6
-_WORTH = 1e-3  # of the energy: a sound curve whose program promises less is left as it is
+_WORTH = 1e-3  # of the energy, of a step that is worth its while
 _MOST_FAILED = 2  # steps in a row that lower no merit, once it is dear to break rows: nothing better is near
 
 
@@ -44,6 +44,7 @@ class Begin:
         duration: s.
         until: s, a duration that is short enough.
         patience: a curve that breaks limits by more is left as it is.
+        worth: of the energy; in a given time a sound curve whose program promises less is left as it is.
     """
 
     task: Task
@@ -51,6 +52,7 @@ class Begin:
     duration: float
     until: float = 0.0
     patience: float = np.inf
+    worth: float = _WORTH
 
 
 def improve(begins: Sequence[Begin]) -> list[Point]:
@@ -138,6 +140,7 @@ class _Search:
     at: Points
     number: np.ndarray
     until: np.ndarray
+    worth: np.ndarray
     penalty: np.ndarray
     value: np.ndarray
     damping: np.ndarray
@@ -160,6 +163,7 @@ class _Search:
             at=at,
             number=np.arange(count),
             until=np.array([begin.until for begin in begins]),
+            worth=np.array([begin.worth for begin in begins]),
             penalty=penalty,
             value=objective.merit(at, penalty),
             damping=np.zeros(count),
@@ -171,7 +175,7 @@ class _Search:
     def some(self, which: np.ndarray) -> "_Search":
         """Those of (G,) bool."""
         stack = self.stack.some(which)
-        names = ("number", "until", "penalty", "value", "damping", "failed", "dearer")
+        names = ("number", "until", "worth", "penalty", "value", "damping", "failed", "dearer")
         return _Search(
             stack=stack,
             objective=self.objective.some(stack, which),
@@ -190,9 +194,9 @@ class _Search:
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
         value = self.objective.merit(ahead, self.penalty)
-        close = np.abs(self.value - value) <= _SETTLED * self.value
+        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.worth) * self.value
         gained = self.objective.energy(self.at) - self.objective.energy(ahead)
-        little = self.at.is_sound & (gained <= _WORTH * self.value)
+        little = self.at.is_sound & (gained <= self.worth * self.value)
         better = value < self.value
         self.at = Points.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
@@ -215,7 +219,7 @@ class _Search:
         if len(which):
             quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
             rows = list(families(self.stack, self.at))
-            done[which] = promised(quadratic, rows, self.held, which) <= _WORTH * self.value[which]
+            done[which] = promised(quadratic, rows, self.held, which) <= self.worth[which] * self.value[which]
 
     def _raise(self, which: np.ndarray) -> None:
         """Make it dearer to break rows, for those of (G,) bool."""
