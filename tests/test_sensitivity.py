@@ -158,6 +158,9 @@ def test_what_has_no_derivative_is_refused_with_a_reason():
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
     with pytest.raises(ValueError, match="shortest motion has no derivatives"):
         hold(jp.plan(shortest))
+    slowed = replace(scenario.trajectory, duration=1.001 * jp.plan(shortest).trajectory.duration)
+    with pytest.raises(ValueError, match="in so little time only a shortest motion was found"):
+        hold(jp.plan(replace(scenario, trajectory=slowed)))
     speed = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
     at_speed = replace(scenario, start=speed)  # "stretched"
     with pytest.raises(ValueError, match="shortest motion has no derivatives"):

@@ -56,9 +56,13 @@ class Origin:
         """
         task, point = self.attempt.task, self.attempt.point
         asked = self.job.settings.duration
-        sought = isinstance(asked, str) and not self.stretched
-        if asked == MINIMUM or sought or task.free_time:
+        if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
+        if task.free_time:
+            raise ValueError(
+                "in so little time only a shortest motion was found, which has no derivatives: raise "
+                "trajectory.duration_s"
+            )
         first = sqp.Begin(task=task, coefficients=point.coefficients, duration=point.duration, worth=_WORTH)
         (point,) = sqp.improve([first])
         stack = Stack.of([task])  # of one
