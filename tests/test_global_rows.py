@@ -46,11 +46,11 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
 
     def family(c):
         if sort == "tube":
-            return Nodes(two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]], c)
+            return Nodes(c, two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]])
         if sort == "ranges":
             return Ranges(c, two(limits) * [[2], [1]])
         power = 1 if sort == "rates" else 2
-        return Joints(sort, power, two(basis.differences[power]), c, two(1 / limits) * [[2], [1]])
+        return Joints(c, sort, power, two(basis.differences[power]), two(1 / limits) * [[2], [1]])
 
     def room(c):
         """By how much values may grow, and fall, before they are at a bound."""
@@ -133,9 +133,10 @@ def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
     longer = replace(own, scale=own.scale / (1 + STEP) ** power)
     gained = (longer.room - own.room) / STEP / (1 - own.room)
     np.testing.assert_allclose(-own.time, gained, rtol=1e-3)
-    # Where all is far from its limit, nothing is looked for.
-    far = replace(own, scale=0.4 * own.scale / np.abs(1 - own.room).max())
-    assert np.all(far.change(step(1, CHANGE)) == 0)
+    # Of two curves one is far from its limit all along.
+    assert np.all(own.in_reach)
+    far = replace(own, scale=own.scale * np.array([[0.4 / np.abs(1 - own.room[0]).max()], [1]]))
+    np.testing.assert_array_equal(far.in_reach, [False, True])
 
 
 def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_they_are_near():
@@ -146,14 +147,17 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
     own = Zones(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
-    lessened, found = own.change(step(1, CHANGE))[0], differences(room)[1]
-    near = own.room[1] < np.deg2rad(20.0)
-    assert 0 < near.mean() < 1
-    np.testing.assert_allclose(lessened[near], found[near], rtol=1e-5, atol=1e-7)
-    assert np.all(lessened[~near] == 0)
-    index = np.nonzero(near)
-    by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, CHANGE)
-    np.testing.assert_allclose(by_slopes, lessened[near], rtol=1e-9)
+    few = 0.1
+    lessened, found = own.change(step(1, few * CHANGE))[0], few * differences(room)[1]
+    looked = lessened != 0
+    assert 0.1 < looked.mean() < 0.9
+    np.testing.assert_allclose(lessened[looked], found[looked], rtol=1e-5, atol=1e-7)
+    assert np.all(own.room[1] > found + own.near, where=~looked)
+    index = np.nonzero(looked)
+    by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, few * CHANGE)
+    np.testing.assert_allclose(by_slopes, lessened[looked], rtol=1e-9)
+    unbound = replace(own, room=own.room * np.array([1, np.inf])[:, None, None, None])
+    np.testing.assert_array_equal(unbound.in_reach, [True, False])
     assert own.time == 0.0  # an angle does not change with time
 
 

@@ -12,7 +12,7 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, scaling, schedule
+from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, schedule
 from jaxplan.trajectory.paper import assembly, chain
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
@@ -215,7 +215,6 @@ def test_a_second_trajectory_of_the_same_sizes_compiles_nothing():
     kernels = (
         schedule._edge_turns,
         assembly._assemble,
-        scaling._platform_loads,
         curve._platform_kernel,
         curve._joint_kernel,
     )

@@ -28,10 +28,10 @@ def families(stack: Stack, at: Points) -> Iterator[Family]:
             for power, limit in enumerate(limits, start=1):
                 differences = stacked([task.space.basis.differences[power] for task in stack.tasks])
                 scale = 1 / (limit * duration**power)
-                yield Joints(f"joint {power}", power, differences, at.coefficients, scale)
+                yield Joints(at.coefficients, f"joint {power}", power, differences, scale)
         first = problems[0]
         for q, (name, power) in enumerate(zip(first.names, first.powers, strict=True)):
             limit = np.stack([problem.limits[q] for problem in problems])
             yield Loads(name, int(power), at.motion, q, 1 / (limit * duration**power), stack.rows)
     if kind.tube is not None:
-        yield Nodes(stack.tube_rows, stack.tube_values, stack.tube_radius, at.coefficients)
+        yield Nodes(at.coefficients, stack.tube_rows, stack.tube_values, stack.tube_radius)

@@ -22,10 +22,17 @@ from jaxplan.trajectory.global_spline.rows import (
 )
 
 
+@dataclass(frozen=True, eq=False)
 class _Linear:
     """What these families share."""
 
+    coefficients: np.ndarray  # (G, n, A)
     linear = True
+
+    @property
+    def in_reach(self) -> np.ndarray:
+        """Of the rows; all of them."""
+        return np.ones(len(self.coefficients), dtype=bool)
 
     def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
         """See `Family`; all of them."""
@@ -39,7 +46,6 @@ class Joints(_Linear):
     name: str
     power: int
     differences: np.ndarray  # (G, n - d, n)
-    coefficients: np.ndarray  # (G, n, A)
     scale: np.ndarray  # (G, joints) 1 / (limit * duration^power)
     kind: int = LIMIT
     near: float = 2 * NEAR_SHARE
@@ -73,7 +79,6 @@ class Joints(_Linear):
 class Ranges(_Linear):
     """Angles of the joints by the coefficients: rows (G, 2, n, joints)."""
 
-    coefficients: np.ndarray  # (G, n, A)
     limits: np.ndarray  # (G, joints)
     name: str = "range"
     kind: int = LIMIT
@@ -118,7 +123,6 @@ class Nodes(_Linear):
     rows: np.ndarray  # (G, m, n)
     values: np.ndarray  # (G, m, A)
     radius: np.ndarray  # (G, A)
-    coefficients: np.ndarray  # (G, n, A)
     name: str = "tube"
     kind: int = TUBE
     near: float = 2 * NEAR_SHARE

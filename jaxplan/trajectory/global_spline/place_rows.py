@@ -19,7 +19,6 @@ from jaxplan.trajectory.global_spline.rows import (
 )
 
 _FAR_SHARE = 0.5  # of a limit is left at every place: then no step reaches it
-_KNOWN_ANGLE = np.deg2rad(20.0)  # margins beyond are not looked at: no step takes a boresight that far
 _STRIDE = 4  # of places next to each other one in four is held, and those that are extreme
 
 
@@ -48,21 +47,20 @@ class Loads:
         return 1 - SIGNS[:, None] * (self.motion.loads[:, :, self.load] * self.scale[:, None])[:, :, None]
 
     @cached_property
-    def _far(self) -> np.ndarray:
-        """(G,) whether no step reaches a limit."""
-        return np.all(self.room > _FAR_SHARE, axis=(1, 2, 3))
+    def in_reach(self) -> np.ndarray:
+        """Of the rows."""
+        return ~np.all(self.room > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
         """(S, 3, 4, 3) slopes of the shares."""
         return self.motion.load_slopes(curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, step: Step) -> np.ndarray:
-        """See `Family`; of a curve that is far from the limit none is looked for."""
-        change = np.zeros((len(step.which), *self.room.shape[1:]))
+        """See `Family`."""
+        change = np.empty((len(step.which), *self.room.shape[1:]))
         for own, curve in enumerate(step.which.tolist()):
-            if not self._far[curve]:
-                shares = np.einsum("sida,dsa->si", self._local(curve), step.curves[own, :, :, :3])
-                change[own] = SIGNS[:, None] * shares[:, None]
+            shares = np.einsum("sida,dsa->si", self._local(curve), step.curves[own, :, :, :3])
+            change[own] = SIGNS[:, None] * shares[:, None]
         return change
 
     def slopes(self, index: Index) -> Slopes:
@@ -94,21 +92,23 @@ class Zones:
     linear: bool = False
 
     @cached_property
-    def _known(self) -> tuple[Index, np.ndarray]:
-        """The rows that a step may reach, and their slopes (R, A) in the curve there."""
-        index = numbers(self.room < _KNOWN_ANGLE)
-        return index, self.motion.margin_slopes(*index)
+    def in_reach(self) -> np.ndarray:
+        """Of the rows."""
+        return np.any(np.isfinite(self.room), axis=(1, 2, 3))
 
     def change(self, step: Step) -> np.ndarray:
-        """See `Family`."""
-        own = np.full(len(self.room), -1)
-        own[step.which] = np.arange(len(step.which))
-        (curve, *rest), local = self._known
-        change = np.zeros((len(step.which), *self.room.shape[1:]))
-        if len(step.which) < len(own):
-            taken = own[curve] >= 0
-            curve, local, rest = curve[taken], local[taken], [part[taken] for part in rest]
-        own = own[curve]
+        """See `Family`; zero of rows that stay far."""
+        room = self.room[step.which]
+        # No margin changes by more than the boresight turns, nor that by more than what moves it.
+        turned = np.linalg.norm(step.curves[:, 0, :, :3], axis=2)[:, :, None, None] + self.near
+        joints = self.motion.body_slopes.shape[3]
+        near = room < turned
+        if joints:
+            moved = np.abs(step.curves[:, 0, :, 3:]).reshape(*room.shape[:2], 2, joints).sum(axis=2)
+            near[:, :, :joints] = room[:, :, :joints] < turned + moved[..., None]
+        own, *rest = numbers(near)
+        local = self.motion.margin_slopes(step.which[own], *rest)
+        change = np.zeros_like(room)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, step.curves[own, 0, rest[0]])
         return change
 

@@ -81,6 +81,7 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
     for family, mask in zip(families, chosen, strict=True):
         if family.name in held:  # in a group another entry may hold now
             mask |= (held[family.name] > 0) & np.isfinite(family.room)
+            mask[~family.in_reach] = False
     for round_ in range(_ROUNDS):
         rows = Rows.of(families, chosen, which)
         changes, stretches, multipliers = solve_duals(quadratic, inverse, alone, rows, penalty)
@@ -90,14 +91,18 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
         for family, mask, part in zip(families, chosen, rows.families, strict=True):
             found[family.name][which] = 0.0
             found[family.name][part.index] = multipliers[part.number]
-            room = family.room[which] - family.change(step)
+            looked = family.in_reach[which]
+            if not np.any(looked):
+                continue
+            own = step.some(looked)
+            room = family.room[own.which] - family.change(own)
             if family.time:
-                room = room - (family.time * stretches).reshape(-1, *[1] * (room.ndim - 1))
-            broken = family.chosen(room < -BROKEN * family.near, room, which) & ~mask[which]
+                room -= (family.time * own.stretch).reshape(-1, *[1] * (room.ndim - 1))
+            broken = family.chosen(room < -BROKEN * family.near, room, own.which) & ~mask[own.which]
             if family.linear and round_ < _ALL_AT_ONCE:
                 broken &= lowest(np.where(broken, room, np.inf))
-            mask[which] = (mask[which] & (room < _KEPT * family.near)) | broken
-            added |= np.any(broken.reshape(len(which), -1), axis=1)
+            mask[own.which] = (mask[own.which] & (room < _KEPT * family.near)) | broken
+            added[looked] |= np.any(broken.reshape(len(own.which), -1), axis=1)
         which = which[added]
         if not len(which):
             break

@@ -37,6 +37,10 @@ class Step(NamedTuple):
     curves: np.ndarray
     stretch: np.ndarray
 
+    def some(self, which: np.ndarray) -> "Step":
+        """Those of (g,) bool."""
+        return self if np.all(which) else Step(*(own[which] for own in self))
+
 
 class Slopes(NamedTuple):
     """Slopes of some rows in the coefficients: sums of J products of a row of the axes and one of the basis.
@@ -65,6 +69,7 @@ class Family(Protocol):
         near: rows with less room are near.
         time: of the rows.
         linear: whether the rows are true of all steps, not of small ones alone.
+        in_reach: (G,) whether a step may break any of the rows.
     """
 
     @property
@@ -79,6 +84,8 @@ class Family(Protocol):
     def time(self) -> float: ...  # noqa: D102
     @property
     def linear(self) -> bool: ...  # noqa: D102
+    @property
+    def in_reach(self) -> np.ndarray: ...  # noqa: D102
 
     def change(self, step: Step) -> np.ndarray:
         """By how much a step lessens the room (g, ...) of the curves that take it, without its stretch."""
