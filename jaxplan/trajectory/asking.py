@@ -8,6 +8,7 @@ each the same to the last bit, whatever else is asked for beside it.
 from collections import defaultdict
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -32,6 +33,22 @@ class Ask:
 
 
 Steps = Generator[Ask, Any, T]
+
+
+def in_turn(function: Callable[..., Any], **arguments: Any) -> Ask:
+    """Ask for what a function answers, even if it knows nothing of many.
+
+    In a row it is quicker than between other work: instructions and data are then in the processor's caches.
+    """
+    return Ask(_in_turn(function), arguments)
+
+
+@cache
+def _in_turn(function: Callable[..., Any]) -> Callable[[Sequence[Any]], list[Any]]:
+    def many(asked: Sequence[dict[str, Any]]) -> list[Any]:
+        return [function(**arguments) for arguments in asked]
+
+    return many
 
 
 def alone(steps: Steps[T]) -> T:

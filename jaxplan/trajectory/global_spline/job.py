@@ -9,12 +9,12 @@ import numpy as np
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.asking import Ask, Steps
+from jaxplan.trajectory.asking import Ask, Steps, in_turn
 from jaxplan.trajectory.bound import duration_bound
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline import sqp
 from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.build import Request, build, trajectory, wanted_margins
+from jaxplan.trajectory.global_spline.build import Built, Request, build, trajectory, wanted_margins
 from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.rows import TUBE
@@ -45,6 +45,7 @@ class Job:
 
     attitudes: np.ndarray
     joints: np.ndarray
+    turns: np.ndarray
     fractions: np.ndarray | None
     rates: np.ndarray
     spacecraft: Spacecraft
@@ -80,7 +81,7 @@ class Job:
     @cached_property
     def moves(self) -> np.ndarray:
         """(m, 3 + 2n) rad along each edge."""
-        return np.column_stack([schedule.edge_turns(self.attitudes), np.diff(self.joints, axis=0)])
+        return np.column_stack([self.turns, np.diff(self.joints, axis=0)])
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -240,17 +241,18 @@ def attempt_at(
 ) -> Steps[Attempt | None]:
     """Fit a request; None if its nodes leave the chart or numbers overflow."""
     craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
-    chart, b = fitting(request.attitudes, request.places)
+    chart, b = yield in_turn(fitting, attitudes=request.attitudes, places=request.places)
     if not farthest(chart, b, request.places) <= REACH:
         return None
     problem = Problem.of(chart, craft, job.cones, job.horizon)
     wanted: np.ndarray = yield Ask(wanted_margins, (problem, request))
-    built = build(
-        request,
-        problem,
-        b,
-        wanted,
-        duration,
+    built: Built = yield in_turn(
+        build,
+        request=request,
+        problem=problem,
+        b=b,
+        wanted=wanted,
+        duration=duration,
         weights=job.weights,
         limited=limited,
         free_time=free_time,

@@ -9,7 +9,7 @@ from jaxplan.scenario.model import MINIMUM, STRETCHED, TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.asking import Steps, alone
+from jaxplan.trajectory.asking import Steps, alone, in_turn
 from jaxplan.trajectory.bound import excess
 from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.global_spline.attempts import (
@@ -122,9 +122,11 @@ def steps(query: FitQuery) -> Steps[Fit]:
         still = replace(at_rest(path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
         return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
     none = tabulate((), (), spacecraft.device_names)
+    turns: np.ndarray = yield in_turn(schedule.edge_turns, attitudes=path.attitudes)
     job = Job(
         attitudes=path.attitudes,
         joints=path.joints,
+        turns=turns,
         fractions=None if node_fractions is None else np.asarray(node_fractions, float),
         rates=rates,
         spacecraft=spacecraft,

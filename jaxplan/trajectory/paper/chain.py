@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.trajectory.asking import Ask, Steps
+from jaxplan.trajectory.asking import Ask, Steps, in_turn
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.paper import counting, qp
@@ -74,7 +74,8 @@ def fit_nodes(
     """
     times = nodes.fractions * duration
     joint_ends, platform_ends = counting.split(len(nodes.turns), segments, settings.order)
-    joints, platform, charts = assemble(
+    joints, platform, charts = yield in_turn(
+        assemble,
         attitudes=nodes.attitudes,
         joints=nodes.joints,
         times=times,

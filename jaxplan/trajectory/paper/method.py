@@ -14,7 +14,7 @@ from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.asking import Ask, Steps, alone
+from jaxplan.trajectory.asking import Ask, Steps, alone, in_turn
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, remedy, too_tight, within_limits
 from jaxplan.trajectory.paper import counting
@@ -107,11 +107,12 @@ def steps(query: FitQuery) -> Steps[Fit]:
         trajectory = at_rest(path, settings.order, "paper", len(own))
         return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
     fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
+    turns: np.ndarray = yield in_turn(schedule.edge_turns, attitudes=path.attitudes)
     nodes = Nodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.asarray(fractions, float),
-        turns=schedule.edge_turns(path.attitudes),
+        turns=turns,
         start=start,
         end=end,
     )
