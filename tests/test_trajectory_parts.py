@@ -208,9 +208,9 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
         x = np.cos(np.pi * np.arange(points) / (points - 1))
         return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
 
-    assert maxima.is_resolved(values(13, 0.5))
-    assert not maxima.is_resolved(values(13, 9.0))
-    assert maxima.is_resolved(values(37, 9.0))
+    of_two = np.concatenate([values(13, 0.5), values(13, 9.0)])
+    np.testing.assert_array_equal(maxima.are_resolved(of_two, np.array([0, 3])), [True, False])
+    assert maxima.are_resolved(values(37, 9.0), np.zeros(1, int))
     few, many = (maxima.largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
 

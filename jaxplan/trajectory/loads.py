@@ -15,7 +15,7 @@ from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import derivative_matrix
 from jaxplan.trajectory.chart_rates import cross, rates
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.maxima import is_resolved
+from jaxplan.trajectory.maxima import are_resolved
 
 _FEW = 8  # pieces; where there are more they are short
 _TOGETHER = 4096  # points; what is computed of them is then still in the processor's cache
@@ -34,9 +34,9 @@ def platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
     """
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
     sizes = [curve.coefficients.shape for curve, _, _ in asked]
-    found = _at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
-    again = [number for number, values in enumerate(found) if not is_resolved(values)]
-    more = _at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
+    found, told = _at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
+    again = [number for number, is_told in enumerate(told) if not is_told]
+    more, _ = _at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
     for number, values in zip(again, more, strict=True):
         found[number] = values
     return found
@@ -50,18 +50,21 @@ def joint_loads(trajectory: Trajectory) -> np.ndarray:
     return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
 
 
-def _at_points(asked: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
-    """`platform_loads` at so many points of each piece."""
+def _at_points(asked: Sequence[Asked], points: Sequence[int]) -> tuple[list[np.ndarray], list[bool]]:
+    """`platform_loads` at so many points of each piece, and whether these tell what is between them."""
     alike: dict[tuple[int, int, tuple[str, ...]], list[int]] = defaultdict(list)
     for number, ((curve, _, names), each) in enumerate(zip(asked, points, strict=True)):
         alike[each, curve.coefficients.shape[1], names].append(number)
     found: dict[int, np.ndarray] = {}
+    told: dict[int, bool] = {}
     for (each, _, names), numbers in alike.items():
         several = [asked[number][:2] for number in numbers]
-        ends = np.cumsum([0, *(len(curve.coefficients) for curve, _ in several)]).tolist()
+        ends = np.cumsum([0, *(len(curve.coefficients) for curve, _ in several)])
         values = _of_alike(several, names, each)
-        found.update(zip(numbers, (values[slice(*ends_of)] for ends_of in pairwise(ends)), strict=True))
-    return [found[number] for number in range(len(asked))]
+        found.update(zip(numbers, (values[slice(*own)] for own in pairwise(ends.tolist())), strict=True))
+        told.update(zip(numbers, are_resolved(values, ends[:-1]).tolist(), strict=True))
+    every = range(len(asked))
+    return [found[number] for number in every], [told[number] for number in every]
 
 
 def _of_alike(

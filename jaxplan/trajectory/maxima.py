@@ -12,23 +12,29 @@ from functools import cache
 
 import numpy as np
 
-_FINE = 4  # grid intervals in theta for each point; then a grid maximum is within 8 % of the true one
-_NEAR = 0.9  # grid maxima above this share of the highest are followed
+_FINE = 4  # grid intervals in theta for each point
 _NEWTON_STEPS = 12
 _STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
 _RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums
 _ELEMENTS = 200_000  # of an array that many pieces are looked at in
 
 
-def is_resolved(values: np.ndarray) -> bool:
-    """Whether values (N, G, Q) at the Chebyshev points of pieces tell what is between the points.
+def are_resolved(values: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Whether values at the Chebyshev points of pieces tell what is between the points.
 
     So they do where the last terms of the cosine sums are next to nothing; a number that is not finite counts
     as told.
+
+    Args:
+        values: (N, G, Q), pieces of one trajectory after the other.
+        first: (T,) number of the first piece of each, rising.
+
+    Returns:
+        (T,) bool.
     """
-    series = np.abs(np.tensordot(chebyshev(values.shape[1])[0], values, axes=(1, 1)))
-    most = np.max(series, axis=(0, 1))
-    return not np.any(np.max(series[-2:], axis=(0, 1)) > _RESOLVED * most)
+    series = np.abs(chebyshev(values.shape[1])[0] @ values)
+    last, most = (np.maximum.reduceat(part.max(axis=1), first) for part in (series[:, -2:], series))
+    return np.asarray(~np.any(last > _RESOLVED * most, axis=1))
 
 
 def largest(values: np.ndarray) -> np.ndarray:
@@ -44,46 +50,43 @@ def largest(values: np.ndarray) -> np.ndarray:
 
 
 def all_largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """`largest` of many; those with as many points are looked at together, some at a time."""
+    """`largest` of many; those with as many points and quantities are looked at together, some at a time."""
     found: dict[int, np.ndarray] = {}
-    alike: dict[int, list[int]] = defaultdict(list)
+    alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
     for number, own in enumerate(values):
-        if np.all(np.isfinite(own)):
-            alike[own.shape[1]].append(number)
+        if np.isfinite(own).all():
+            alike[own.shape[1:]].append(number)
         else:
             found[number] = np.full(own.shape[2], np.nan)
-    for points, numbers in alike.items():
-        columns = np.cumsum([values[number].shape[0] * values[number].shape[2] for number in numbers])
-        part = (columns - 1) // (_ELEMENTS // (_FINE * points))
+    for (points, quantities), numbers in alike.items():
+        pieces = np.cumsum([len(values[number]) for number in numbers])
+        part = (pieces - 1) // max(1, _ELEMENTS // (_FINE * points * max(1, quantities)))
         for one in np.unique(part):
             some = [number for number, its in zip(numbers, part, strict=True) if its == one]
             found.update(zip(some, _largest_of([values[number] for number in some]), strict=True))
     return [found[number] for number in range(len(values))]
 
 
-def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """`largest` of values (N, G, Q) that are finite, with the same G."""
-    points = values[0].shape[1]
-    to_series, to_fine = chebyshev(points)
-    # From here on one column is one quantity on one piece; their sums stay within it.
-    several = [np.tensordot(to_series, own, axes=(1, 1)).reshape(points, -1) for own in values]
-    fine = np.abs(np.concatenate([to_fine @ series for series in several], axis=1))
-    quantity, last = [], 0
-    for own in values:
-        quantity.append(np.tile(np.arange(last, last + own.shape[2]), len(own)))
-        last += own.shape[2]
-    of = np.concatenate(quantity)
-    highest = np.zeros(last)
-    np.maximum.at(highest, of, fine.max(axis=0))
-    peaked = fine >= _NEAR * highest[of]
-    peaked &= fine > 0
-    peaked[1:] &= fine[1:] > fine[:-1]
-    peaked[:-1] &= fine[:-1] >= fine[1:]
-    row, column = np.divmod(np.flatnonzero(peaked), peaked.shape[1])
-    series = np.concatenate(several, axis=1)[:, column].T
-    followed = _follow(np.ascontiguousarray(series), row * np.pi / (len(fine) - 1), np.pi / (len(fine) - 1))
-    np.maximum.at(highest, of[column], followed)
-    return np.split(highest, np.cumsum([own.shape[2] for own in values])[:-1])
+def _largest_of(values: Sequence[np.ndarray]) -> np.ndarray:
+    """(T, Q) `largest` of values (N, G, Q) that are finite, with the same G and Q."""
+    to_series, to_fine = chebyshev(values[0].shape[1])
+    counts = np.array([len(own) for own in values])
+    # A product a piece, so that none depends on how many there are.
+    series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
+    heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
+    highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
+    owner = np.repeat(np.arange(len(values)), counts)
+    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
+    step = np.pi / (len(to_fine) - 1)
+    bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
+    peaked = heights >= (highest[owner] - step**2 / 8 * bends)[:, :, None]
+    peaked &= heights > 0
+    peaked[..., 1:] &= heights[..., 1:] > heights[..., :-1]
+    peaked[..., :-1] &= heights[..., :-1] >= heights[..., 1:]
+    piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
+    followed = _follow(series[piece, quantity], place * step, step)
+    np.maximum.at(highest, (owner[piece], quantity), followed)
+    return highest
 
 
 def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
