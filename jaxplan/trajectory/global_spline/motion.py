@@ -60,6 +60,16 @@ class Motion:
         return self._load_slopes[curve]
 
     @cached_property
+    def _zones(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sides (G, Z) of the zones, and their axes (G, S, Z, 3)."""
+        cones = [problem.cones for problem in self.problems]
+        sides = np.stack([own.side for own in cones])
+        if cones[0].paths:
+            return sides, _moving_axes(self.problems, self.places)
+        axes = np.stack([own.direction for own in cones])[:, None]
+        return sides, np.broadcast_to(axes, (*self.places.shape, *axes.shape[2:]))
+
+    @cached_property
     def finite(self) -> np.ndarray:
         """(G,) whether all numbers are."""
         kept = np.all(np.isfinite(self.loads), axis=(1, 2, 3))
@@ -101,12 +111,8 @@ class Motion:
             (R, 3 + 2n) of ``side * (angle - half angle)``; the angle falls by ``d cos / sin``.
         """
         joints = self.body_slopes.shape[3]
-        cones = [problem.cones for problem in self.problems]
-        side = np.stack([own.side for own in cones])[curve, zone]
-        if cones[0].paths:
-            axes = _moving_axes(self.problems, self.places)[curve, place, zone]
-        else:
-            axes = np.stack([own.direction for own in cones])[curve, zone]
+        sides, directions = self._zones
+        side, axes = sides[curve, zone], directions[curve, place, zone]
         cosine = self.cosines[curve, place, device, zone]
         factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
         axis = np.einsum("ri,rij->rj", axes, self.attitude[curve, place])  # in the body

@@ -16,6 +16,7 @@ from jaxplan.trajectory.global_spline.rows import (
     Slopes,
     Step,
     numbers,
+    taken,
 )
 
 _FAR_SHARE = 0.5  # of a limit is left at every place: then no step reaches it
@@ -98,15 +99,14 @@ class Zones:
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`; zero of rows that stay far."""
-        room = self.room[step.which]
+        room, joints = taken(self.room, step.which), self.motion.body_slopes.shape[3]
         # No margin changes by more than the boresight turns, nor that by more than what moves it.
-        turned = np.linalg.norm(step.curves[:, 0, :, :3], axis=2)[:, :, None, None] + self.near
-        joints = self.motion.body_slopes.shape[3]
-        near = room < turned
-        if joints:
-            moved = np.abs(step.curves[:, 0, :, 3:]).reshape(*room.shape[:2], 2, joints).sum(axis=2)
-            near[:, :, :joints] = room[:, :, :joints] < turned + moved[..., None]
-        own, *rest = numbers(near)
+        x, y, z, *moved = np.abs(np.moveaxis(step.curves[:, 0], 2, 0))
+        reach = np.empty(room.shape[:3])
+        reach[:] = (self.near + np.sqrt(x * x + y * y + z * z))[:, :, None]
+        for terminal in range(joints):
+            reach[:, :, terminal] += moved[terminal] + moved[joints + terminal]
+        own, *rest = numbers(room < reach[..., None])
         local = self.motion.margin_slopes(step.which[own], *rest)
         change = np.zeros_like(room)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, step.curves[own, 0, rest[0]])

@@ -95,7 +95,7 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
             if not np.any(looked):
                 continue
             own = step.some(looked)
-            room = family.room[own.which] - family.change(own)
+            room = taken(family.room, own.which) - family.change(own)
             if family.time:
                 room -= (family.time * own.stretch).reshape(-1, *[1] * (room.ndim - 1))
             broken = family.chosen(room < -BROKEN * family.near, room, own.which) & ~mask[own.which]

@@ -125,8 +125,10 @@ def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Some of `stacked` arrays, by number or as (G,) bool."""
+    """Some of `stacked` arrays, by rising number or as (G,) bool, to be read only: no copy of all of them."""
+    count = int(np.sum(which)) if which.dtype == bool else len(which)
+    if count == len(array):
+        return array
     if array.strides[0] == 0:
-        count = int(np.sum(which)) if which.dtype == bool else len(which)
         return np.broadcast_to(array[0], (count, *array.shape[1:]))
     return array[which]
