@@ -108,9 +108,9 @@ def every(curve, shape):
     return (np.full(len(index[0]), curve), *index)
 
 
-def differences(room):
-    """By how much `CHANGE` lessens the room."""
-    return (room(COEFFICIENTS - STEP * CHANGE) - room(COEFFICIENTS + STEP * CHANGE)) / (2 * STEP)
+def differences(room, change=CHANGE):
+    """By how much a change lessens the room."""
+    return (room(COEFFICIENTS - STEP * change) - room(COEFFICIENTS + STEP * change)) / (2 * STEP)
 
 
 @pytest.mark.parametrize("load", range(5))
@@ -147,15 +147,20 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
     own = Zones(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
-    few = 0.1
-    lessened, found = own.change(step(1, few * CHANGE))[0], few * differences(room)[1]
-    looked = lessened != 0
-    assert 0.1 < looked.mean() < 0.9
-    np.testing.assert_allclose(lessened[looked], found[looked], rtol=1e-5, atol=1e-7)
-    assert np.all(own.room[1] > found + own.near, where=~looked)
-    index = np.nonzero(looked)
-    by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, few * CHANGE)
-    np.testing.assert_allclose(by_slopes, lessened[looked], rtol=1e-9)
+    # Of all axes, of each joint alone, and next to nothing.
+    for change in (
+        0.1 * CHANGE,
+        *(CHANGE * (np.arange(9) == axis) for axis in range(3, 9)),
+        1e-7 * CHANGE,
+    ):
+        lessened, found = own.change(step(1, change))[0], differences(room, change)[1]
+        looked = lessened != 0
+        assert 0.01 < looked.mean() < 0.9
+        np.testing.assert_allclose(lessened[looked], found[looked], rtol=1e-5, atol=1e-7)
+        assert np.all(own.room[1] >= found + own.near, where=~looked & (found != 0))
+        index = np.nonzero(looked)
+        by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, change)
+        np.testing.assert_allclose(by_slopes, lessened[looked], rtol=1e-9)
     unbound = replace(own, room=own.room * np.array([1, np.inf])[:, None, None, None])
     np.testing.assert_array_equal(unbound.in_reach, [True, False])
     assert own.time == 0.0  # an angle does not change with time

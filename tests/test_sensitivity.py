@@ -161,6 +161,14 @@ def test_what_has_no_derivative_is_refused_with_a_reason():
     slowed = replace(scenario.trajectory, duration=1.001 * jp.plan(shortest).trajectory.duration)
     with pytest.raises(ValueError, match="in so little time only a shortest motion was found"):
         hold(jp.plan(replace(scenario, trajectory=slowed)))
+    # With a tight limit of jerk the shortest motion found is one without limits, stretched to them.
+    jerky = jp.random_scenario(0, "keep_out")
+    jerky = replace(jerky, spacecraft=replace(jerky.spacecraft, jerk_limit=5e-4))
+    settings = replace(jerky.trajectory, method="global", duration="minimum")
+    least = jp.plan(replace(jerky, trajectory=settings)).trajectory.duration
+    slowed = jp.plan(replace(jerky, trajectory=replace(settings, duration=1.01 * least)))
+    with pytest.raises(ValueError, match="in so little time only a shortest motion was found"):
+        hold(slowed)
     speed = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
     at_speed = replace(scenario, start=speed)  # "stretched"
     with pytest.raises(ValueError, match="shortest motion has no derivatives"):

@@ -203,6 +203,16 @@ def test_peaks_between_the_points_are_found():
         assert found[quantity] == pytest.approx(best, rel=1e-9, abs=1e-15)
 
 
+def test_of_two_pieces_whose_peaks_are_all_but_equal_the_higher_one_is_found():
+    rng = np.random.default_rng(0)
+    k, theta = np.arange(13), np.linspace(0, np.pi, 40_001)
+    series = rng.normal(size=(2, 13, 200))
+    series /= np.abs(np.cos(np.outer(theta, k)) @ series).max(axis=1, keepdims=True)
+    series[rng.integers(0, 2, 200), :, np.arange(200)] *= 1 + 1e-4
+    values = np.cos(np.pi * np.outer(k, k) / 12) @ series
+    np.testing.assert_allclose(maxima.largest(values), 1 + 1e-4, rtol=1e-6)
+
+
 def test_points_that_do_not_tell_what_is_between_them_are_found():
     def values(points: int, wave: float) -> np.ndarray:
         x = np.cos(np.pi * np.arange(points) / (points - 1))
@@ -210,6 +220,8 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
 
     of_two = np.concatenate([values(13, 0.5), values(13, 9.0)])
     np.testing.assert_array_equal(maxima.are_resolved(of_two, np.array([0, 3])), [True, False])
+    odd = np.sin(9 * np.cos(np.pi * np.arange(13) / 12))[None, :, None]  # its last term is zero
+    assert not maxima.are_resolved(odd, np.zeros(1, int))
     assert maxima.are_resolved(values(37, 9.0), np.zeros(1, int))
     few, many = (maxima.largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
@@ -218,7 +230,7 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
 def test_peaks_are_those_at_many_points_where_pieces_turn_far():
     craft = make_spacecraft()
     plan = fit_global(load("rrt_c1"), craft, TrajectorySettings(duration=80.0)).trajectory
-    for factor in (1.0, 200.0):  # of the chart's rate: six turns in a piece
+    for factor in (1.0, 200.0, 1000.0):  # of the chart's rate: up to thirty turns in a piece
         curve = replace(plan, chart_rate=factor * plan.chart_rate)
         found = scaling.peaks(curve, craft).ratios[:6]
         samples = curve.sample(np.linspace(0, curve.duration, 200_000))

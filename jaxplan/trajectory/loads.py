@@ -117,10 +117,10 @@ def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: 
     """(N, orders, points, d) polynomials and derivatives by time, of pieces (N, size, d)."""
     count, size, axes = coefficients.shape
     # A product a piece, so that none depends on how many there are.
-    curves = _rows(size, points, orders) @ coefficients
-    powers = np.arange(orders)[:, None, None]
-    scaled = curves.reshape(count, orders, points, axes) * (2 / lengths)[:, None, None, None] ** powers
-    return np.asarray(scaled)
+    with np.errstate(invalid="ignore", over="ignore"):
+        curves = (_rows(size, points, orders) @ coefficients).reshape(count, orders, points, axes)
+        scale = np.divide(2, lengths, out=np.zeros(count), where=lengths > 0)  # a piece of no length rests
+        return np.asarray(curves * scale[:, None, None, None] ** np.arange(orders)[:, None, None])
 
 
 @cache

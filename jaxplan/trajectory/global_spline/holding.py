@@ -58,7 +58,7 @@ class Origin:
         asked = self.job.settings.duration
         if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
-        if task.free_time:
+        if not self.stretched and (task.free_time or not task.limited):
             raise ValueError(
                 "in so little time only a shortest motion was found, which has no derivatives: raise "
                 "trajectory.duration_s"
