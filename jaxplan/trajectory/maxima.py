@@ -3,7 +3,8 @@
 On a piece every quantity is smooth, so its interpolant on Chebyshev points (which include both ends, where
 jerks jump) is the quantity itself but for rounding. As a function of ``theta = arccos(x)`` it is a cosine sum
 without edges: every maximum over the piece is a stationary point, and Newton's method finds it from the
-nearest point of a fine grid.
+maximum of a fine grid beside it. One so narrow that no grid maximum is beside it would be missed; the
+certificate, which shares nothing with this, has the last word.
 """
 
 from collections import defaultdict
