@@ -44,8 +44,8 @@ class Begin:
         duration: s.
         until: s, a duration that is short enough.
         patience: a curve that breaks limits by more is left as it is.
-        worth: of the energy; in a given time a sound curve whose program promises less is left as it is, and in
-            any time one whose merit changes by less.
+        worth: of the energy; in a given time a sound curve whose program promises less is left as it is, and
+            in any time one whose merit changes by less.
     """
 
     task: Task
