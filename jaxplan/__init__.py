@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
+    from jaxplan.compiled import compilation_cache
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
@@ -43,6 +44,7 @@ _HOMES = {
     "Trajectory": "jaxplan.trajectory",
     "Tuning": "jaxplan.tuning",
     "compare_studies": "jaxplan.study",
+    "compilation_cache": "jaxplan.compiled",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.sensitivity",
     "hold": "jaxplan.sensitivity",
@@ -78,6 +80,7 @@ __all__ = [
     "Trajectory",
     "Tuning",
     "compare_studies",
+    "compilation_cache",
     "export",
     "follow",
     "hold",

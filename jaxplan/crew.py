@@ -15,14 +15,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from jaxplan import compiled
+
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
-
-_COMPILED = (
-    "jax_compilation_cache_dir",
-    "jax_persistent_cache_min_compile_time_secs",
-    "jax_persistent_cache_min_entry_size_bytes",
-)
 
 
 class Crew:
@@ -67,7 +63,7 @@ class Crew:
 
     def _hire(self, workers: int) -> None:
         self.workers = workers
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (_compiled_code(),))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (compiled.settings(),))
         self._executor = self._pool = pool
         try:
             pool.submit(os.getpid).result()  # one has come up; the others do when there is work for them
@@ -101,13 +97,6 @@ def check_executor(executor: object) -> None:
         )
 
 
-def _compiled_code() -> dict[str, object]:
-    """Where and how this process keeps what JAX compiles."""
-    import jax
-
-    return {name: getattr(jax.config, name) for name in _COMPILED}
-
-
 def _begin(compiled_code: dict[str, object]) -> None:
     """Set up a worker."""
     import jax
@@ -115,8 +104,7 @@ def _begin(compiled_code: dict[str, object]) -> None:
 
     tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name, value in compiled_code.items():
-        jax.config.update(name, value)
+    compiled.adopt(compiled_code)
     # Most kernels take less time than to hand them to another thread.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -17,6 +17,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import quaternion
+from jaxplan.compiled import keep_by_default
+
+keep_by_default()  # here, since whatever is compiled in this package computes with rotations
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
 _TERMS = 10

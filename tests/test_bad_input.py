@@ -18,11 +18,6 @@ from jaxplan.cli import main
 SOURCES = sorted(Path(jp.__file__).parent.rglob("*.py"))
 
 
-@pytest.fixture(autouse=True)
-def _no_compile_cache(monkeypatch):
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
-
-
 @pytest.mark.parametrize("make", [scenarios, plans, exports, studies])
 def test_what_is_no_good_is_refused_and_nothing_is_written(make):
     for name in make():

@@ -15,11 +15,6 @@ def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, s
     return code, captured.out, captured.err
 
 
-@pytest.fixture(autouse=True)
-def _no_compile_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
-
-
 @pytest.fixture
 def case_file() -> Path:
     return Path(str(case_path("case-4")))

@@ -22,11 +22,6 @@ from jaxplan.exporting.sampled import continuous_quaternions, instants, sample
 STEP = 0.05
 
 
-@pytest.fixture(autouse=True)
-def _no_compile_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
-
-
 @pytest.fixture(scope="module")
 def plan() -> jp.Plan:
     return flown_plan()

@@ -249,7 +249,6 @@ def test_an_old_file_stays_unless_it_may_go(plan, tmp_path, monkeypatch):
 
 
 def test_the_command_writes_beside_the_plan_and_replaces_only_with_force(plan, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
     monkeypatch.setattr(DRAW, lambda plan: [])
     plan.save(tmp_path / "plan.json")
     assert main(["report", str(tmp_path / "plan.json")]) == 0

@@ -14,7 +14,6 @@ def run(capsys, *words: object) -> tuple[int, str, str]:
 
 @pytest.fixture(autouse=True)
 def _nothing_is_planned(monkeypatch):
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
     monkeypatch.setattr("jaxplan.study.run.plan_chunk", plan_nothing)
 
 

@@ -206,7 +206,6 @@ def test_plans_of_groups_are_kept_and_proved_again(relay_plans, method, tmp_path
 
 
 def test_the_command_line_draws_instruments_and_groups(relay_plans, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("jaxplan.cli.common.keep_compiled_code", lambda: None)
     jp.save_scenario(behind_the_sun("mha"), tmp_path / "scene.toml")
     assert main(["plan", str(tmp_path / "scene.toml"), "-o", str(tmp_path)]) == 0
     assert f"{np.rad2deg(relay_plans['mha'].report.min_margin):.3f} deg" in capsys.readouterr().out

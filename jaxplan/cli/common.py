@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -79,28 +78,7 @@ def save(figure: Any, file: Path) -> None:
 
 
 def set_up_jax() -> None:
-    """Let JAX keep what it compiles, and compute in the thread that asks.
-
-    Most kernels here take less time than to hand them to another thread.
-    """
+    """Let JAX compute in the thread that asks: most kernels take less time than to hand them to another."""
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-    keep_compiled_code()
-
-
-def keep_compiled_code() -> None:
-    """Let JAX keep its compiled kernels between runs, in a folder that only the user can write to."""
-    import jax
-
-    if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
-        return  # the user has chosen one
-    try:
-        root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        folder = Path(root) / "jaxplan" / "compiled"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # the latter where nobody has a home
-        return  # it only saves time
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

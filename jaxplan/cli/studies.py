@@ -121,9 +121,8 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _table4(options: argparse.Namespace) -> int:
-    from tqdm.auto import tqdm
-
     from jaxplan.cases import RANDOM_KINDS
+    from jaxplan.progress import progress_bar
     from jaxplan.search import PLANNERS
     from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
 
@@ -137,7 +136,7 @@ def _table4(options: argparse.Namespace) -> int:
     folder = None if options.out is None else writable_folder(options.out)
     common.set_up_jax()
     total = options.n * len(kinds) * len(planners)
-    with tqdm(total=total, desc="table4", unit=" searches", delay=1, leave=False, disable=None) as bar:
+    with progress_bar("table4", "searches", total=total) as bar:
         rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
     print_result([row.summary() for row in rows] if options.json else format_table(rows))
     if folder is not None:

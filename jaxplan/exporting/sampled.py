@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.progress import progress_bar
+
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
     from jaxplan.spacecraft import Spacecraft
@@ -106,17 +108,13 @@ def continuous_quaternions(attitude: np.ndarray) -> np.ndarray:
 
 
 def _evaluated(trajectory: "Trajectory", times: np.ndarray) -> "Samples":
-    from tqdm.auto import tqdm
-
     from jaxplan.trajectory.curve import Samples
 
     parts = []
-    with tqdm(
-        total=len(times), desc="sample", unit=" samples", delay=1, leave=False, disable=None
-    ) as progress:
+    with progress_bar("sampling", "samples", total=len(times)) as bar:
         for first in range(0, len(times), _CHUNK):
             parts.append(trajectory.sample(times[first : first + _CHUNK]))
-            progress.update(min(_CHUNK, len(times) - first))
+            bar.update(min(_CHUNK, len(times) - first))
     return Samples(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Samples)})
 
 

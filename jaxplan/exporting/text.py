@@ -5,6 +5,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from jaxplan.progress import progress_bar
+
 T = TypeVar("T")
 
 # 16 digits, as many as CCSDS allows and a double has.
@@ -25,12 +27,12 @@ def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator
             yield form % tuple(row)
 
 
-def progress(rows: Iterable[T], total: int) -> Iterable[T]:
+def progress(rows: Iterable[T], total: int) -> Iterator[T]:
     """The rows, with a bar where writing them takes long."""
-    from tqdm.auto import tqdm
-
-    bar: Iterable[T] = tqdm(rows, total=total, desc="write", unit=" rows", delay=1, leave=False, disable=None)
-    return bar
+    with progress_bar("writing", "rows", total=total) as bar:
+        for row in rows:
+            yield row
+            bar.update()
 
 
 def plain(text: str, longest: int = 80) -> str:

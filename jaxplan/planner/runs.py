@@ -1,10 +1,8 @@
 """Planning one scenario, or many at once."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from jaxplan.crew import Crew, check_executor
 from jaxplan.kernel_room import make_room
@@ -13,6 +11,7 @@ from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import Chain, Question, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
+from jaxplan.progress import Bar, progress_bar
 from jaxplan.scenario import Scenario
 from jaxplan.threads import one_thread
 
@@ -47,13 +46,8 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         (3, 3)
     """
     scenario = as_filed("scenario", scenario)
-    with one_thread(), _bar("planning", " steps", None, progress) as bar:
-
-        def show(name: str) -> None:
-            bar.set_description(f"planning: {name}")
-            bar.update()
-
-        clock = Clock(scenario.search.time_limit, show)
+    with one_thread(), progress_bar("planning", shown=progress) as bar:
+        clock = Clock(scenario.search.time_limit, bar.step)
         run = _Run(scenario, clock)
         while run.query is not None:
             run.go_on(answer(run.query, clock))
@@ -98,13 +92,13 @@ def plan_batch(
 def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
     """Plan scenarios that are as filed, in this process."""
     plans: list[Plan] = []
-    with one_thread(), _bar("planning", " plans", len(scenarios), progress) as bar:
+    with one_thread(), progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
             plans += _together(scenarios[first : first + TOGETHER], bar)
     return plans
 
 
-def _together(scenarios: Sequence[Scenario], bar: Any) -> list[Plan]:
+def _together(scenarios: Sequence[Scenario], bar: Bar) -> list[Plan]:
     """Plan scenarios in lockstep."""
     runs = []
     for scenario in scenarios:
@@ -126,12 +120,14 @@ def _by_workers(scenarios: Sequence[Scenario], executor: Executor | int, progres
     plans: list[Plan] = []
     futures: list[Future[list[Plan]]] = []
     try:
-        with _bar("planning", " plans", len(scenarios), progress) as bar:
+        with progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
+            bar.step("workers begin, and may compile")
             for part in parts:
                 futures.append(crew.submit(_plan_part, part))
             for future in futures:
                 plans += future.result()
-                bar.update(len(plans) - bar.n)
+                bar.step("")
+                bar.update(len(plans) - bar.done)
     except BrokenExecutor as error:
         crew.dismiss(at_once=True)
         raise RuntimeError("a worker process died while it planned; jp.run_study outlives that") from error
@@ -176,13 +172,3 @@ class _Run:
         """The answer at its end."""
         assert self._plan is not None
         return replace(self._plan, timings=self.clock.timings())
-
-
-@contextmanager
-def _bar(what: str, unit: str, total: int | None, progress: bool) -> Iterator[Any]:
-    """A bar shown after a second where somebody can see it."""
-    from tqdm.auto import tqdm
-
-    hidden = not progress or None  # None: where stderr is no terminal
-    with tqdm(desc=what, unit=unit, total=total, delay=1, leave=False, disable=hidden) as bar:
-        yield bar

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.crew import Crew, check_executor
+from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario
 from jaxplan.study.chunks import Chunks
 from jaxplan.study.engine import by_workers, in_this_process
@@ -87,15 +88,23 @@ def run_task(
     with _Memory(task) if out is None else Store(out, task) as store:
         left = (number for number, done in enumerate(store.done) if not done)
         chunks = Chunks(task, left, chunk)
-        with _bar(task, store.done, progress) as bar:
+        with progress_bar(
+            f"study: {task.planner}",
+            "scenes",
+            total=len(task.scenes),
+            initial=sum(store.done),
+            shown=progress,
+        ) as bar:
             planned = 0
+            bar.step("workers begin, and may compile" if executor is not None else "")
             try:
                 with closing(_answers(chunks, executor, work, all(store.done))) as answers:
                     for answer in answers:
                         store.add(answer)
                         planned += sum(row["status"] == OK for row in answer.table)
+                        bar.step("")
                         bar.update(len(answer.table))
-                        bar.set_postfix_str(f"{planned} planned", refresh=False)
+                        bar.note(f"{planned} planned")
             except KeyboardInterrupt:
                 pass  # what is done is returned
         return Study(
@@ -137,18 +146,3 @@ class _Memory(nullcontext[Any]):
         """Keep the rows of a chunk."""
         self.rows[TABLE] += answer.table
         self.rows[TIMINGS] += answer.timings
-
-
-def _bar(task: Task, done: bytearray, progress: bool) -> Any:
-    """A bar shown after a second where somebody can see it."""
-    from tqdm.auto import tqdm
-
-    return tqdm(
-        desc=f"study: {task.planner}",
-        unit=" scenes",
-        total=len(task.scenes),
-        initial=sum(done),
-        delay=1,
-        leave=False,
-        disable=not progress or None,  # None: where stderr is no terminal
-    )

@@ -5,10 +5,10 @@ Success comes before the objective: rows with more failed scenes are always wors
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
+from jaxplan.progress import Bar
 from jaxplan.study import Study, run_study
 from jaxplan.study.chunks import LARGEST
 from jaxplan.study.rows import OK
@@ -26,7 +26,7 @@ class Trials:
     """Makes studies and keeps their rows, and the best and the first of the studies."""
 
     def __init__(
-        self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Any
+        self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
     ) -> None:
         self.task, self.ranges, self.score, self.most, self.bar = task, ranges, score, most, bar
         self.history: list[dict[str, float]] = []
@@ -90,7 +90,7 @@ class Trials:
         self.history.append(row)
         self.bar.update()
         best = min(self.history, key=_key)
-        self.bar.set_postfix_str(f"best {best['objective']:.5g}", refresh=False)
+        self.bar.note(f"best {best['objective']:.5g}")
         return row
 
     def _rank(self, row: Mapping[str, float]) -> float:

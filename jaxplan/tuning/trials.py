@@ -8,11 +8,11 @@ trajectory follows is a failure. Times are those of the search step.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from jaxplan.cases import random_scenario
+from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario
 from jaxplan.study import Study
 from jaxplan.study.summary import column_values
@@ -131,7 +131,7 @@ def tune_search(
         for scene in (task.scenes if task.kind is None else task.scenes[:1])
     )
     ranges = make_ranges(task, scenarios, over)
-    with _bar(trials, progress) as bar:
+    with progress_bar("tuning", "trials", total=trials, shown=progress) as bar:
         noisy = objective not in ("expansions", "length")
         trial = Trials(task, ranges, score, trials, noisy, bar)
         ending = _search(trial, seed)
@@ -202,12 +202,3 @@ def _make_score(objective: str | Score) -> tuple[str, Score]:
     if not callable(objective):
         raise TypeError(f"objective must be a name or a function of a Study, not {type(objective).__name__}")
     return getattr(objective, "__name__", "objective"), objective
-
-
-def _bar(trials: int, progress: bool) -> Any:
-    """A bar shown after a second where somebody can see it."""
-    from tqdm.auto import tqdm
-
-    return tqdm(
-        desc="tuning", unit=" trials", total=trials, delay=1, leave=False, disable=not progress or None
-    )

@@ -1,0 +1,120 @@
+"""The folder in which JAX keeps what it compiles, so that only the first process ever waits for it.
+
+A first plan compiles for ten seconds; read from the folder it takes two. The folder is the user's cache
+folder, ``~/.cache/jaxplan`` or that of ``XDG_CACHE_HOME``, with a part for each kind of processor, since code
+for one may not run on another. It is used unless the user has told JAX otherwise, and silently not where it
+cannot be written or may not be trusted: whoever can write there can have us run any code. What JAX compiles
+for others in the same process is kept there, too.
+"""
+
+import hashlib
+import os
+import warnings
+from pathlib import Path
+
+# JAX keeps by itself only what took a second to compile, and most kernels here take less.
+_KEEP_ALL = {
+    "jax_persistent_cache_min_compile_time_secs": 0.0,
+    "jax_persistent_cache_min_entry_size_bytes": -1,
+}
+_SETTINGS = ("jax_compilation_cache_dir", *_KEEP_ALL)
+
+_decided = False
+
+
+def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
+    """Keep compiled code in another folder, or in none.
+
+    What JAX compiles is by default kept between processes in the user's cache folder. An environment variable
+    JAX_COMPILATION_CACHE_DIR, or the setting of ``jax.config`` with this name, moves it, too.
+
+    Args:
+        folder: made, for this user alone, if it does not exist; None to keep nothing. Whoever can write there
+            can run code in this process.
+
+    Raises:
+        OSError: if it cannot be made.
+        ValueError: if nothing can be written there, or others than the user may write there.
+
+    Example:
+        >>> jp.compilation_cache("/scratch/compiled")
+        >>> jp.compilation_cache(None)
+    """
+    place = None if folder is None else Path(folder).expanduser().absolute()
+    if place is not None:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        why_not = _fault(place)
+        if why_not:
+            raise ValueError(f"folder = {os.fspath(place)!r}: {why_not}")
+    _use({"jax_compilation_cache_dir": None if place is None else str(place), **_KEEP_ALL})
+
+
+def keep_by_default() -> None:
+    """Keep compiled code in the user's cache folder, unless somebody has decided otherwise."""
+    import jax
+
+    global _decided
+    if _decided or jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
+        return
+    _decided = True
+    try:
+        place = _users_folder()
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if _fault(place):
+            return
+    except (OSError, RuntimeError):  # the latter where nobody has a home
+        return  # it only saves time
+    _use({"jax_compilation_cache_dir": str(place), **_KEEP_ALL})
+
+
+def settings() -> dict[str, object]:
+    """Where and how this process keeps compiled code, for `adopt` in another one."""
+    import jax
+
+    keep_by_default()
+    return {name: getattr(jax.config, name) for name in _SETTINGS}
+
+
+def adopt(given: dict[str, object]) -> None:
+    """Keep compiled code as another process does."""
+    _use(given)
+
+
+def _use(given: dict[str, object]) -> None:
+    import jax
+    from jax.experimental.compilation_cache import compilation_cache as cache
+
+    global _decided
+    _decided = True
+    moved = given["jax_compilation_cache_dir"] != jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+    for name, value in given.items():
+        jax.config.update(name, value)
+    if moved:
+        cache.reset_cache()  # which looks at the setting only once
+    # Entries that are damaged, or were written by another processor, are compiled again: no more than that.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
+
+
+def _users_folder() -> Path:
+    """The part of the user's cache folder that is for this kind of processor."""
+    chosen = os.environ.get("XDG_CACHE_HOME", "")
+    root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
+    return root / "jaxplan" / f"compiled-{_processor()}"
+
+
+def _processor() -> str:
+    """A short name for what instructions this processor knows."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            known = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    except OSError:  # no Linux: machines that share a folder are rare there
+        known = ""
+    return hashlib.sha256(" ".join(sorted(known.split())).encode()).hexdigest()[:8]
+
+
+def _fault(place: Path) -> str:
+    """Why compiled code cannot be kept in a folder; empty if it can."""
+    found = place.stat()
+    if found.st_uid != os.geteuid() or found.st_mode & 0o022:
+        return "others may write there, and so have us run any code: make it the user's own, with mode 700"
+    return "" if os.access(place, os.W_OK | os.X_OK) else "nothing can be written there"

@@ -1,0 +1,124 @@
+"""Progress bars on stderr, or in a notebook, of what takes longer than a second.
+
+A bar ticks by itself, so that it shows and counts seconds while nothing gets done, and it says when that is
+because JAX compiles.
+"""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_TICK = 1.0  # s, until a bar shows, and between two looks at whether something compiles
+# JAX tells only of ends; the end of lowering is the beginning of compiling.
+_BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
+_ENDS = "/jax/core/compile/backend_compile_duration"
+
+_open: set["Bar"] = set()
+_listening = False
+
+
+class Bar:
+    """A bar that is open; `progress_bar` makes it."""
+
+    def __init__(self, what: str, tqdm: Any) -> None:
+        self._what, self._step, self._tqdm = what, "", tqdm
+        self._compiling = self._compiled = False
+        self._closed = threading.Event()
+
+    @property
+    def done(self) -> int:
+        """How much is done."""
+        return int(self._tqdm.n)
+
+    def update(self, count: int = 1) -> None:
+        """Count what has been done."""
+        self._tqdm.update(count)
+
+    def step(self, name: str) -> None:
+        """Say what is being done; nothing for an empty name."""
+        self._step = name
+        self._describe()
+
+    def note(self, text: str) -> None:
+        """Say something behind the bar."""
+        self._tqdm.set_postfix_str(text, refresh=False)
+
+    def compiles(self, begins: bool) -> None:
+        """Take note of that JAX begins to compile, or has ended."""
+        self._compiling = begins
+        self._compiled = True
+
+    def tick_until_closed(self) -> None:
+        """Show the bar every second, in a thread of its own."""
+        while not self._closed.wait(_TICK):
+            self._describe()
+            self._compiled = self._compiling
+            self._tqdm.refresh()
+            self._tqdm.delay = 0  # it shows, so it must be wiped out in the end
+
+    def close(self) -> None:
+        """End the ticking."""
+        self._closed.set()
+
+    def _describe(self) -> None:
+        parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
+        text = ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
+        self._tqdm.set_description_str(text, refresh=False)
+
+
+@contextmanager
+def progress_bar(
+    what: str, unit: str = "", *, total: int | None = None, initial: int = 0, shown: bool = True
+) -> Iterator[Bar]:
+    """Show a bar once a block takes longer than a second.
+
+    Args:
+        what: is done, the first words of the bar.
+        unit: of what is counted, in the plural; empty where only the time is told.
+        total: how many there are, None if nobody knows.
+        initial: how many were done before.
+        shown: whether to show it at all; where stderr is no terminal, nor a notebook, it never is.
+    """
+    from tqdm.auto import tqdm
+
+    more = {} if unit else {"bar_format": "{desc} [{elapsed}]"}
+    with tqdm(
+        desc=what,
+        unit=f" {unit}",
+        total=total,
+        initial=initial,
+        delay=_TICK,
+        leave=False,
+        disable=not shown or None,  # None: where stderr is no terminal
+        **more,
+    ) as shape:
+        bar = Bar(what, shape)
+        if shape.disable:
+            yield bar
+            return
+        _listen_to_jax()
+        _open.add(bar)
+        ticking = threading.Thread(target=bar.tick_until_closed, daemon=True)
+        ticking.start()
+        try:
+            yield bar
+        finally:
+            _open.discard(bar)
+            bar.close()
+            ticking.join()
+
+
+def _listen_to_jax() -> None:
+    global _listening
+    if not _listening:
+        import jax
+
+        _listening = True
+        jax.monitoring.register_event_duration_secs_listener(_hear)
+
+
+def _hear(event: str, duration_secs: float, **_: str | int) -> None:
+    if event in (_BEGINS, _ENDS):
+        for bar in tuple(_open):
+            bar.compiles(event == _BEGINS)

@@ -1,0 +1,183 @@
+"""Compiled code that is kept between processes: read by the next one, private, and never in the way."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import jaxplan as jp
+
+COUNT = """
+import json, sys, jax
+counts = {"hits": 0, "misses": 0}
+def count(event, **_):
+    for name in counts:
+        counts[name] += event == f"/jax/compilation_cache/cache_{name}"
+jax.monitoring.register_event_listener(count)
+"""
+ANGLE = """
+import numpy as np
+from jaxplan import so3
+jax.jit(so3.distance)(np.eye(3), np.eye(3)).block_until_ready()
+"""
+TELL = """
+print(json.dumps([counts["hits"], counts["misses"], jax.config.jax_compilation_cache_dir]))
+"""
+
+
+def fresh_python(code, home, **environment):
+    """What the code prints as JSON, and what comes on stderr, in a process whose user's home is a folder."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XDG_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env=inherited | {"JAX_PLATFORMS": "cpu", "HOME": str(home)} | environment,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stderr
+
+
+def test_a_second_process_reads_what_a_first_has_compiled(tmp_path):
+    (*counts, folder), _ = fresh_python(COUNT + ANGLE + TELL, tmp_path)
+    assert counts == [0, 1]
+    found, errors = fresh_python(COUNT + ANGLE + TELL, tmp_path)
+    assert (found, errors) == ([1, 0, folder], "")
+    assert Path(folder).is_relative_to(tmp_path / ".cache" / "jaxplan")
+    assert Path(folder).stat().st_mode & 0o777 == 0o700
+
+
+def test_a_plan_reads_what_a_worker_has_compiled(tmp_path):
+    study = """
+import jaxplan as jp
+if __name__ == "__main__":
+    jp.run_study(range(1), "keep_out", executor=1)
+"""
+    fresh_python(COUNT + study + TELL, tmp_path)
+    plan = """
+import jaxplan as jp
+jp.plan(jp.random_scenario(0, "keep_out"), throw=False)
+"""
+    (hits, misses, _), errors = fresh_python(COUNT + plan + TELL, tmp_path)
+    assert hits > 2 * misses  # a study has no messages to compute
+    assert errors == ""
+
+
+def test_workers_keep_nothing_where_their_parent_does_not(tmp_path):
+    code = """
+import json
+import jaxplan as jp
+from jaxplan.crew import Crew
+LOOK = "__import__('jaxplan.so3') and __import__('jax').config.jax_compilation_cache_dir"
+if __name__ == "__main__":
+    jp.compilation_cache(None)
+    crew = Crew(1)
+    print(json.dumps(crew.submit(eval, LOOK).result()))
+    crew.dismiss(at_once=True)
+"""
+    assert fresh_python(code, tmp_path)[0] is None
+    kept = code.replace("jp.compilation_cache(None)", "pass")
+    assert fresh_python(kept, tmp_path)[0].startswith(str(tmp_path))
+
+
+def test_it_can_be_moved_and_turned_off_even_after_something_was_compiled(tmp_path):
+    here, there = tmp_path / "home", tmp_path / "there"
+    moved = f"""
+import jaxplan as jp
+jp.compilation_cache({str(there)!r})
+jax.clear_caches()
+"""
+    off = """
+import jaxplan as jp
+jp.compilation_cache(None)
+jax.clear_caches()
+"""
+    (_, misses, folder), _ = fresh_python(COUNT + ANGLE + moved + ANGLE + TELL, here)
+    assert (misses, folder) == (2, str(there))
+    assert len(list(there.iterdir())) == 1
+    assert fresh_python(COUNT + ANGLE + off + ANGLE + TELL, here)[0] == [1, 0, None]
+
+
+@pytest.mark.parametrize(
+    ("before", "environment", "wanted"),
+    [
+        ("", {"JAX_COMPILATION_CACHE_DIR": "mine"}, "mine"),
+        ('jax.config.update("jax_compilation_cache_dir", "mine")', {}, "mine"),
+        ("import jaxplan as jp; jp.compilation_cache(None)", {}, None),
+        ("", {"XDG_CACHE_HOME": "/proc/self/nowhere"}, None),
+        ("", {"XDG_CACHE_HOME": "file"}, "home"),  # not absolute, so it is not looked at
+    ],
+    ids=["JAX's variable", "JAX's setting", "off", "unwritable", "relative"],
+)
+def test_what_the_user_has_chosen_is_left_alone(tmp_path, monkeypatch, before, environment, wanted):
+    monkeypatch.chdir(tmp_path)
+    (*_, folder), errors = fresh_python(COUNT + before + ANGLE + TELL, tmp_path / "home", **environment)
+    assert errors == ""
+    assert folder == wanted or (wanted == "home" and folder.startswith(str(tmp_path / "home")))
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o720, 0o702])
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, mode):
+    (*_, folder), _ = fresh_python(COUNT + ANGLE + TELL, tmp_path)
+    Path(folder).chmod(mode)
+    assert fresh_python(COUNT + ANGLE + TELL, tmp_path)[0] == [0, 0, None]
+    with pytest.raises(ValueError, match=r"folder = .*: others may write there"):
+        jp.compilation_cache(folder)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_where_it_is_asked_for(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OSError, match="file"):
+        jp.compilation_cache(tmp_path / "file" / "folder")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+CACHE = """
+import json, sys, warnings
+from pathlib import Path
+import jax, numpy as np
+from jax.experimental.compilation_cache import compilation_cache
+from jaxplan import so3
+
+def answer():
+    jax.clear_caches()
+    compilation_cache.reset_cache()
+    with jax.enable_x64(True), warnings.catch_warnings(record=True) as caught:
+        value = jax.jit(so3.exp)(np.array([0.1, -0.2, 0.3]))
+    return np.asarray(value).tobytes().hex(), len(caught)
+
+folder = Path(jax.config.jax_compilation_cache_dir)
+fresh, again = answer(), answer()
+files = [file for file in folder.rglob("*") if file.is_file()]
+found = {"files": len(files), "fresh": fresh, "again": again}
+for name, damage in {
+    "empty": lambda old: b"",
+    "cut off": lambda old: old[: len(old) // 2],
+    "zeros": lambda old: bytes(len(old)),
+    "noise": lambda old: np.random.default_rng(0).bytes(len(old)),
+}.items():
+    for file in files:
+        file.write_bytes(damage(file.read_bytes() or b"x" * 100))
+    found[name] = answer()
+jax.config.update("jax_compilation_cache_dir", "/proc/self/nowhere")
+found["unwritable"] = answer()
+print(json.dumps([oct(folder.stat().st_mode)[-3:], found]))
+"""
+
+
+def test_a_damaged_or_unwritable_cache_of_compiled_code_changes_no_answer(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run(
+        [sys.executable, "-c", CACHE], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    mode, found = json.loads(done.stdout)
+    assert mode == "700"
+    assert found.pop("files") > 0
+    assert len({value for value, _ in found.values()}) == 1
+    assert {warnings for _, warnings in found.values()} == {0}

@@ -1,0 +1,106 @@
+"""Progress bars: quiet for a second, then counting, and telling that JAX compiles."""
+
+import io
+import re
+import threading
+from contextlib import redirect_stderr
+
+import jax
+import pytest
+
+import jaxplan as jp
+from jaxplan import progress
+from jaxplan.progress import progress_bar
+
+LOWERED, COMPILED = (
+    "/jax/core/compile/jaxpr_to_mlir_module_duration",
+    "/jax/core/compile/backend_compile_duration",
+)
+
+
+class Terminal(io.StringIO):
+    """Keeps what is written, as somebody reads it, and tells when something new is there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.new = threading.Event()
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        count = super().write(text)
+        if text.strip():
+            self.new.set()
+        return count
+
+    def wait(self) -> str:
+        """The newest line after something new was written."""
+        self.new.clear()
+        assert self.new.wait(10)
+        return [line for line in re.split(r"[\r\n]|\x1b\[\w", self.getvalue()) if line.strip()][-1]
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    monkeypatch.setattr(progress, "_TICK", 0.05)
+    return Terminal()
+
+
+def test_a_bar_tells_that_something_compiles_until_it_has(terminal):
+    with redirect_stderr(terminal), progress_bar("planning") as bar:
+        bar.step("search")
+        assert terminal.wait().startswith("planning: search [")
+        jax.monitoring.record_event_duration_secs(LOWERED, 0.1)
+        terminal.wait()
+        assert terminal.wait().startswith("planning: search, compiling [")
+        jax.monitoring.record_event_duration_secs(COMPILED, 0.1)
+        for _ in range(3):
+            terminal.wait()
+        assert terminal.wait().startswith("planning: search [")
+
+
+def test_what_jax_compiles_is_noticed(terminal):
+    with redirect_stderr(terminal), progress_bar("planning"):
+        jax.jit(lambda x: x * 17.25)(1.0)
+        terminal.wait(), terminal.wait()
+    assert "planning: compiling [" in terminal.getvalue()
+
+
+def test_a_bar_counts_and_is_wiped_out_in_the_end(terminal):
+    with redirect_stderr(terminal), progress_bar("study: mha", "scenes", total=7, initial=2) as bar:
+        bar.update(3)
+        bar.note("4 planned")
+        line = terminal.wait()
+        assert "study: mha:" in line
+        assert " 5/7 " in line
+        assert "4 planned" in line
+    assert terminal.getvalue().endswith("\r")
+    assert terminal.getvalue().split("\r")[-2].strip() == ""
+
+
+def test_nothing_is_shown_of_what_is_quick_or_not_to_be_seen(terminal, monkeypatch):
+    with redirect_stderr(terminal), progress_bar("planning", shown=False) as bar:
+        bar.step("search")
+        bar.update()
+    monkeypatch.setattr(progress, "_TICK", 60.0)
+    with redirect_stderr(terminal), progress_bar("planning") as bar:
+        bar.step("search")
+        bar.update()
+    assert terminal.getvalue() == ""
+
+
+def test_a_bar_ends_with_what_raises_in_it(terminal):
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt), redirect_stderr(terminal), progress_bar("planning"):
+        raise KeyboardInterrupt
+    assert threading.active_count() == before
+    assert not progress._open
+
+
+def test_a_plan_says_at_which_step_it_is(monkeypatch):
+    steps = []
+    monkeypatch.setattr(progress.Bar, "step", lambda self, name: steps.append(name))
+    jp.plan(jp.paper_case(4))
+    assert steps[0] == "decompose"
+    assert steps[-1] == "certificate"
