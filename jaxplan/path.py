@@ -18,8 +18,10 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3, spacecraft, zones
+from jaxplan.display import shown
 
 
+@shown("slew_angle deg", "joints deg", "attitude")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
@@ -36,6 +38,14 @@ class Goal:
     slew_angle: float
 
 
+@shown(
+    "time s",
+    "slew_angle deg",
+    "joints deg",
+    "angular_velocity deg/s",
+    "joint_rates deg/s",
+    "attitude",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MovingGoal(Goal):
@@ -52,6 +62,7 @@ class MovingGoal(Goal):
     joint_rates: np.ndarray
 
 
+@shown("edges", "length steps", "edge_costs steps", "joints deg", "attitudes")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:

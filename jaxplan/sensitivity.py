@@ -20,6 +20,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.display import shown
 from jaxplan.kernel_room import make_room
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
@@ -35,6 +36,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 from jaxplan.zones import tabulate
 
 
+@shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:

@@ -16,6 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 
 
 def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
@@ -105,6 +106,7 @@ def _made_once(stack: Callable[["Spacecraft"], np.ndarray]) -> Callable[["Spacec
     return kept
 
 
+@shown("mount deg", "yaw_limit deg", "pitch_limit deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terminal:
@@ -127,6 +129,7 @@ class Terminal:
     acceleration_limit: float
 
 
+@shown("boresight")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Instrument:
@@ -141,6 +144,16 @@ class Instrument:
     boresight: np.ndarray
 
 
+@shown(
+    "terminals",
+    "instruments",
+    "rate_limit deg/s",
+    "acceleration_limit deg/s^2",
+    "jerk_limit deg/s^3",
+    "inertia kg m^2",
+    "torque_limit N m",
+    "wheel_momentum_limit N m s",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spacecraft:

@@ -25,10 +25,12 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import stacked
 
 
+@shown("half_angle deg", "direction", "devices")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut:
@@ -47,6 +49,7 @@ class KeepOut:
     devices: tuple[str, ...] = field(default=(), metadata={"static": True})
 
 
+@shown("half_angle deg", "direction", "devices", "any_of")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepIn:
@@ -67,6 +70,7 @@ class KeepIn:
     any_of: str | None = field(default=None, metadata={"static": True})
 
 
+@shown("side", "half_angle deg", "bound", "group", "direction", "paths")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cones:

@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.display import as_table, shown
+
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
     from jaxplan.zones import Cones
 
 
+@shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndState:
     """The state that a trajectory must start from, or end in.
@@ -29,6 +32,7 @@ class EndState:
     joint_rates: np.ndarray | None = None
 
 
+@shown("trajectory", "spacecraft", "zone_names", "start", "goal")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
     """What is to be proved: that a trajectory is safe and does what it should.
@@ -50,6 +54,7 @@ class Claim:
     goal: EndState
 
 
+@shown("bound deg", "device", "zone", "time s", "zones")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProvedMargin:
     """How far a device stays from breaking a zone, or from breaking the last zone of a group.
@@ -69,6 +74,7 @@ class ProvedMargin:
     device: str
 
 
+@shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "evaluations")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Report:
     """What is proved of a trajectory, for all times and not for samples alone.
@@ -119,3 +125,6 @@ class Report:
         rows = self.rows()
         width = max(len(label) for label, _ in rows)
         return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)
+
+    def _repr_html_(self) -> str:
+        return as_table("Report", self.rows())

@@ -12,11 +12,21 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.constellation.shell import Shell
+from jaxplan.display import shown
 from jaxplan.scenario import GivenState, Scenario, ScenarioError, Targets
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepOut
 
 
+@shown(
+    "time s",
+    "sun_outage",
+    "sun_direction",
+    "sun_half_angle deg",
+    "earth_half_angle deg",
+    "drift_time s",
+    heading="Switch of the {0.title}",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinkSwitch:
     """A planning problem for each of T satellites with n terminals; `link_switch` makes it.

@@ -10,13 +10,15 @@ import numpy as np
 from jaxplan.constellation.links import WHEN
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell
+from jaxplan.display import as_table, shown
 from jaxplan.proportions import success_interval
 from jaxplan.study import Study, Summary
-from jaxplan.study.text import aligned, as_html
+from jaxplan.study.text import aligned
 
 _LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite
 
 
+@shown("satellites", "study.done", heading="Constellation of {0.switch.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Constellation:
     """The satellites of a switch, planned. Arrays have one entry a satellite that is planned, N in all.
@@ -116,13 +118,13 @@ class Constellation:
     def __str__(self) -> str:
         return str(self.summary())
 
-    def __repr__(self) -> str:
-        return f"<Constellation of {self.switch.title}: {len(self.table)} planned>"
-
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()
 
 
+@shown(
+    "study.done", "study.planned", "satellites_with_outages", "beyond_drift", heading="Summary of {0.title}"
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConstellationSummary:
     """A constellation in a few numbers; prints as a table.
@@ -190,4 +192,4 @@ class ConstellationSummary:
         return aligned(self.title, self.lines(), self.cells())
 
     def _repr_html_(self) -> str:
-        return as_html(self.title, self.lines(), self.cells())
+        return as_table(self.title, self.lines(), self.cells())

@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan import orbits
+from jaxplan.display import shown
 from jaxplan.scenario import ScenarioError
 
 PATTERNS = ("delta", "star")
@@ -26,6 +27,16 @@ MOST = 10**6  # satellites
 _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]+)\s*")
 
 
+@shown(
+    "total",
+    "planes",
+    "slots",
+    "inclination deg",
+    "altitude km",
+    "period s",
+    "pattern",
+    "epoch_angle deg",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shell:
     """A Walker shell of ``total`` = T satellites; `walker` makes it.

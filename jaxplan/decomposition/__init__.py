@@ -19,12 +19,22 @@ from jax import Array
 from jaxplan import quaternion
 from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
+from jaxplan.display import shown
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft, joints_toward
 from jaxplan.zones import Cones, tabulate
 
 
+@shown(
+    "goals",
+    "slew_angle deg",
+    "joint_excess deg",
+    "worst_joint",
+    "zone_excess deg",
+    "worst_zone",
+    "worst_device",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decomposition:
     """Goals, or why there are none.

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from jaxplan.certificate import Report
+from jaxplan.display import as_table, shown
 from jaxplan.path import Goal, MovingGoal, Path
 from jaxplan.scenario import MovingTargets, Scenario
 from jaxplan.search import SearchResult
@@ -43,6 +43,16 @@ def report_summary(report: Report | None) -> dict[str, Any]:
     return dict.fromkeys(summary) if report is None else summary
 
 
+@shown(
+    "status",
+    "message",
+    "goal.slew_angle deg",
+    "search.expansions",
+    "path.edges",
+    "trajectory.duration s",
+    "report.min_margin deg",
+    heading="Plan of {0.scenario.name}",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
     """The answer to a scenario. Of a plan that failed, the fields of later steps are None.
@@ -145,16 +155,8 @@ class Plan:
         lines += [f"  {label:<{width}}  {value}" for label, value in rows]
         return "\n".join(lines)
 
-    def __repr__(self) -> str:
-        return f"<Plan of {self.scenario.name!r}: {self.status.name}>"
-
     def _repr_html_(self) -> str:
-        cells = "".join(
-            f"<tr><th style='text-align:left'>{escape(label)}</th>"
-            f"<td style='text-align:left'>{escape(value)}</td></tr>"
-            for label, value in self.rows()
-        )
-        return f"<table><caption>Plan of {escape(self.scenario.name)}</caption>{cells}</table>"
+        return as_table(f"Plan of {self.scenario.name}", self.rows())
 
 
 class PlanningError(Exception):

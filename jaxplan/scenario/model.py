@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepIn, KeepOut
@@ -37,6 +38,7 @@ def _static(**kwargs: Any) -> Any:
     return field(metadata={"static": True}, **kwargs)
 
 
+@shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GivenState:
@@ -55,6 +57,7 @@ class GivenState:
     joint_rates: np.ndarray
 
 
+@shown("directions", "yaw_limit deg", "pitch_limit deg", "angular_velocity deg/s", "joint_rates deg/s")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Targets:
@@ -75,6 +78,7 @@ class Targets:
     joint_rates: np.ndarray
 
 
+@shown("directions", "yaw_limit deg", "pitch_limit deg")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MovingTargets:
@@ -91,6 +95,21 @@ class MovingTargets:
     pitch_limit: float | None = None
 
 
+@shown(
+    "method",
+    "attitude_step rad",
+    "joint_step rad",
+    "terminal_step_scale",
+    "heuristic_weight",
+    "anchor_weight",
+    "attitude_moves",
+    "clearance deg",
+    "max_expansions",
+    "time_limit s",
+    "max_goals",
+    "improvements",
+    "seed",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchSettings:
@@ -129,6 +148,17 @@ class SearchSettings:
     seed: int = _static(default=0)
 
 
+@shown(
+    "method",
+    "duration s",
+    "segments",
+    "order",
+    "rate_weight",
+    "acceleration_weight",
+    "jerk_weight",
+    "node_tube deg",
+    "end_acceleration",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectorySettings:
@@ -161,6 +191,18 @@ class TrajectorySettings:
     end_acceleration: str = _static(default="zero")
 
 
+@shown(
+    "spacecraft.terminals",
+    "spacecraft.instruments",
+    "keep_out",
+    "keep_in",
+    "goal",
+    "start",
+    "trajectory.duration s",
+    "search",
+    "trajectory",
+    "epoch",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scenario:

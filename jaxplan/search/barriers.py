@@ -30,6 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.search.problem import Scene
 from jaxplan.zones import Cones
 
@@ -40,6 +41,7 @@ TOLERANCE = 4e-9
 TOGETHER = 1e-7
 
 
+@shown("device", "zones")
 @dataclass(frozen=True, kw_only=True)
 class Barrier:
     """Zones that part the directions of a device at start and goal.

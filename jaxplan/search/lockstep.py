@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.display import shown
 from jaxplan.search.problem import Scene
 from jaxplan.stopwatch import working_time
 
@@ -80,6 +81,7 @@ def _many(
     return jax.lax.fori_loop(0, count, lambda call, answers: answers.at[call].set(one(call)), blank)
 
 
+@shown()
 @dataclass(frozen=True, slots=True, eq=False)
 class Call:
     """What a search asks for.

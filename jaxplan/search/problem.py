@@ -11,6 +11,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
+from jaxplan.display import shown
 from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
 from jaxplan.search.holding import held_axes
@@ -23,6 +24,17 @@ TAPER_STEPS = 4.0
 JOINT_RESERVE = 0.2
 
 
+@shown(
+    "goal_coordinates deg",
+    "start_joints deg",
+    "goal_joints deg",
+    "attitude_step rad",
+    "joint_steps rad",
+    "joint_limits deg",
+    "held",
+    "cones",
+    "grouped_cones",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
@@ -78,6 +90,7 @@ class Scene:
 _same = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
 
 
+@shown("status", "expansions", "path.length steps", "path.edges", "queue_expansions")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchResult:
     """The answer of step 2.

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxplan import orbits
+from jaxplan.display import shown
 from jaxplan.epochs import parse_epoch
 from jaxplan.sky.frames import teme_to_gcrs
 from jaxplan.sky.instants import elapsed, library
@@ -27,6 +28,7 @@ _ERRORS = {
 }
 
 
+@shown("altitude km", "inclination deg", "node deg", "latitude deg", "epoch")
 @dataclass(frozen=True, kw_only=True)
 class CircularOrbit:
     """A satellite on a circular Keplerian orbit, as in `jaxplan.orbits`.

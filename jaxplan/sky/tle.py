@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxplan.display import shown
+
 COLUMNS = 69
 _NUMBER = r"[ 0-9A-HJ-NP-Z][ 0-9]{3}[0-9]"  # the letter stands for two digits: alpha-5
 _ANGLE = r"(?=.{8}) *\d{1,3}\.\d{4}"
@@ -75,6 +77,7 @@ class StaleTleWarning(UserWarning):
     """The time asked for is so far from the epoch of two-line elements that SGP4 is many km off."""
 
 
+@shown("epoch", "line1", "line2")
 @dataclass(frozen=True)
 class Tle:
     """A satellite of two-line elements; made by `parse_tle`, which checks them.

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.display import as_table, shown
 from jaxplan.study.result import Study
 from jaxplan.study.rows import OK, Row
-from jaxplan.study.text import aligned, as_html
+from jaxplan.study.text import aligned
 
 _QUANTITIES = {
     "path length (steps)": "length_steps",
@@ -24,6 +25,15 @@ _QUANTITIES = {
 _COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", "second less")
 
 
+@shown(
+    "names",
+    "both",
+    "only_first",
+    "only_second",
+    "neither",
+    "p_value",
+    heading="Comparison of {0.scenes} scenes",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
     """Two studies, scene by scene.
@@ -95,7 +105,7 @@ class Comparison:
         return aligned(self._title, self.lines(), self.cells())
 
     def _repr_html_(self) -> str:
-        return as_html(self._title, self.lines(), self.cells())
+        return as_table(self._title, self.lines(), self.cells())
 
     @property
     def _title(self) -> str:

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jaxplan.display import shown
 from jaxplan.study.lines import TABLE, TIMINGS, read_header, read_rows
 from jaxplan.study.rows import COLUMNS, TIMES, Row
 from jaxplan.study.summary import Summary, summarise
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+@shown("done", "scenes", "folder", heading="Study of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
     """What became of many scenes. Of a study in a folder, rows are read when they are first asked for.
@@ -61,9 +63,14 @@ class Study:
         return f"{self.scenes} {of} by {self.planner}{changed}"
 
     @property
+    def done(self) -> int:
+        """How many scenes have a row."""
+        return len(self.table)
+
+    @property
     def complete(self) -> bool:
         """Whether all scenes have a row."""
-        return len(self.table) == self.scenes
+        return self.done == self.scenes
 
     def summary(self) -> Summary:
         """Success rate with its interval, and quantiles of what was found; prints as a table."""
@@ -94,9 +101,6 @@ class Study:
 
     def __str__(self) -> str:
         return str(self.summary())
-
-    def __repr__(self) -> str:
-        return f"<Study of {self.title}: {len(self.table)} done>"
 
     def _repr_html_(self) -> str:
         return self.summary()._repr_html_()

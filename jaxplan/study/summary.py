@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan.display import as_table, shown
 from jaxplan.proportions import success_interval
 from jaxplan.study.rows import OK, TIMES
-from jaxplan.study.text import aligned, as_html
+from jaxplan.study.text import aligned
 
 if TYPE_CHECKING:
     from jaxplan.study.result import Study
@@ -29,6 +30,7 @@ _QUANTITIES = (
 )
 
 
+@shown("done", "planned", "statuses", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary:
     """A study in a few numbers.
@@ -93,7 +95,7 @@ class Summary:
         return aligned(self.title, self.lines(), self.cells())
 
     def _repr_html_(self) -> str:
-        return as_html(self.title, self.lines(), self.cells())
+        return as_table(self.title, self.lines(), self.cells())
 
 
 def summarise(study: "Study") -> Summary:

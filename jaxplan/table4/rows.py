@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.proportions import success_interval
 
 PAPER_KINDS = ("keep_out", "keep_in")
 
 
+@shown("kind", "planner", "scenes", "found", "clear", "seconds s", "nodes", "steps")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
     """What one planner did on the scenes of one kind.

@@ -19,12 +19,23 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan.display import shown
 from jaxplan.trajectory import pieces
 
 # Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
 _CHUNKS = (8, 128, 1024, 16384)
 
 
+@shown(
+    "attitude",
+    "angular_velocity deg/s",
+    "angular_acceleration deg/s^2",
+    "angular_jerk deg/s^3",
+    "joints deg",
+    "joint_rates deg/s",
+    "joint_accelerations deg/s^2",
+    "joint_jerks deg/s^3",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
@@ -51,6 +62,7 @@ class Samples:
     joint_jerks: np.ndarray
 
 
+@shown("method", "duration s", "smoothness", "breaks s", "joint_breaks s", "node_times s")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -20,6 +21,7 @@ _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditions at either end
 
 
+@shown("status", "message", "note", "trajectory", "needed_duration s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
     """What a method of step 3 answers.
@@ -43,6 +45,18 @@ class Fit:
     needed_duration: float | None = None
 
 
+@shown(
+    "path",
+    "settings",
+    "spacecraft",
+    "cones",
+    "node_fractions",
+    "start_angular_velocity deg/s",
+    "start_joint_rates deg/s",
+    "end_angular_velocity deg/s",
+    "end_joint_rates deg/s",
+    "horizon s",
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitQuery:
     """What is asked of step 3.

@@ -18,9 +18,11 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.trajectory.basis import derivative_matrix, legendre
 
 
+@shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:

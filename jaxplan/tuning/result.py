@@ -6,10 +6,12 @@ from typing import Any
 
 import jax
 
+from jaxplan.display import as_table, shown
 from jaxplan.planner import Plan
 from jaxplan.scenario import Scenario
 
 
+@shown("over", "objective")
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """What a descent was asked for, as far as it can be told.
@@ -35,6 +37,7 @@ class Asked:
             )
 
 
+@shown("history", "plans", "checkpoints", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """Where a descent is.
@@ -56,6 +59,7 @@ class State:
     checkpoints: tuple[jax.Array, ...] = ()
 
 
+@shown("objective", "numbers", "message", heading="{0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tuning:
     """What tuning found.
@@ -84,11 +88,23 @@ class Tuning:
         """The first of them."""
         return self.scenarios[0]
 
-    def __str__(self) -> str:
+    def cells(self) -> list[list[str]]:
+        """Objective and numbers before and after, as rows of texts with their head."""
         first = self.history[0]
-        width = max(len(name) for name in (*self.numbers, "objective"))
-        lines = [f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"]
         rows = {"objective": (first["objective"], self.objective)}
         rows |= {name: (first[name], value) for name, value in self.numbers.items()}
-        lines += [f"  {name:<{width}}  {a:>12.6g} -> {b:.6g}" for name, (a, b) in rows.items()]
-        return "\n".join([*lines, *([f"  {self.message}"] if self.message else [])])
+        return [["", "before", "after"], *([name, f"{a:.6g}", f"{b:.6g}"] for name, (a, b) in rows.items())]
+
+    @property
+    def title(self) -> str:
+        """How many scenarios were tuned, in how many steps."""
+        return f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"
+
+    def __str__(self) -> str:
+        cells = self.cells()[1:]
+        width = max(len(name) for name, *_ in cells)
+        lines = [f"  {name:<{width}}  {before:>12} -> {after}" for name, before, after in cells]
+        return "\n".join([self.title, *lines, *([f"  {self.message}"] if self.message else [])])
+
+    def _repr_html_(self) -> str:
+        return as_table(self.title, [("", self.message)] if self.message else [], self.cells())

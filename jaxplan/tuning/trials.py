@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan.cases import random_scenario
+from jaxplan.display import as_table, shown
 from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario
 from jaxplan.study import Study
@@ -35,6 +36,7 @@ _OVER: Mapping[str, tuple[float, float]] = {
 }
 
 
+@shown("settings", "objective", "message", heading="{0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchTuning:
     """What trials found.
@@ -61,16 +63,30 @@ class SearchTuning:
     baseline: Study
     message: str
 
-    def __str__(self) -> str:
+    @property
+    def title(self) -> str:
+        """Of which scenes, and how many trials there were."""
+        return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
+
+    def cells(self) -> list[list[str]]:
+        """What the scenes' own and the best settings are and do, as rows of texts with their head."""
         labels = {"objective": self.objective, "success_rate": "success rate (%)"}
         factors = {"success_rate": 100.0}
-        cells = [["", "own", "best"]]
+        rows = []
         for key in self.own:
-            values = [factors.get(key, 1.0) * row[key] for row in (self.own, self.best)]
-            cells.append([labels.get(key, key), *("-" if math.isnan(v) else f"{v:.5g}" for v in values)])
-        title = f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
-        head = [title, f"  best: trial {self.best['trial']}", f"  {self.message}"]
-        return aligned("\n".join(head), [], [cells[0], *cells[2:]])
+            if key != "trial":
+                values = [factors.get(key, 1.0) * row[key] for row in (self.own, self.best)]
+                rows.append([labels.get(key, key), *("-" if math.isnan(v) else f"{v:.5g}" for v in values)])
+        return [["", "own", "best"], *rows]
+
+    def __str__(self) -> str:
+        head = [self.title, f"  best: trial {self.best['trial']}", f"  {self.message}"]
+        return aligned("\n".join(head), [], self.cells())
+
+    def _repr_html_(self) -> str:
+        return as_table(
+            self.title, [("best", f"trial {self.best['trial']}"), ("", self.message)], self.cells()
+        )
 
 
 def tune_search(

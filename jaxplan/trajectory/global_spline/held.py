@@ -15,9 +15,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxplan.display import shown
+
 Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearRows:
@@ -40,6 +43,7 @@ class LinearRows:
     scale: Traced
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadRows:
@@ -62,6 +66,7 @@ class LoadRows:
     axis: Traced
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ZoneRows:
@@ -82,6 +87,7 @@ class ZoneRows:
     zone: Traced
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:

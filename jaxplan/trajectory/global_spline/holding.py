@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.path import Path
 from jaxplan.scenario.model import MINIMUM
 from jaxplan.trajectory.global_spline import program, sqp
@@ -33,6 +34,7 @@ _ROUNDED = 1e-8  # what rounding may leave of it, where little moves
 _inputs = jax.jit(gather_inputs)
 
 
+@shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Origin:
     """How a fit came about.

@@ -9,6 +9,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
@@ -18,6 +19,7 @@ from jaxplan.trajectory.global_spline.job import TUBE_RADIUS
 from jaxplan.zones import Cones, separation
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inputs:

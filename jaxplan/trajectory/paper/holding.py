@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxplan.display import shown
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.paper import counting
@@ -15,6 +16,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 _BINDS = 1e-9  # of a limit
 
 
+@shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Origin:
     """How a fit came about.

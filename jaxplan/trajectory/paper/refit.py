@@ -14,6 +14,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -25,6 +26,7 @@ from jaxplan.trajectory.scaling import SAFETY
 from jaxplan.zones import Cones
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldChain:
@@ -43,6 +45,7 @@ class HeldChain:
     sides: np.ndarray
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:

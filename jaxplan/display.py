@@ -1,0 +1,275 @@
+"""How results show themselves: one line in a console, a small table in a notebook.
+
+Debuggers ask for both, also of objects that are half made or hold what JAX traces. So they never raise and
+never ask for a traced value: what cannot be told is a question mark. Angles are shown in degrees.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from enum import Enum
+from html import escape
+from itertools import islice
+from numbers import Integral, Real
+from pathlib import PurePath
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+T = TypeVar("T")
+Rows = Iterable[tuple[str, str]]
+Cells = Sequence[Sequence[str]]
+
+UNKNOWN = "?"
+_LINE = 200  # characters of a line
+_HEADING = 80  # characters of its beginning
+_ITEM = 60  # characters of a value on it
+_VALUE = 500  # characters of a value in a table
+_TABLE = 5300  # characters of a table's rows, tags included
+_LISTED = 12  # numbers of an array that are shown one by one
+
+
+def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], type[T]]:
+    """What gives a dataclass a short `repr` and a table for notebooks.
+
+    Args:
+        quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
+            blank its unit, as in "trajectory.duration s", which is labelled "duration". Where the unit has
+            "deg", radians are turned into it. Without any quantities all fields are shown.
+        heading: a format with the object as its argument, as in "Plan of {0.scenario.name}"; None for the
+            name of the class and, where it has one, the object's own.
+
+    A line leaves out what is None, empty, or as it is by default. A class may have a ``_repr_html_`` of its
+    own, which gives way to the quantities where it raises.
+
+    Example:
+        >>> @shown("half_angle deg", "devices")
+        ... @dataclass(frozen=True)
+        ... class Cone: ...
+    """
+
+    def dressed(cls: type[T]) -> type[T]:
+        own_table: Callable[[T], str] | None = cls.__dict__.get("_repr_html_")
+
+        def line(self: T) -> str:
+            return _line(_heading(self, heading), _quantities(self, quantities))
+
+        def table(self: T) -> str:
+            if own_table is not None:
+                with suppress(Exception):
+                    return own_table(self)
+            return as_table(_heading(self, heading), _rows(_quantities(self, quantities)))
+
+        for name, method in (("__repr__", line), ("_repr_html_", table)):
+            setattr(cls, name, method)
+        return cls
+
+    return dressed
+
+
+def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
+    """A table for notebooks, in the colours of the page that it is on.
+
+    Args:
+        caption: over it.
+        rows: label and value.
+        cells: what stands below in columns, the first row of them their head.
+
+    Returns:
+        HTML of fewer than 6,000 characters; what would be more is left out, and said to be.
+    """
+    left = "style='text-align:left'"
+    across = f" colspan='{len(cells[0]) - 1}'" if cells else ""
+    lines = [
+        f"<tr><th {left}>{_escaped(label, _HEADING)}</th><td{across} {left}>{_escaped(value)}</td></tr>"
+        for label, value in rows
+    ]
+    for number, row in enumerate(cells):
+        tag = "td" if number else "th"
+        values = "".join(f"<{tag}>{_escaped(cell)}</{tag}>" for cell in row[1:])
+        lines.append(f"<tr><th {left}>{_escaped(row[0])}</th>{values}</tr>")
+    kept = _fitting(lines, _TABLE)
+    if len(kept) < len(lines):
+        kept.append(f"<tr><th></th><td{across} {left}>and {len(lines) - len(kept)} more rows</td></tr>")
+    return f"<table><caption>{_escaped(caption, _HEADING)}</caption>{''.join(kept)}</table>"
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """What is shown of an object: label, text and unit; `usual` if it is as by default."""
+
+    label: str
+    text: str
+    unit: str
+    usual: bool
+
+
+def _heading(thing: Any, form: str | None) -> str:
+    """Over a line or table; of a thing that is too odd, its class."""
+    kind = type(thing).__name__
+    try:
+        if form is not None:
+            return _plain(form.format(thing))
+        name = getattr(thing, "name", None)
+        return _plain(f"{kind} {name}") if isinstance(name, str) else kind
+    except Exception:
+        return kind
+
+
+def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
+    """What there is to show of a thing; nothing of what is None or empty."""
+    own = {field.name: field for field in fields(thing)}
+    found = []
+    for entry in wanted or own:
+        path, _, unit = entry.partition(" ")
+        try:
+            value = _value(thing, path)
+            if value is None or (isinstance(value, Mapping | Sequence) and len(value) == 0):
+                continue
+            text, measured = _text(value, unit)
+            usual = path in own and _is_usual(value, own[path])
+        except Exception:
+            text, measured, usual = UNKNOWN, False, False
+        label = path.rpartition(".")[2].replace("_", " ")
+        found.append(_Quantity(label, text, unit if measured else "", usual))
+    return found
+
+
+def _value(thing: Any, path: str) -> Any:
+    """An attribute of an attribute; None where one on the way is None."""
+    for name in path.split("."):
+        if thing is None:
+            break
+        thing = getattr(thing, name)
+    return thing
+
+
+def _is_usual(value: Any, field: Any) -> bool:
+    """Whether a field has its default, as far as plain values tell."""
+    return isinstance(value, bool | int | float | str) and bool(value == field.default)
+
+
+def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
+    told = [quantity for quantity in quantities if not quantity.usual]
+    items = [f"{_cut(one.label, _ITEM)} {_cut(one.text, _ITEM)} {one.unit}".rstrip() for one in told]
+    if quantities and not told:
+        items = ["all by default"]
+    start = _cut(heading, _HEADING)
+    kept = _fitting([f"; {item}" for item in items], _LINE - len(start) - len("<; ...>"))
+    if len(kept) < len(items):
+        kept.append("; ...")
+    return f"<{start}{':' * bool(kept)}{''.join(kept).removeprefix(';')}>"
+
+
+def _rows(quantities: Sequence[_Quantity]) -> Rows:
+    """Rows of a table: first what somebody chose, then what is by default."""
+    for one in sorted(quantities, key=lambda one: one.usual):
+        label = f"{one.label} ({one.unit})" if one.unit else one.label
+        yield label, f"{one.text} (default)" if one.usual else one.text
+
+
+def _text(value: Any, unit: str) -> tuple[str, bool]:
+    """A value for people, and whether it is measured in the unit."""
+    if isinstance(value, Tracer):
+        return f"traced {value.dtype}{list(value.shape)}", False
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no", False
+    if isinstance(value, Enum):
+        return value.name, False
+    if isinstance(value, np.datetime64):
+        text = str(value)
+        return text.rstrip("0").rstrip(".") if "." in text else text, False
+    if isinstance(value, str | PurePath):
+        return _plain(str(value)), False
+    if isinstance(value, Real):
+        return _number(value, unit), True
+    if isinstance(value, np.ndarray | jax.Array):
+        return _array_text(np.asarray(value), unit)
+    if hasattr(value, "shape") and hasattr(value, "dtype"):  # what stands for an array, as in jax.eval_shape
+        return f"{value.dtype}{list(value.shape)}", False
+    if isinstance(value, Mapping):
+        parts = [f"{key} {_text(part, '')[0]}" for key, part in islice(value.items(), _LISTED)]
+        return _plain(", ".join(parts + ["..."] * (len(value) > _LISTED))), False
+    if isinstance(value, Sequence):
+        return _sequence_text(value, unit)
+    if hasattr(type(value), "_repr_html_"):
+        return repr(value), False
+    return type(value).__name__, False
+
+
+def _number(value: Any, unit: str, digits: int = 6) -> str:
+    if isinstance(value, Integral) and "deg" not in unit:
+        return f"{int(value)}"
+    return f"{float(value) * _factor(unit) + 0.0:.{digits}g}"  # never a minus before zeros alone
+
+
+def _factor(unit: str) -> float:
+    return 180 / math.pi if "deg" in unit else 1.0
+
+
+def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
+    """Few numbers one by one, rows of a matrix after semicolons; of many the shape, and what they span."""
+    if array.ndim == 0 and array.dtype.kind in "biuf":
+        return _text(array.item(), unit)
+    size = " x ".join(map(str, array.shape))
+    if array.dtype.kind == "b":
+        return f"{size}, {int(np.sum(array))} true", False
+    if array.dtype.kind not in "iuf":
+        return f"{array.dtype} {size}", False
+    if array.size <= _LISTED and (array.ndim == 1 or (array.ndim == 2 and array.size)):
+        rows = [" ".join(_number(value, unit, 4) for value in row) for row in np.atleast_2d(array).tolist()]
+        return f"[{'; '.join(rows)}]", True
+    finite = array[np.isfinite(array)]
+    if finite.size < array.size:
+        return f"{size}, {array.size - finite.size} not finite", False
+    if not array.size:
+        return size, False
+    low, high = (_number(end, unit, 4) for end in (np.min(array).item(), np.max(array).item()))
+    return f"{size}, {low} to {high}", True
+
+
+def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
+    """Few numbers or words one by one; how many of what else, with their names."""
+    few = list(values[: _LISTED + 1])
+    if len(values) <= _LISTED and all(type(value) in (int, float) for value in few):
+        return f"[{' '.join(_number(value, unit) for value in few)}]", True
+    words = [value if isinstance(value, str) else getattr(value, "name", None) for value in few]
+    if all(isinstance(word, str) for word in words):
+        more = ", ..." if len(values) > len(words) else ""
+        count = "" if all(isinstance(value, str) for value in few) and not more else f"{len(values)}: "
+        return _plain(f"{count}{', '.join(map(str, words))}{more}"), False
+    if len(values) > _LISTED:
+        return f"{len(values)}", False
+    kinds = Counter(type(value).__name__ for value in few)
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items()), False
+
+
+def _plain(text: str) -> str:
+    """Text on one line, of characters that every console prints."""
+    return "".join(c if c.isprintable() else UNKNOWN for c in " ".join(text[:2000].split()))
+
+
+def _cut(text: str, most: int) -> str:
+    if len(text) <= most:
+        return text
+    end = "...>" if text.startswith("<") and text.endswith(">") else "..."
+    return f"{text[: most - len(end)]}{end}"
+
+
+def _escaped(text: str, most: int = _VALUE) -> str:
+    return escape(_cut(_plain(text), most))
+
+
+def _fitting(parts: Sequence[str], most: int) -> list[str]:
+    """As many of the first parts as have no more characters together."""
+    kept: list[str] = []
+    for part in parts:
+        most -= len(part)
+        if most < 0:
+            break
+        kept.append(part)
+    return kept
