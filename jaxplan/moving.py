@@ -18,6 +18,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.display import shown
+from jaxplan.geometry.arrays import arrays
 
 FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
 _PLACES = 65  # where `reach` looks
@@ -122,9 +123,7 @@ class DirectionPath:
 
     def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
         """The module to compute with, and the spline with its derivative (..., 3)."""
-        parts = (time, self.times, self.samples, self.slopes)
-        xp: Any = jnp if any(isinstance(part, jax.Array) for part in parts) else np
-        t, times, p, m = (xp.asarray(part) for part in parts)
+        xp, t, times, p, m = arrays(time, self.times, self.samples, self.slopes)
         outside = ~((t >= times[0]) & (t <= times[-1]))
         if xp is np and np.any(outside):
             raise ValueError(

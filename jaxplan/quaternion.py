@@ -1,16 +1,16 @@
 """Unit quaternions, scalar first: the way between rotation matrices and rotation vectors.
 
 A quaternion and its negative are the same rotation; those handed out have a scalar part that is not
-negative. Everything broadcasts over leading axes, follows the dtype of its input and composes with ``jit``,
-``vmap`` and ``grad``.
+negative. Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their
+dtype (`jaxplan.geometry.arrays`), and composes with ``jit``, ``vmap`` and ``grad``.
 """
 
-import jax.numpy as jnp
-from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan.geometry.arrays import AnyArray, arrays
 
-def from_matrix(attitude: ArrayLike) -> Array:
+
+def from_matrix(attitude: ArrayLike) -> AnyArray:
     """Unit quaternion of a rotation matrix.
 
     Of the four equivalent formulas the one with the largest divisor (at least one) is used, so no
@@ -23,7 +23,7 @@ def from_matrix(attitude: ArrayLike) -> Array:
     Returns:
         (..., 4) as ``w x y z``.
     """
-    m = jnp.asarray(attitude)
+    xp, m = arrays(attitude)
     a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     p, q, r = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
     s, t, u = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
@@ -35,16 +35,16 @@ def from_matrix(attitude: ArrayLike) -> Array:
         (r - u, q + t, p + s, squares[3]),
     )
     # nested `where` instead of a gather: it fuses, and the sides not taken hold no division or root
-    largest, row = squares[0], jnp.stack(products[0], axis=-1)
+    largest, row = squares[0], xp.stack(products[0], axis=-1)
     for square, candidate in zip(squares[1:], products[1:], strict=True):
         larger = square > largest
-        largest = jnp.where(larger, square, largest)
-        row = jnp.where(larger[..., None], jnp.stack(candidate, axis=-1), row)
-    quaternion = row / (2 * jnp.sqrt(largest))[..., None]
-    return jnp.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+        largest = xp.where(larger, square, largest)
+        row = xp.where(larger[..., None], xp.stack(candidate, axis=-1), row)
+    quaternion = row / (2 * xp.sqrt(largest))[..., None]
+    return xp.where(quaternion[..., :1] < 0, -quaternion, quaternion)
 
 
-def to_matrix(quaternion: ArrayLike) -> Array:
+def to_matrix(quaternion: ArrayLike) -> AnyArray:
     """Rotation matrix of a unit quaternion.
 
     Args:
@@ -53,16 +53,17 @@ def to_matrix(quaternion: ArrayLike) -> Array:
     Returns:
         (..., 3, 3).
     """
-    w, x, y, z = jnp.moveaxis(jnp.asarray(quaternion), -1, 0)
+    xp, components = arrays(quaternion)
+    w, x, y, z = xp.moveaxis(components, -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def log(quaternion: ArrayLike) -> Array:
+def log(quaternion: ArrayLike) -> AnyArray:
     """Rotation vector of a unit quaternion.
 
     Args:
@@ -71,18 +72,18 @@ def log(quaternion: ArrayLike) -> Array:
     Returns:
         (..., 3) rad, of length at most pi; through ``atan2``, so no branch near half a turn.
     """
-    q = jnp.asarray(quaternion)
+    xp, q = arrays(quaternion)
     cosine, vector = q[..., 0], q[..., 1:]  # of half the angle
-    square = jnp.sum(vector * vector, axis=-1)
-    small = square < jnp.finfo(q.dtype).eps
-    sine = jnp.sqrt(jnp.where(small, 1, square))
+    square = xp.sum(vector * vector, axis=-1)
+    small = square < xp.finfo(q.dtype).eps
+    sine = xp.sqrt(xp.where(small, 1, square))
     # atan(x) / x = 1 - x^2 / 3 + ..., where x^2 is too small to be seen beside 1
-    near_zero = 2 / jnp.where(small, cosine, 1)
-    factor = jnp.where(small, near_zero, 2 * jnp.arctan2(sine, cosine) / sine)
+    near_zero = 2 / xp.where(small, cosine, 1)
+    factor = xp.where(small, near_zero, 2 * xp.arctan2(sine, cosine) / sine)
     return factor[..., None] * vector
 
 
-def product(first: ArrayLike, second: ArrayLike) -> Array:
+def product(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Quaternion of the rotation ``R(first) @ R(second)``.
 
     Args:
@@ -92,8 +93,8 @@ def product(first: ArrayLike, second: ArrayLike) -> Array:
     Returns:
         (..., 4) of unit length, so that no error builds up over many products.
     """
-    a, b, c, d = jnp.moveaxis(jnp.asarray(first), -1, 0)
-    w, x, y, z = jnp.moveaxis(jnp.asarray(second), -1, 0)
+    xp, left, right = arrays(first, second)
+    (a, b, c, d), (w, x, y, z) = (xp.moveaxis(factor, -1, 0) for factor in (left, right))
     whole = (
         a * w - b * x - c * y - d * z,
         a * x + b * w + c * z - d * y,
@@ -101,11 +102,12 @@ def product(first: ArrayLike, second: ArrayLike) -> Array:
         a * z + b * y - c * x + d * w,
     )
     square = whole[0] * whole[0] + whole[1] * whole[1] + whole[2] * whole[2] + whole[3] * whole[3]
-    signed_length = jnp.where(whole[0] < 0, -1, 1) * jnp.sqrt(square)
-    return jnp.stack([component / signed_length for component in whole], axis=-1)
+    length = xp.sqrt(square)
+    signed_length = xp.where(whole[0] < 0, -length, length)
+    return xp.stack([component / signed_length for component in whole], axis=-1)
 
 
-def conjugate(quaternion: ArrayLike) -> Array:
+def conjugate(quaternion: ArrayLike) -> AnyArray:
     """Quaternion of the inverse rotation.
 
     Args:
@@ -114,5 +116,5 @@ def conjugate(quaternion: ArrayLike) -> Array:
     Returns:
         (..., 4).
     """
-    q = jnp.asarray(quaternion)
-    return q * jnp.array([1, -1, -1, -1], q.dtype)
+    xp, q = arrays(quaternion)
+    return q * xp.array([1, -1, -1, -1], q.dtype)

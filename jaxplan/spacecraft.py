@@ -12,14 +12,14 @@ from functools import wraps
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 
 
-def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
+def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> AnyArray:
     """Unit vector of an azimuth and an elevation, ``v(a, b)`` of equation (13).
 
     Args:
@@ -29,11 +29,11 @@ def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
     Returns:
         (..., 3).
     """
-    a, b = jnp.asarray(azimuth), jnp.asarray(elevation)
-    return jnp.stack([jnp.cos(b) * jnp.cos(a), jnp.cos(b) * jnp.sin(a), jnp.sin(b)], axis=-1)
+    xp, a, b = arrays(azimuth, elevation)
+    return xp.stack([xp.cos(b) * xp.cos(a), xp.cos(b) * xp.sin(a), xp.sin(b)], axis=-1)
 
 
-def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> Array:
+def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:
     """Directions of all devices in body axes.
 
     Args:
@@ -44,21 +44,20 @@ def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> A
     Returns:
         (..., n + i, 3) unit vectors.
     """
-    q = jnp.asarray(joints)
-    dtype = jnp.result_type(q, float)  # of the joints, but never an integer
-    mount, still = jnp.asarray(mounts, dtype), jnp.asarray(fixed, dtype)
+    xp, q, mount, still = arrays(joints, mounts, fixed)
     count = mount.shape[0]
-    moving = pointing(q[..., :count] + mount, q[..., count:])
-    return jnp.concatenate([moving, jnp.broadcast_to(still, (*q.shape[:-1], *still.shape))], axis=-2)
+    moving = pointing(q[..., :count] + mount.astype(q.dtype), q[..., count:])
+    still = xp.broadcast_to(still.astype(q.dtype), (*q.shape[:-1], *still.shape))
+    return xp.concatenate([moving, still], axis=-2)
 
 
-def wrap(angle: ArrayLike) -> Array:
+def wrap(angle: ArrayLike) -> AnyArray:
     """An angle brought into (-pi, pi]."""
-    a = jnp.asarray(angle)
-    return a - 2 * jnp.pi * jnp.ceil((a - jnp.pi) / (2 * jnp.pi))
+    xp, a = arrays(angle)
+    return a - 2 * xp.pi * xp.ceil((a - xp.pi) / (2 * xp.pi))
 
 
-def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike) -> Array:
+def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
     """Joint angles at which each terminal points along its direction, limits aside.
 
     Corrects equations (3) and (4): the azimuth is ``atan2(s2, s1)`` of ``R^T z``, less the mounting
@@ -72,17 +71,18 @@ def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike)
     Returns:
         (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
     """
-    body = jnp.asarray(directions) @ jnp.asarray(attitude)
-    x, y, z = jnp.moveaxis(body, -1, 0)
+    xp, rotation, toward, mount = arrays(attitude, directions, mounts)
+    body = toward @ rotation
+    x, y, z = xp.moveaxis(body, -1, 0)
     horizontal = so3.length(body[..., :2])
-    azimuth = jnp.arctan2(y, jnp.where(horizontal == 0, 1, x))
-    yaw = wrap(azimuth - jnp.asarray(mounts, azimuth.dtype))
-    return jnp.concatenate([yaw, jnp.arctan2(z, horizontal)], axis=-1)
+    azimuth = xp.arctan2(y, xp.where(horizontal == 0, 1, x))
+    yaw = wrap(azimuth - mount.astype(azimuth.dtype))
+    return xp.concatenate([yaw, xp.arctan2(z, horizontal)], axis=-1)
 
 
 def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
     """The values as one array: of numpy, not to be written to, or where JAX traces one of them, of JAX."""
-    if any(isinstance(value, jax.Array) for value in values):
+    if array_module(*values) is jnp:
         return jnp.stack([jnp.asarray(value) for value in values])  # type: ignore[return-value]
     array = np.array(values)
     array.flags.writeable = False
@@ -219,7 +219,7 @@ class Spacecraft:
         """(number of instruments, 3) unit vectors in body axes."""
         return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)
 
-    def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> Array:
+    def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> AnyArray:
         """Directions of all devices in the inertial frame, as in equations (11) and (12).
 
         Args:
@@ -230,8 +230,9 @@ class Spacecraft:
             (..., devices, 3) unit vectors.
         """
         body = body_boresights(self.mounts, self.fixed_boresights, joints)
-        return body @ jnp.swapaxes(jnp.asarray(attitude), -1, -2)
+        xp, rotation = arrays(attitude)
+        return body @ xp.swapaxes(rotation, -1, -2)
 
-    def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> Array:
+    def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
         """Joint angles at which each terminal points along its direction; see the function."""
         return joints_toward(self.mounts, attitude, directions)

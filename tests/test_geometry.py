@@ -1,0 +1,184 @@
+"""Rotations and pointing in numpy: float64 whatever JAX is set to, and JAX where an argument is of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxplan import quaternion, so3, spacecraft
+from jaxplan.geometry.arrays import arrays
+from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+
+RNG = np.random.default_rng(31)
+ANGLES = np.concatenate([RNG.uniform(0.01, 3.1, 20), [1e-9, 1 - 1e-9, 1 + 1e-9, np.pi - 1e-6]])
+AXES = RNG.normal(size=(len(ANGLES), 3))
+AXES /= np.linalg.norm(AXES, axis=1, keepdims=True)
+VECTORS = ANGLES[:, None] * AXES
+TURNS = Rotation.from_rotvec(VECTORS)
+OTHERS = Rotation.random(len(ANGLES), rng=RNG)
+RELATIVE = TURNS.inv() * OTHERS
+RATES = RNG.normal(size=VECTORS.shape)
+MOUNTS = np.array([0.3, -2.4])
+JOINTS = np.concatenate(
+    [RNG.uniform(-0.6, 0.6, (len(ANGLES), 2)), RNG.uniform(-1.2, 1.2, (len(ANGLES), 2))], 1
+)
+FIXED = AXES[:1]
+CRAFT = Spacecraft(
+    terminals=tuple(
+        Terminal(name=f"t{i}", mount=mount, yaw_limit=1, pitch_limit=1, rate_limit=1, acceleration_limit=1)
+        for i, mount in enumerate(MOUNTS)
+    ),
+    instruments=(Instrument(name="camera", boresight=FIXED[0]),),
+    rate_limit=1.0,
+    acceleration_limit=1.0,
+)
+
+
+def cross_matrix(vectors):
+    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
+
+
+def canonical(rotations):
+    return rotations.as_quat(canonical=True, scalar_first=True)
+
+
+def looks(azimuths, elevations):
+    """(..., 3) the x axis turned by an elevation, then by an azimuth."""
+    pairs = np.stack([azimuths, -elevations], axis=-1)
+    return Rotation.from_euler("ZY", pairs.reshape(-1, 2)).apply([1.0, 0, 0]).reshape(*pairs.shape[:-1], 3)
+
+
+def right_jacobian(vectors):
+    """The closed form of Lemma 3, or the first terms of its series."""
+    t = np.linalg.norm(vectors, axis=-1)[:, None, None]
+    small, safe = t < 1e-3, np.where(t < 1e-3, 1, t)
+    half, cubic = 2 * (np.sin(safe / 2) / safe) ** 2, (safe - np.sin(safe)) / safe**3
+    x = cross_matrix(vectors)
+    return np.eye(3) - np.where(small, 0.5, half) * x + np.where(small, 1 / 6, cubic) * x @ x
+
+
+BODY = np.concatenate(
+    [looks(JOINTS[:, :2] + MOUNTS, JOINTS[:, 2:]), np.tile(FIXED, (len(ANGLES), 1, 1))], axis=1
+)
+SEEN = np.einsum("kij,kdj->kdi", TURNS.as_matrix(), BODY)
+STEP = 1e-5
+
+# The function, its arguments, what scipy or a closed form says, and by how much that may be off.
+CASES = {
+    "exp": (so3.exp, (VECTORS,), TURNS.as_matrix(), 1e-15),
+    "log": (so3.log, (TURNS.as_matrix(),), VECTORS, 3e-15),
+    "angle": (so3.angle, (TURNS.as_matrix(),), ANGLES, 3e-15),
+    "distance": (so3.distance, (TURNS.as_matrix(), OTHERS.as_matrix()), RELATIVE.magnitude(), 3e-15),
+    "geodesic": (
+        so3.geodesic,
+        (TURNS.as_matrix(), OTHERS.as_matrix(), 0.3),
+        (TURNS * Rotation.from_rotvec(0.3 * RELATIVE.as_rotvec())).as_matrix(),
+        3e-15,
+    ),
+    "hat": (so3.hat, (RATES,), cross_matrix(RATES), 0),
+    "vee": (so3.vee, (cross_matrix(RATES),), RATES, 0),
+    "length": (so3.length, (RATES,), np.linalg.norm(RATES, axis=-1), 1e-15),
+    "right Jacobian": (so3.right_jacobian, (VECTORS,), right_jacobian(VECTORS), 2e-15),
+    "its rate": (
+        so3.right_jacobian_rate,
+        (VECTORS, RATES),
+        (right_jacobian(VECTORS + STEP * RATES) - right_jacobian(VECTORS - STEP * RATES)) / (2 * STEP),
+        1e-9,
+    ),
+    "quaternion of a matrix": (quaternion.from_matrix, (TURNS.as_matrix(),), canonical(TURNS), 1e-15),
+    "matrix of a quaternion": (quaternion.to_matrix, (canonical(TURNS),), TURNS.as_matrix(), 1e-15),
+    "log of a quaternion": (quaternion.log, (canonical(TURNS),), VECTORS, 3e-15),
+    "product": (quaternion.product, (canonical(TURNS), canonical(OTHERS)), canonical(TURNS * OTHERS), 1e-15),
+    "conjugate": (quaternion.conjugate, (canonical(TURNS),), canonical(TURNS.inv()), 1e-15),
+    "pointing": (spacecraft.pointing, (JOINTS[:, 0], JOINTS[:, 2]), looks(JOINTS[:, 0], JOINTS[:, 2]), 1e-15),
+    "wrap": (spacecraft.wrap, (JOINTS + 6 * np.pi,), JOINTS, 1e-14),
+    "body boresights": (spacecraft.body_boresights, (MOUNTS, FIXED, JOINTS), BODY, 1e-15),
+    "joints toward": (spacecraft.joints_toward, (MOUNTS, TURNS.as_matrix(), SEEN[:, :2]), JOINTS, 5e-15),
+    "the spacecraft's boresights": (CRAFT.boresights, (TURNS.as_matrix(), JOINTS), SEEN, 2e-15),
+    "the spacecraft's joints": (CRAFT.joints_toward, (TURNS.as_matrix(), SEEN[:, :2]), JOINTS, 5e-15),
+}
+cases = pytest.mark.parametrize("case", CASES)
+
+
+def cast(values, dtype, module=np):
+    """Arrays in a dtype; numbers as they are."""
+    return [value if isinstance(value, float) else module.asarray(value, dtype) for value in values]
+
+
+@cases
+@pytest.mark.parametrize("precision", [True, False])
+def test_arrays_of_numpy_are_computed_in_float64_whatever_jax_is_set_to(case, precision):
+    function, arguments, expected, tolerance = CASES[case]
+    with jax.enable_x64(precision):
+        found = function(*arguments)
+        again = function(*(np.asarray(one).tolist() for one in arguments))
+    assert isinstance(found, np.ndarray)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+    assert again.dtype == np.float64
+    np.testing.assert_array_equal(again, found)
+
+
+@cases
+@pytest.mark.parametrize("precision", [True, False])
+def test_arrays_of_jax_give_arrays_of_jax_in_their_dtype(case, precision):
+    function, arguments, _, _ = CASES[case]
+    with jax.enable_x64(precision):
+        found = function(*cast(arguments, np.float32, jnp))
+    assert isinstance(found, jax.Array)
+    assert found.dtype == np.float32
+
+
+@cases
+def test_arrays_of_single_precision_stay_so(case):
+    function, arguments, expected, _ = CASES[case]
+    found = function(*cast(arguments, np.float32))
+    assert isinstance(found, np.ndarray)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 if case == "its rate" else 3e-6)
+
+
+@cases
+def test_numpy_and_a_jitted_function_say_the_same(case):
+    function, arguments, _, _ = CASES[case]
+    traced = jax.jit(function)(*arguments)
+    assert isinstance(traced, jax.Array)
+    np.testing.assert_allclose(traced, function(*arguments), rtol=0, atol=1e-14)
+
+
+def test_hard_places_are_computed_in_numpy_without_a_warning():
+    long = np.array([[1e100, 0.0, 0.0], [0.0, -1e6, 1e5]])
+    assert np.all(np.isfinite(so3.exp(long)))
+    assert np.all(np.isfinite(so3.right_jacobian(long)))
+    np.testing.assert_array_equal(so3.exp(np.zeros(3)), np.eye(3))
+    np.testing.assert_array_equal(so3.log(np.eye(3)), np.zeros(3))
+    np.testing.assert_allclose(so3.log(np.diag([-1.0, 1.0, -1.0])), [0, np.pi, 0], rtol=1e-15)
+    np.testing.assert_array_equal(so3.length(np.zeros((2, 0, 3))), np.zeros((2, 0)))
+    poles = spacecraft.joints_toward(np.zeros(2), np.eye(3), np.array([[0, 0, 1], [0, 0, -1]]))
+    np.testing.assert_array_equal(poles[2:], [np.pi / 2, -np.pi / 2])
+
+
+def test_what_is_not_a_number_stays_so_without_a_warning():
+    nothing = np.full(3, np.nan)
+    for found in (so3.exp(nothing), so3.log(so3.exp(nothing)), so3.right_jacobian_rate(nothing, nothing)):
+        assert np.all(np.isnan(found))
+
+
+def test_long_turns_have_finite_derivatives_in_single_precision():
+    vector = np.array([3e3, 0.0, 1e3], np.float32)
+    assert np.all(np.isfinite(jax.jacrev(so3.exp)(vector)))
+
+
+def test_one_argument_of_jax_is_enough():
+    with jax.enable_x64(True):
+        found = so3.distance(jnp.asarray(TURNS.as_matrix()), OTHERS.as_matrix())
+    assert isinstance(found, jax.Array)
+    assert isinstance(CRAFT.boresights(np.eye(3), jnp.zeros(4)), jax.Array)
+
+
+def test_numbers_take_the_precision_of_the_arrays_beside_them():
+    _, single, number, whole = arrays(np.float32([1, 2]), 0.5, 2)
+    assert {single.dtype, number.dtype, whole.dtype} == {np.dtype(np.float32)}
+    _, *others = arrays(0.5, np.arange(3), [1, 2], np.float64(0.5))
+    assert {other.dtype for other in others} == {np.dtype(np.float64)}
