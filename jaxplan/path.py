@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3, spacecraft, zones
 from jaxplan.display import shown
+from jaxplan.geometry.arrays import AnyArray, arrays
 
 
 @shown("slew_angle deg", "joints deg", "attitude")
@@ -89,11 +90,6 @@ class Path:
         return len(self.edge_costs)
 
 
-@jax.jit
-def _midpoints(first: Array, second: Array) -> Array:
-    return so3.geodesic(first, second, 0.5)
-
-
 def halve(path: Path) -> Path:
     """The same path with a node in the middle of every edge.
 
@@ -103,14 +99,10 @@ def halve(path: Path) -> Path:
     Returns:
         A path with 2m edges of half the cost each.
     """
-    edges = path.edges
-    padding = np.broadcast_to(np.eye(3), (zones.capacity(edges) - edges, 3, 3))
-    ends = [np.concatenate([part, padding]) for part in (path.attitudes[:-1], path.attitudes[1:])]
-    with jax.enable_x64(True):
-        middle = np.asarray(_midpoints(*ends))[:edges]
-    attitudes = np.empty((2 * edges + 1, 3, 3))
-    attitudes[::2], attitudes[1::2] = path.attitudes, middle
-    joints = np.empty((2 * edges + 1, path.joints.shape[1]))
+    nodes = 2 * path.edges + 1
+    attitudes, joints = np.empty((nodes, 3, 3)), np.empty((nodes, path.joints.shape[1]))
+    attitudes[::2] = path.attitudes
+    attitudes[1::2] = so3.geodesic(path.attitudes[:-1], path.attitudes[1:], 0.5)
     joints[::2], joints[1::2] = path.joints, (path.joints[:-1] + path.joints[1:]) / 2
     return Path(attitudes=attitudes, joints=joints, edge_costs=np.repeat(path.edge_costs / 2, 2))
 
@@ -135,7 +127,7 @@ def step_cost(
 
 def motion(
     attitude: ArrayLike, joints: ArrayLike, turn: ArrayLike, joint_change: ArrayLike, fraction: ArrayLike
-) -> tuple[Array, Array]:
+) -> tuple[AnyArray, AnyArray]:
     """States along an edge.
 
     Args:
@@ -148,11 +140,11 @@ def motion(
     Returns:
         (k, 3, 3) attitudes and (k, 2n) joints.
     """
-    s = jnp.asarray(fraction)[:, None]
-    steps = so3.exp(s * jnp.asarray(turn))
+    xp, start, angles, phi, change, s = arrays(attitude, joints, turn, joint_change, fraction)
+    steps = so3.exp(s[:, None] * phi)
     # a product and a sum instead of a small matrix product: it fuses with what surrounds it
-    attitudes = jnp.sum(jnp.asarray(attitude)[:, :, None] * steps[:, None], axis=-2)
-    return attitudes, jnp.asarray(joints) + s * joint_change
+    attitudes = xp.sum(start[:, :, None] * steps[:, None], axis=-2)
+    return attitudes, angles + s[:, None] * change
 
 
 def direction_curvature(rotation: ArrayLike, joint_change: ArrayLike, instruments: int) -> Array:

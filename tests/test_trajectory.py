@@ -12,7 +12,7 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper, schedule
+from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper
 from jaxplan.trajectory.paper import assembly, chain
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
@@ -212,12 +212,7 @@ def test_results_do_not_depend_on_the_precision_of_the_caller():
 
 
 def test_a_second_trajectory_of_the_same_sizes_compiles_nothing():
-    kernels = (
-        schedule._edge_turns,
-        assembly._assemble,
-        curve._platform_kernel,
-        curve._joint_kernel,
-    )
+    kernels = (assembly._assemble, curve._platform_kernel, curve._joint_kernel)
     counts = []
     for edges, segments, duration, times in (
         (14, 3, "stretched", 5),

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from functools import cache
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -20,7 +19,7 @@ from jaxplan.cases.paper import paper_case
 from jaxplan.decomposition import decompose
 from jaxplan.path import Goal, motion
 from jaxplan.scenario import GivenState, Targets
-from jaxplan.spacecraft import Spacecraft, body_boresights
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import tabulate
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
@@ -144,37 +143,21 @@ def _turns_within(angle: float) -> np.ndarray:
     """Rotations (k, 3, 3) about the diagonals, edges and faces of a cube, by less than an angle."""
     axes = np.array([axis for axis in itertools.product((-1, 0, 1), repeat=3) if any(axis)], dtype=float)
     axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
-    with jax.enable_x64(True):
-        return np.asarray(_exp(np.concatenate([angle * part * axes for part in (0.0, 0.33, 0.66, 0.99)])))
+    return np.asarray(so3.exp(np.concatenate([angle * part * axes for part in (0.0, 0.33, 0.66, 0.99)])))
 
 
 def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
     """Inertial boresights (SAMPLES, 3, 3) of the terminals on the straight motion to a goal."""
-    with jax.enable_x64(True):
-        mounts = setting()[0].mounts
-        return np.asarray(_boresights_along(mounts, attitude, joints, goal.attitude, goal.joints))
-
-
-@jax.jit
-def _boresights_along(
-    mounts: Array, attitude: Array, joints: Array, goal_attitude: Array, goal_joints: Array
-) -> Array:
-    turn = so3.log(attitude.T @ goal_attitude)
-    fraction = jnp.linspace(0, 1, SAMPLES)
-    attitudes, angles = motion(attitude, joints, turn, goal_joints - joints, fraction)
-    return body_boresights(mounts, jnp.empty((0, 3)), angles) @ jnp.swapaxes(attitudes, -1, -2)
+    turn = so3.log(attitude.T @ goal.attitude)
+    states = motion(attitude, joints, turn, goal.joints - joints, np.linspace(0, 1, SAMPLES))
+    return np.asarray(setting()[0].boresights(*states))
 
 
 def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:
     """The start of a scenario."""
-    with jax.enable_x64(True):
-        rotation_vector = np.array(_log(attitude))  # a copy, which may be written to
     return GivenState(
-        rotation_vector=rotation_vector,
+        rotation_vector=so3.log(attitude),
         joints=joints,
         angular_velocity=np.zeros(3),
         joint_rates=np.zeros(6),
     )
-
-
-_exp, _log = jax.jit(so3.exp), jax.jit(so3.log)

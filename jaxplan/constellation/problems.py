@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import numpy as np
 
 from jaxplan import so3
@@ -77,8 +76,7 @@ class LinkSwitch:
             ScenarioError: if there is no such satellite, or one comes twice.
         """
         chosen = self.chosen(satellites)
-        with jax.enable_x64(True):
-            vectors = np.array(_logs(self.attitudes))
+        vectors = so3.log(self.attitudes)
         names = tuple(terminal.name for terminal in self.spacecraft.terminals)
         still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(2 * len(names))}
         positions = self.shell.positions(self.time)
@@ -132,6 +130,3 @@ class LinkSwitch:
         if faults:
             raise ScenarioError(faults, "the satellites")
         return [int(number) for number in numbers]
-
-
-_logs = jax.jit(so3.log)

@@ -12,9 +12,7 @@ inertial, angles in radians, joints all yaws and then all pitches. `sensitivity`
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxplan import quaternion
 from jaxplan.decomposition import multistart
@@ -22,7 +20,7 @@ from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
 from jaxplan.display import shown
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
-from jaxplan.spacecraft import Spacecraft, joints_toward
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import Cones, tabulate
 
 
@@ -99,8 +97,7 @@ def decompose(
         best = (
             solutions if len(solutions) else _least_broken(spacecraft, start, directions, limits, cones, seed)
         )
-        states = _states(best[np.arange(max_goals) % len(best)], start, directions, spacecraft)
-
+    states = _states(best[np.arange(max_goals) % len(best)], start, directions, spacecraft)
     goals = [
         Goal(attitude=attitude, joints=np.clip(joints, -limits, limits), slew_angle=slew)
         for attitude, joints, slew in states[: len(solutions)]
@@ -152,13 +149,6 @@ def _states(
     quaternions: np.ndarray, start: np.ndarray, directions: np.ndarray, spacecraft: Spacecraft
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Attitude (3, 3), joints (2n,) and slew of each quaternion of ``E``."""
-    packed = np.asarray(_evaluate(quaternions, start, directions, spacecraft.mounts))
-    slews = multistart.slew(quaternions)
-    return [(row[:9].reshape(3, 3), row[9:], float(slew)) for row, slew in zip(packed, slews, strict=True)]
-
-
-@jax.jit
-def _evaluate(quaternions: Array, start: Array, directions: Array, mounts: Array) -> Array:
     attitudes = start @ quaternion.to_matrix(quaternions)
-    joints = joints_toward(mounts, attitudes, directions)
-    return jnp.concatenate([attitudes.reshape(-1, 9), joints], axis=-1)
+    joints = spacecraft.joints_toward(attitudes, directions)
+    return list(zip(attitudes, joints, multistart.slew(quaternions).tolist(), strict=True))

@@ -6,13 +6,12 @@ quarter turns about the body's z axis from the start; what has no answer then is
 
 import jax
 import numpy as np
-from jax import Array
 
 from jaxplan import quaternion
 from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import assemble
 from jaxplan.decomposition.descent import descent_ends
-from jaxplan.spacecraft import Spacecraft, joints_toward
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import tabulate
 
 TOGETHER = 256
@@ -57,19 +56,12 @@ def _nearest(
     toward[:, : used.shape[1]] = used
     with jax.enable_x64(True):
         ends = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
-        quaternions, slew, excess, residual, curvature = ends[:, :4], *np.moveaxis(ends[:, 4:], 1, 0)
-        good = multistart.is_minimum(slew, excess, residual, curvature, multistart.LAST_TOLERANCE)
-        best = np.argmin(np.where(good, slew, np.inf), axis=-1)
-        chosen = np.take_along_axis(quaternions, best[:, None, None], axis=-1)[..., 0]
-        attitudes = starts @ np.asarray(_matrices(chosen))
-        joints = np.asarray(_joints(spacecraft.mounts, attitudes, directions))
-    return attitudes, joints, np.any(good, axis=-1)
+    quaternions, slew, excess, residual, curvature = ends[:, :4], *np.moveaxis(ends[:, 4:], 1, 0)
+    good = multistart.is_minimum(slew, excess, residual, curvature, multistart.LAST_TOLERANCE)
+    best = np.argmin(np.where(good, slew, np.inf), axis=-1)
+    chosen = np.take_along_axis(quaternions, best[:, None, None], axis=-1)[..., 0]
+    attitudes = starts @ quaternion.to_matrix(chosen)
+    return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
 
 
 _descents = jax.jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))
-_matrices = jax.jit(quaternion.to_matrix)
-
-
-@jax.jit
-def _joints(mounts: Array, attitudes: Array, directions: Array) -> Array:
-    return jax.vmap(joints_toward, in_axes=(None, 0, 0))(mounts, attitudes, directions)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 
 from jaxplan import so3
@@ -12,21 +11,16 @@ from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.scenario import GivenState, Scenario, Targets
-from jaxplan.spacecraft import joints_toward
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 # How far a goal may be from what the scenario asks for, rad.
 GOAL_TOLERANCE = 1e-8
 
-exp = jax.jit(so3.exp)
-_joints_toward = jax.jit(joints_toward)
-
 
 def start_attitude(scenario: Scenario) -> np.ndarray:
     """(3, 3) of the scenario's start, body to inertial."""
-    with jax.enable_x64(True):
-        return np.asarray(exp(np.asarray(scenario.start.rotation_vector, float)))
+    return np.asarray(so3.exp(np.asarray(scenario.start.rotation_vector, float)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -143,15 +137,13 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
             if limit is not None and not np.all(np.abs(angles) <= limit + GOAL_TOLERANCE):
                 off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
     if isinstance(asked, GivenState):
-        with jax.enable_x64(True):
-            attitude = np.asarray(exp(np.asarray(asked.rotation_vector, float)))
+        attitude = so3.exp(np.asarray(asked.rotation_vector, float))
         joints = asked.joints
     elif not isinstance(asked, Targets):
         return tuple(off)
     else:
         attitude = goal.attitude
-        with jax.enable_x64(True):
-            joints = np.asarray(_joints_toward(craft.mounts, goal.attitude, asked.directions))
+        joints = craft.joints_toward(goal.attitude, asked.directions)
     if not np.linalg.norm(goal.attitude - attitude) <= GOAL_TOLERANCE:
         off.append("the goal's attitude is not the scenario's")
     if not np.all(np.abs(goal.joints - joints) <= GOAL_TOLERANCE):

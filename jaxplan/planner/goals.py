@@ -3,7 +3,6 @@
 Where something moves, a goal is one at a time: the end of the manoeuvre.
 """
 
-import jax
 import numpy as np
 
 from jaxplan import so3
@@ -98,15 +97,9 @@ def _arriving(
 
 
 def _given(state: GivenState, attitude: np.ndarray) -> Goal:
-    with jax.enable_x64(True):
-        goal, slew = (np.asarray(part) for part in _attitude_and_slew(state.rotation_vector, attitude))
-    return Goal(attitude=goal, joints=np.asarray(state.joints, float), slew_angle=float(slew))
-
-
-@jax.jit
-def _attitude_and_slew(rotation_vector: jax.Array, start: jax.Array) -> tuple[jax.Array, jax.Array]:
-    goal = so3.exp(rotation_vector)
-    return goal, so3.distance(start, goal)
+    goal = so3.exp(np.asarray(state.rotation_vector, float))
+    slew = float(so3.distance(attitude, goal))
+    return Goal(attitude=goal, joints=np.asarray(state.joints, float), slew_angle=slew)
 
 
 def largest_slew(scenario: Scenario) -> float:

@@ -11,16 +11,13 @@ good, so they serve for the proof that there is no path.
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-import jax
 import numpy as np
-from jax import Array
 
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
 from jaxplan.scenario import MovingTargets, Scenario
 from jaxplan.scenario.moments import Zone, axis_at, known_until
 from jaxplan.search import alone_and_grouped
-from jaxplan.spacecraft import body_boresights
 from jaxplan.zones import KeepIn, KeepOut
 
 _SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
@@ -40,12 +37,10 @@ def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray, share: float = 1
     if not isinstance(goal, MovingGoal):
         return scenario
     craft, last_time = scenario.spacecraft, goal.time
-    with jax.enable_x64(True):
-        first, last = (
-            np.asarray(_boresights(craft.mounts, craft.fixed_boresights, *state))
-            for state in ((attitude, scenario.start.joints), (goal.attitude, goal.joints))
-        )
-    ends = ((0.0, first), (last_time, last))
+    ends = (
+        (0.0, craft.boresights(attitude, scenario.start.joints)),
+        (last_time, craft.boresights(goal.attitude, goal.joints)),
+    )
 
     def cone(zone: Zone) -> Zone:
         if not isinstance(zone.direction, DirectionPath):
@@ -102,11 +97,6 @@ def always(scenario: Scenario, goal: Goal) -> Scenario:
 
     alone, _ = alone_and_grouped(scenario.keep_in)  # no proof may use the others
     return replace(scenario, keep_out=tuple(cones(scenario.keep_out)), keep_in=tuple(cones(alone)))
-
-
-@jax.jit
-def _boresights(mounts: Array, fixed: Array, attitude: Array, joints: Array) -> Array:
-    return body_boresights(mounts, fixed, joints) @ attitude.T
 
 
 def _swing(path: DirectionPath, time: float) -> tuple[np.ndarray, float]:

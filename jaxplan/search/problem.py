@@ -7,7 +7,6 @@ from functools import cached_property
 
 import jax
 import numpy as np
-from jax import Array
 from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
@@ -149,13 +148,6 @@ def alone_and_grouped(keep_in: Sequence[KeepIn]) -> tuple[list[KeepIn], list[Kee
 
 
 def _relative(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    with jax.enable_x64(True):
-        turned, coordinates = _coordinates(start, goal)
-        return np.asarray(turned), np.asarray(coordinates)
-
-
-@jax.jit
-def _coordinates(start: Array, goal: Array) -> tuple[Array, Array]:
     turned = quaternion.from_matrix(start.T @ goal)
     return turned, quaternion.log(turned)
 

@@ -5,10 +5,7 @@ give the equal split of the paper. An edge of little cost still gets a tenth of 
 nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as one.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxplan import so3
 from jaxplan.path import Path
@@ -90,8 +87,7 @@ def edge_turns(attitudes: np.ndarray) -> np.ndarray:
     Returns:
         (m, 3) rad, rotation vectors in the axes of each edge's first node.
     """
-    with jax.enable_x64(True):
-        return np.asarray(_edge_turns(padded(attitudes, FEWEST_NODES)))[: len(attitudes) - 1]
+    return np.asarray(so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:]))
 
 
 def padded(array: np.ndarray, size: int) -> np.ndarray:
@@ -104,8 +100,3 @@ def padded(array: np.ndarray, size: int) -> np.ndarray:
     while size < len(array):
         size *= 4
     return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
-
-
-@jax.jit
-def _edge_turns(attitudes: Array) -> Array:
-    return so3.log(jnp.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])

@@ -13,13 +13,10 @@ turn.
 from dataclasses import dataclass
 from typing import Self
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxplan import so3
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.schedule import edge_turns
 
 REACH = 4.0  # rad; beyond it, short of the whole turn at which D is singular, a chart is no longer used
 _NO_ANGLE = 1e-300  # rad, of a vector that has no direction
@@ -41,8 +38,7 @@ class Chart:
     @property
     def end_turn(self) -> np.ndarray:
         """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
-        with jax.enable_x64(True):
-            return np.asarray(_half(self.turn))
+        return np.asarray(so3.exp(self.turn / 2))
 
     def coordinates(self, attitudes: np.ndarray, places: np.ndarray) -> np.ndarray:
         """``b`` at nodes.
@@ -58,11 +54,10 @@ class Chart:
 
     def departures(self, attitudes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
-        nodes = padded(attitudes, FEWEST_NODES), padded(places, FEWEST_NODES)
-        with jax.enable_x64(True):
-            packed = _departures(self.attitude, self.turn, *nodes)
-        eta, steps = (np.array(part) for part in packed)
-        return eta[: len(places)], steps[: len(places) - 1]
+        back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
+        eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
+        turned = np.einsum("mji,mj->mi", back[:-1], edge_turns(attitudes))
+        return eta, turned - np.diff(places)[:, None] * self.turn
 
     def _on_branch(self, eta: np.ndarray, steps: np.ndarray, places: np.ndarray) -> np.ndarray:
         """`coordinates` from departures.
@@ -82,12 +77,8 @@ class Chart:
     @classmethod
     def through(cls, attitudes: np.ndarray, places: np.ndarray) -> tuple[Self, np.ndarray]:
         """The chart from the first node to the last the short way, and ``b`` at the nodes."""
-        nodes = padded(attitudes, FEWEST_NODES), padded(places, FEWEST_NODES)
-        with jax.enable_x64(True):
-            packed = _short_way(attitudes[-1], *nodes)
-        turn, eta, steps = (np.array(part) for part in packed)
-        chart = cls(attitude=attitudes[0], turn=turn)
-        return chart, chart._on_branch(eta[: len(places)], steps[: len(places) - 1], places)
+        chart = cls(attitude=attitudes[0], turn=so3.log(attitudes[0].T @ attitudes[-1]))
+        return chart, chart.coordinates(attitudes, places)
 
 
 def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
@@ -122,25 +113,3 @@ def _turns(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndar
     """Whole turns by which rotation vectors (..., 3) must be longer to lie where steps from others lead."""
     ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
     return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)
-
-
-@jax.jit
-def _half(turn: Array) -> Array:
-    return so3.exp(turn / 2)
-
-
-@jax.jit
-def _departures(attitude: Array, turn: Array, attitudes: Array, places: Array) -> tuple[Array, Array]:
-    """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
-    back = so3.exp(-places[:, None] * turn / 2)  # U^T
-    eta = so3.log(back @ (attitude.T @ attitudes) @ back)
-    edges = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
-    turned = jnp.einsum("mji,mj->mi", back[:-1], edges)
-    return eta, turned - jnp.diff(places)[:, None] * turn
-
-
-@jax.jit
-def _short_way(last: Array, attitudes: Array, places: Array) -> tuple[Array, Array, Array]:
-    """The turn from the first node to the last, and the departures from it."""
-    turn = so3.log(attitudes[0].T @ last)
-    return turn, *_departures(attitudes[0], turn, attitudes, places)
