@@ -1,17 +1,22 @@
 """Who does the work: an executor that somebody gives us, or processes of our own, begun anew when one dies.
 
 JAX hangs in processes that are forked after it has started, so ours are spawned, and a given pool that forks
-is refused. Each reads what is already compiled from the folder that this process uses, leaves Ctrl-C to this
-process, and ends when it does.
+is refused. A spawned process first runs the user's script, if there is one, so that what is defined there can
+be unpickled. Each of ours reads what is already compiled from the folder that this process uses, leaves
+Ctrl-C to this process, and ends when it does.
 """
 
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from multiprocessing import get_context, parent_process
-from typing import TypeVar
+from contextlib import contextmanager
+from multiprocessing import current_process, parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +24,41 @@ from jaxplan import compiled
 
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
+
+_WORKER = "jaxplan-worker"
+_UNGUARDED = 113  # exit code of a worker that came upon the call which began it
+
+
+class _Worker(SpawnProcess):
+    """A process that is known by its name, also while it runs the user's script."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.name = f"{_WORKER}{self.name[len(type(self).__name__) :]}"
+
+    def start(self) -> None:
+        """Begin, with the user's script if it is a file."""
+        with _only_a_script_that_is_there():
+            super().start()
+
+
+class _Workers(SpawnContext):
+    Process = _Worker
+
+
+@contextmanager
+def _only_a_script_that_is_there() -> Iterator[None]:
+    """Hide the name of a script that came through stdin, which no other process could open."""
+    main = sys.modules["__main__"]
+    name = getattr(main, "__file__", None)
+    if name is None or Path(name).exists():
+        yield
+        return
+    del main.__file__
+    try:
+        yield
+    finally:
+        main.__file__ = name
 
 
 class Crew:
@@ -63,24 +103,44 @@ class Crew:
 
     def _hire(self, workers: int) -> None:
         self.workers = workers
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (compiled.settings(),))
+        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (compiled.settings(),))
         self._executor = self._pool = pool
+        begun = pool.submit(os.getpid)  # one comes up; the others do when there is work for them
+        processes = list((pool._processes or {}).values())
         try:
-            pool.submit(os.getpid).result()  # one has come up; the others do when there is work for them
-        except BrokenExecutor as error:
-            raise RuntimeError(
-                "worker processes die as they begin: in a script, make the call below "
-                '`if __name__ == "__main__":`, since each of them reads the script, too'
-            ) from error
+            begun.result()
+        except BrokenExecutor:
+            pool.shutdown()  # from then on it is known how they ended
+            unguarded = any(process.exitcode == _UNGUARDED for process in processes)
+            raise RuntimeError(_guard_advice() if unguarded else _DIED) from None
+
+
+_DIED = (
+    "a worker process died as it began, and what it printed says why; each reads the script first, so what "
+    'only this process shall do belongs below `if __name__ == "__main__":`'
+)
+
+
+def _guard_advice() -> str:
+    name = Path(getattr(sys.modules["__main__"], "__file__", None) or "the script").name
+    return (
+        f'{name}: put what uses worker processes below `if __name__ == "__main__":`, since each of them '
+        "reads the script, too, and would begin workers of its own"
+    )
 
 
 def check_executor(executor: object) -> None:
-    """Raise for what cannot plan.
+    """Raise for what cannot plan, and end one of our processes that is asked while it runs the user's script.
+
+    It was the same line of the script that began it, which says what to do about it.
 
     Raises:
         TypeError: if it is neither an executor nor a number.
         ValueError: for less than one process, or a pool that forks.
     """
+    process = current_process()
+    if process.name.startswith(_WORKER) and getattr(process, "_inheriting", False):
+        os._exit(_UNGUARDED)  # at once and in silence: no clean-up of the script's own in its name
     if isinstance(executor, int | np.integer) and not isinstance(executor, bool):
         if executor < 1:
             raise ValueError(f"executor = {executor}: must be at least 1, as a number of processes")

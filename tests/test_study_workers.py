@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
@@ -237,12 +238,55 @@ def test_executors_that_cannot_work_are_refused():
         jp.run_study(range(3), executor=executor)
 
 
-def test_a_script_without_a_guard_is_told_about_it(tmp_path):
+def spoken(*words, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False, **options)
+
+
+def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text("import jaxplan as jp\njp.run_study(range(2), executor=1, progress=False)\n")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert (
-        'worker processes die as they begin: in a script, make the call below `if __name__ == "__main__":`'
-        in (done.stderr)
+    script.write_text(
+        "import jaxplan as jp\n"
+        "try:\n"
+        "    jp.run_study(range(2), executor=2, out='study', progress=False)\n"
+        "finally:\n"
+        "    open('cleaned up', 'a').write('once ')\n"
     )
+    done = spoken(script, cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("Traceback") == 1
+    *_, last = done.stderr.splitlines()
+    assert last.startswith(
+        'RuntimeError: script.py: put what uses worker processes below `if __name__ == "__m'
+    )
+    assert "freeze_support" not in done.stderr
+    assert "terminated abruptly" not in done.stderr
+    assert (tmp_path / "cleaned up").read_text() == "once "  # the worker has left that to the script
+
+
+def test_what_a_worker_dies_of_as_it_begins_is_told(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import multiprocessing\n"
+        "import jaxplan as jp\n"
+        "if multiprocessing.current_process().name != 'MainProcess':\n"
+        "    raise OSError('no such antenna')\n"
+        "jp.plan_batch([jp.paper_case(4)], executor=1, progress=False)\n"
+    )
+    done = spoken(script)
+    assert done.returncode == 1
+    assert "OSError: no such antenna" in done.stderr
+    assert "RuntimeError: a worker process died as it began, and what it printed says why" in done.stderr
+
+
+def test_a_script_that_is_no_file_has_workers_too():
+    script = (
+        "import sys\n"
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from fake_study import plan_nothing, task\n"
+        "from jaxplan.study.run import run_task\n"
+        "print(len(run_task(task(4), 2, None, 1, False, plan_nothing).table), __file__)\n"
+    )
+    done = spoken(input=script)
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", "4 <stdin>\n")
+    done = spoken("-i", "-q", "-c", script.replace("__file__", "'no file'"), input="")
+    assert (done.returncode, done.stdout) == (0, "4 no file\n"), done.stderr
