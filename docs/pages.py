@@ -21,6 +21,7 @@ from jaxplan.status import Status
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = ROOT / "notebooks"
 NONE = "\N{EN DASH}"
+CODE_WIDTH = 100  # characters of a line that is made here
 
 _UNITS = {
     "_deg_s3": "deg/s³",
@@ -165,7 +166,9 @@ def command_line() -> str:
         f"{parser.description} Results go to stdout, messages and progress to stderr. {parser.epilog}",
     ]
     for name, command in commands.choices.items():
-        usage = re.sub(r"\s+", " ", command.format_usage().removeprefix("usage: ")).strip()
+        formatter = argparse.HelpFormatter(command.prog, width=CODE_WIDTH)
+        formatter.add_usage(command.usage, command._actions, command._mutually_exclusive_groups, "")
+        usage = formatter.format_help().strip()
         lines = ["| argument | meaning |", "|---|---|"]
         for action in command._actions:
             spelled = ", ".join(f"`{word}`" for word in action.option_strings) or f"`{action.metavar}`"

@@ -263,17 +263,79 @@ class Links(HTMLParser):
                 self.names.add(value)
 
 
-def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(tmp_path):
+NARROWER = {"dd": 32, "cell_input": 4}  # px: descriptions are moved in, cells have a border
+
+
+class Code(HTMLParser):
+    """The code of a page: lines of each block, and how much narrower than the column it is, in px."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.blocks: list[tuple[list[str], int]] = []
+        self.within: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        names = (dict(attrs).get("class") or "").split()
+        if tag in ("dd", "div", "pre"):
+            self.within.append(next((name for name in ("cell_input", "cell_output") if name in names), tag))
+        if tag == "pre":
+            self.blocks.append(([""], sum(NARROWER.get(name, 0) for name in self.within)))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "pre" and "cell_output" in self.within:
+            self.blocks.pop()  # it is wrapped
+        if tag in ("dd", "div", "pre"):
+            self.within.pop()
+
+    def handle_data(self, data: str) -> None:
+        if "pre" in self.within:
+            first, *more = data.split("\n")
+            lines = self.blocks[-1][0]
+            lines[-1] += first
+            lines += more
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory):
+    """The folder of the built manual."""
     absent = [module for module in ("sphinx", "furo", "myst_nb") if find_spec(module) is None]
     if absent:
         pytest.skip(f"{', '.join(absent)} not installed: pip install 'jaxplan[docs]'")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", tmp_path / "trees", DOCS]
-    built = subprocess.run([*command, tmp_path / "pages"], capture_output=True, text=True)
+    folder = tmp_path_factory.mktemp("manual")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", folder / "trees", DOCS]
+    built = subprocess.run([*command, folder / "pages"], capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     assert built.stderr == ""
-    files = sorted((tmp_path / "pages").rglob("*.html"))
+    return folder / "pages"
+
+
+def test_no_line_of_code_is_wider_than_its_column(manual):
+    style = (manual / "_static" / "manual.css").read_text()
+    column, side, padding = (
+        float(re.search(found, style)[1])
+        for found in (r"--column: (\d+)em", r"\.sidebar-drawer { width: (\d+)em", r"padding: 0 (\d)em")
+    )
+    assert side + column + 2 * padding <= (1280 - 15) / 16  # a usual window, less its scroll bar
+    size, edge = (
+        16 * float(re.search(rf"--{name}: ([\d.]+)rem", style)[1])
+        for name in ("code-font-size", "code-padding")
+    )
+    widest_letter = 0.602 * size  # of the usual fonts of fixed width
+    wide, seen = [], 0
+    for file in manual.rglob("*.html"):
+        for lines, narrower in Code(file.read_text(encoding="utf-8")).blocks:
+            room = int((16 * column - narrower - 2 * edge) / widest_letter)
+            wide += [f"{file.name}: {line}" for line in lines if len(line) > room]
+            seen += len(lines)
+    assert wide == []
+    assert seen > 500
+
+
+def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(manual):
+    files = sorted(manual.rglob("*.html"))
     parsed = {file: Links(file.read_text(encoding="utf-8")) for file in files}
-    names = {file.relative_to(tmp_path / "pages").as_posix() for file in files}
+    names = {file.relative_to(manual).as_posix() for file in files}
     assert {"index.html", "method.html", "api.html", "planner.html", "results.html"} <= names
     assert sum("notebooks" in name for name in names) == len(list((ROOT / "notebooks").glob("*.ipynb")))
     broken, checked = [], 0
@@ -289,4 +351,4 @@ def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(tmp_pa
                 broken.append(f"{file.name}: {target}")
     assert broken == []
     assert checked > 200
-    assert "<math" in (tmp_path / "pages" / "method.html").read_text(encoding="utf-8")
+    assert "<math" in (manual / "method.html").read_text(encoding="utf-8")
