@@ -7,35 +7,22 @@
 import argparse
 import re
 import shutil
+import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from jaxplan.cli import _parser
-from jaxplan.scenario import toml
-from jaxplan.scenario.kinds import Kind
+from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.tables import Either, Field, Rows, Table
+from jaxplan.scenario.reference import Entry, entries
+from jaxplan.scenario.tables import Either, Rows, Table
+from jaxplan.scenario.template import template
 from jaxplan.status import Status
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = ROOT / "notebooks"
 NONE = "\N{EN DASH}"
 CODE_WIDTH = 100  # characters of a line that is made here
-
-_UNITS = {
-    "_deg_s3": "deg/s³",
-    "_deg_s2": "deg/s²",
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_rad_s": "rad/s",
-    "_rad": "rad",
-    "_kg_m2": "kg m²",
-    "_km": "km",
-    "_nms": "N m s",
-    "_nm": "N m",
-    "_s": "s",
-}
 
 
 def write(folder: Path) -> None:
@@ -93,8 +80,8 @@ def scenario_file() -> str:
     )
     tables = "\n".join(_table_page(path, table) for path, table in _tables(SCENARIO, ""))
     example = (
-        "## Example\n\nCase 3 of the paper, as it ships:\n\n"
-        "```{literalinclude} ../../jaxplan/cases/case-3.toml\n:language: toml\n```\n"
+        "## Example\n\nWhat `jaxplan new scene.toml` writes, to be planned as it is, and changed:\n\n"
+        f"```toml\n{template()}```\n"
     )
     return f"{head}\n{tables}\n{example}"
 
@@ -120,41 +107,21 @@ def _table_page(path: str, table: Table) -> str:
     header, _, rest = path.partition("] ")
     title = f"`{header}{']' if rest else ''}` {rest}".strip() if path else "Top of the file"
     lines = ["| key | value | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
-    meaning = ""
-    for field in table.fields:
-        meaning = meaning if field.meaning == "likewise" else field.meaning
+    for entry in entries(table):
+        default = _required(entry) if entry.required else _code(entry.default)
         cells = [
-            f"`{field.key}`",
-            field.kind.wanted.replace(f" in {field.kind.range}", ""),
-            unit(field),
-            _code(field.kind.range),
-            _default(table, field),
-            meaning,
-        ]
+            f"`{entry.key}`", entry.value, entry.unit or NONE, _code(entry.range), default, entry.meaning
+        ]  # fmt: skip
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     return "\n".join([f"## {title}", "", *lines, ""])
-
-
-def unit(field: Field) -> str:
-    """The unit that stands in a key, or a dash."""
-    return next((unit for ending, unit in _UNITS.items() if field.key.endswith(ending)), NONE)
 
 
 def _code(text: str | None) -> str:
     return f"`{text}`" if text else NONE
 
 
-def _default(table: Table, field: Field) -> str:
-    """What an absent key stands for, as a file would say it."""
-    if field.required:
-        others = [f"`{f.key}`" for f in table.fields if f.attribute == field.attribute and f is not field]
-        return ", or ".join(["required", *others])
-    default = table.defaults().get(field.attribute)
-    return NONE if default is None or default in ((), {}) else _code(_as_file(field.kind, default))
-
-
-def _as_file(kind: Kind, value: object) -> str:
-    return toml.value_text(kind.write(value))
+def _required(entry: Entry) -> str:
+    return ", or ".join(["required", *map(_code, entry.alternatives)])
 
 
 def command_line() -> str:
@@ -163,7 +130,8 @@ def command_line() -> str:
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     parts = [
         "# Command line",
-        f"{parser.description} Results go to stdout, messages and progress to stderr. {parser.epilog}",
+        f"{DESCRIPTION} Results go to stdout, messages and progress to stderr. {EXIT_CODES}",
+        f"First steps:\n\n```text\n{textwrap.dedent(FIRST_STEPS)}\n```",
     ]
     for name, command in commands.choices.items():
         formatter = argparse.HelpFormatter(command.prog, width=CODE_WIDTH)

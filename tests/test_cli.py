@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -71,11 +72,11 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         "missing.toml": ("plan", tmp_path / "missing.toml"),
         "case-5": ("plan", "case-5"),
         "missing.json": ("check", tmp_path / "missing.json"),
-        "not a plan file": ("plot", broken),
+        f"{broken}: is a scenario and no plan file; make out/plan.json of it with": ("plot", broken),
         "SCENARIO is empty": ("plan", ""),
         "PLAN is empty": ("check", ""),
-        f"{tmp_path}: cannot be read: Is a directory": ("check", tmp_path),
-        "cannot be read: Is a directory": ("plan", tmp_path),
+        f"{tmp_path}: is a folder, name a plan.json in it": ("check", tmp_path),
+        f"{tmp_path}: is a folder, name a scenario file in it": ("plan", tmp_path),
     }
     for word, words in cases.items():
         code, out, err = run(capsys, *words)
@@ -83,6 +84,140 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         assert not out
         assert word in err
         assert "Traceback" not in err
+
+
+def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
+    plan, timings, study = tmp_path / "plan.json", tmp_path / "plan.timings.json", tmp_path / "study.toml"
+    plan.write_text('{"schema_version": 1, "scenario": {}}')
+    timings.write_text('{"total": 1.0}')
+    study.write_bytes(bytes(range(256)))
+    (tmp_path / "empty.json").write_text("")
+    (tmp_path / "empty.toml").write_text("")
+    for words, said in {
+        (
+            "plan",
+            plan,
+        ): f"{plan}: is no scenario but JSON, as plan files are; jaxplan check, plot, report and",
+        ("check", tmp_path): f"{tmp_path}: is a folder, perhaps {plan} is meant",
+        ("check", timings): f"{timings}: holds the timings of a plan, perhaps {plan} is meant",
+        ("check", tmp_path / "empty.json"): "jaxplan plan SCENARIO -o DIR makes plan files",
+        ("check", tmp_path / "absent.json"): "no such file; jaxplan plan SCENARIO -o DIR makes DIR/plan.json",
+        ("check", "case-2"): "case-2: is a scenario and no plan file; make out/plan.json of it with: jaxplan",
+        ("plan", tmp_path / "absent.toml"): "jaxplan new writes a file to begin with",
+        ("plan", tmp_path / "empty.toml"): "spacecraft: missing, must be a table",
+        ("plan", study): "study.toml: not UTF-8 text",
+    }.items():
+        code, out, err = run(capsys, *words)
+        assert (code, out) == (2, ""), words
+        assert said in err
+        assert "Traceback" not in err
+
+
+def test_a_place_that_cannot_be_written_is_named_and_nothing_beside_it(capsys, monkeypatch, tmp_path):
+    run(capsys, "plan", "case-4", "-o", tmp_path)
+    monkeypatch.setattr("jaxplan.planner.check_plan", lambda *_: pytest.fail("certified"))
+    plan, file = tmp_path / "plan.json", tmp_path / "file"
+    file.write_text("mine")
+    for words in (("new",), ("report", plan, "-o"), ("export", plan, "--format", "csv", "-o")):
+        for place, said in {
+            "/proc/x": "jaxplan: /proc: nothing can be written there: ",
+            file / "x": f"jaxplan: {file}: cannot be a folder, {file} is a file",
+        }.items():
+            code, out, err = run(capsys, *words, place)
+            assert (code, out) == (2, ""), words
+            assert err.startswith(said)
+            assert ".part" not in err
+    assert file.read_text() == "mine"
+
+
+def test_wrong_words_are_told_with_the_command_whose_help_says_more(capsys):
+    for words, said in {
+        ("plan", "case-4", "case-3"): "jaxplan plan: error: unrecognized arguments: case-3; see jaxplan plan",
+        ("check", "--quick", "x"): "jaxplan check: error: unrecognized arguments: --quick; see jaxplan check",
+        ("new",): "jaxplan new: error: the following arguments are required: FILE; see jaxplan new --help",
+        ("scene.toml",): "invalid choice: 'scene.toml'",
+        ("--quick",): "jaxplan: error: unrecognized arguments: --quick; see jaxplan --help",
+    }.items():
+        with pytest.raises(SystemExit) as caught:
+            main(list(words))
+        assert caught.value.code == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_new_file_is_valid_and_replaces_another_only_if_it_is_told_to(capsys, tmp_path):
+    file = tmp_path / "my scenes" / "scene.toml"
+    code, out, err = run(capsys, "new", file)
+    assert (code, out) == (0, "")
+    assert err == f"wrote {file}; plan it with: jaxplan plan '{file}' -o out\n"
+    written = file.read_text()
+    assert run(capsys, "new", "-") == (0, written, "")
+    code, out, _ = run(capsys, "validate", file, "case-4")
+    assert code == 0
+    assert out.splitlines()[0] == (
+        f"{file}: ok: 3 terminals, 2 instruments, 1 keep-out zone, 1 keep-in zone; "
+        "the start keeps all limits and zones"
+    )
+    file.write_text("mine")
+    code, out, err = run(capsys, "new", file, "--from", "case-4")
+    assert code == 2
+    assert f"{file}: is there already; take another name, or replace it with --force" in err
+    assert file.read_text() == "mine"
+    assert run(capsys, "new", file, "--from", "case-4", "--force")[0] == 0
+    assert file.read_bytes() == case_path("case-4").read_bytes()
+    for name, said in {
+        "": "FILE: must name a file",
+        tmp_path: f"must name a file, such as {tmp_path / 'scene.toml'}",
+        f"{tmp_path}/absent/": "must name a file",
+    }.items():
+        code, _, err = run(capsys, "new", name)
+        assert code == 2
+        assert said in err
+    code, _, err = run(capsys, "new", "-", "--from", "case-5")
+    assert code == 2
+    assert "--from case-5: must be one of case-1, case-2, case-3, case-4" in err
+
+
+def test_validating_tells_faults_apart_from_a_start_or_goal_that_breaks_something(
+    capsys, monkeypatch, case_file, tmp_path
+):
+    monkeypatch.setattr("jaxplan.planner.plan", lambda *_, **__: pytest.fail("planned"))
+    faulty = edited(case_file, tmp_path / "faulty.toml", "half_angle_deg = 28.0", "half_angle_deg = 210.0")
+    edited(faulty, faulty, "schema_version = 1", "schema_version = 2")
+    wide = edited(case_file, tmp_path / "wide.toml", "half_angle_deg = 28.0", "half_angle_deg = 80.0")
+    text = case_file.read_text()
+    start, goal = text.index("[start]"), text.index("[goal]")
+    ends = text.index("[[keep_out]]")
+    held = tmp_path / "held.toml"  # the goal is the start, but for a pitch of 1 rad
+    again = text[start:goal].replace("[start]", "[goal]")
+    held.write_text(text[:goal] + re.sub(r"(pitch_rad = \[)[^,]+", r"\g<1>1.0", again) + text[ends:])
+    plan = tmp_path / "plan.json"
+    plan.write_text("{}")
+    names = (faulty, wide, held, plan, tmp_path / "absent.toml", case_file)
+    code, out, err = run(capsys, "validate", *names)
+    assert (code, err) == (2, "")
+    assert (
+        f"{faulty} has 2 faults:\n  schema_version = 2: must be 1\n  keep_out[2].half_angle_deg = 210" in out
+    )
+    assert f"{wide}: 3 terminals, 3 keep-out zones, 1 keep-in zone\n  the start breaks a constraint: " in out
+    assert re.search(r"terminal-\d is [\d.]+ deg inside keep-out zone CZ4", out)
+    assert f"{held}: 3 terminals, 3 keep-out zones, 1 keep-in zone\n  the goal breaks a constraint: " in out
+    assert "terminal-1 pitch is" in out
+    assert f"{plan}: is no scenario but JSON, as plan files are" in out
+    assert f"{tmp_path / 'absent.toml'}: no such file" in out
+    assert f"{case_file}: ok: " in out
+    assert run(capsys, "validate", case_file, wide)[0] == 1
+    assert run(capsys, "validate", held)[0] == 1
+    code, out, _ = run(capsys, "validate", "--json", *names)
+    assert code == 2
+    found = json.loads(out)
+    assert [one["file"] for one in found] == [str(name) for name in names]
+    assert [one["valid"] for one in found] == [False] * 5 + [True]
+    assert [len(one["faults"]) for one in found] == [2, 0, 0, 1, 1, 0]
+    assert [bool(one["start"]) for one in found] == [False, True, False, False, False, False]
+    assert [bool(one["goal"]) for one in found] == [False, False, True, False, False, False]
+    assert found[5]["holds"] == {
+        "name": "case 4", "terminals": 3, "instruments": 0, "keep_out": 3, "keep_in": 1
+    }  # fmt: skip
 
 
 def test_a_plan_that_does_not_hold_fails_the_check(capsys, tmp_path):
@@ -177,7 +312,8 @@ def test_the_comparison_is_drawn_where_it_is_asked_for(capsys, monkeypatch, tmp_
 def test_the_command_without_words_says_what_it_can_do(capsys):
     code, _, err = run(capsys)
     assert code == 2
-    assert "plan" in err
+    steps = re.findall(r"^  jaxplan (\w+) scene.toml", err.partition("first steps:")[2], re.MULTILINE)
+    assert steps == ["new", "validate", "plan"]
     code, out, _ = run(capsys, "--version")
     assert code == 0
     assert out.startswith("jaxplan ")

@@ -54,7 +54,6 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
     for words, said in {
         ("--kind", "easy"): "kind = 'easy': must be one of keep_out",
         ("--planner", "a-star"): "planner = 'a-star': must be one of mha",
-        ("--first-seed", "-3"): "seeds must be at least 0",
         ("--set", "search.seed"): "--set search.seed: must be NAME=VALUE",
         ("--set", "search.seed=-1"): "search.seed = -1: must be",
         ("--set", "trajectory.duration_s=quick"): 'trajectory.duration_s = "quick"',
@@ -63,7 +62,7 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
         ("--out", tmp_path / "file"): "file is a file",
         ("--out", "/proc/nowhere"): "/proc/nowhere: ",
         ("-n", 4, "--out", tmp_path / "study"): "scenes 3 there, 4 here",
-        ("--report", tmp_path): "holds no study",
+        ("--report", tmp_path): f"{tmp_path}: holds no study; jaxplan study -o {tmp_path} makes one there",
         ("--report", tmp_path / "study", "-n", 4): "-n says what to plan, but --report plans nothing",
         ("--report", tmp_path / "study", "--first-seed", 0): "--first-seed says what to plan",
         ("--report", tmp_path / "study", "-o", tmp_path / "file"): "file is a file",
@@ -72,10 +71,11 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
         assert (code, out) == (2, ""), words
         assert said in err
         assert "Traceback" not in err
-    for words in (("-n", "0"), ("--workers", "0"), ("--workers", "two")):
+    for words in (("-n", "0"), ("--workers", "0"), ("--workers", "two"), ("--first-seed", "-3")):
         with pytest.raises(SystemExit) as caught:
             run(capsys, "study", *words)
         assert caught.value.code == 2
+        assert f"argument {words[0]}: {words[1]}: must be a whole number" in capsys.readouterr().err
 
 
 def test_an_interrupted_study_says_how_it_goes_on(capsys, monkeypatch, tmp_path):

@@ -1,4 +1,4 @@
-"""The command line: ``jaxplan plan``, ``check``, ``plot``, ``report``, ``export``, ``study`` and ``table4``.
+"""The command line: ``jaxplan new``, ``validate``, ``plan`` and what follows from a plan, and studies.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
 certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
@@ -9,8 +9,15 @@ import os
 import sys
 from collections.abc import Sequence
 
-from jaxplan.cli import plans, studies
-from jaxplan.cli.common import BAD_INPUT, DONE, complain
+from jaxplan.cli import plans, scenes, studies
+from jaxplan.cli.common import BAD_INPUT, DONE, Parser, complain
+
+DESCRIPTION = "Plan certified attitude manoeuvres of spacecraft with several pointing devices."
+EXIT_CODES = "Exit codes: 0 done, 1 no plan, 2 bad input, 3 not certified."
+FIRST_STEPS = """\
+  jaxplan new scene.toml            write a scene to begin with, and change it
+  jaxplan validate scene.toml       see whether all is right with it
+  jaxplan plan scene.toml -o out    plan it: out/plan.json and figures"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,13 +53,15 @@ def _drop_output() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="jaxplan",
-        description="Plan certified attitude manoeuvres of spacecraft with several pointing devices.",
-        epilog="Exit codes: 0 done, 1 no plan, 2 bad input, 3 not certified.",
+        description=DESCRIPTION,
+        epilog=f"first steps:\n{FIRST_STEPS}\n\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    scenes.add_commands(commands)
     plans.add_commands(commands)
     studies.add_commands(commands)
     parser.set_defaults(run=lambda options: _no_command(parser, options))

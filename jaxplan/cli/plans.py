@@ -12,15 +12,16 @@ from jaxplan.cli.common import (
     code_of,
     complain,
     load,
+    load_scene,
     print_result,
     save,
     say,
+    try_folder_of,
     writable_folder,
 )
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
 
 
 def add_commands(commands: Any) -> None:
@@ -80,7 +81,7 @@ def _export_parser(commands: Any) -> None:
 def _plan(options: argparse.Namespace) -> int:
     from jaxplan.planner import plan, save_plan
 
-    scenario = _scenario(options.scenario)
+    scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
     common.set_up_jax()
     result = plan(scenario, throw=False)
@@ -90,19 +91,6 @@ def _plan(options: argparse.Namespace) -> int:
         say(f"wrote {folder / 'plan.json'}")
         _draw(result, folder)
     return code_of(result.status)
-
-
-def _scenario(name: str) -> "Scenario":
-    from jaxplan.cases import CASE_NAMES, case_path
-    from jaxplan.scenario import load_scenario
-
-    if name in CASE_NAMES:
-        return load_scenario(case_path(name))
-    if not name:
-        raise ValueError(f"SCENARIO is empty, it must name a file or one of {', '.join(CASE_NAMES)}")
-    if not Path(name).exists():
-        raise ValueError(f"{name}: no such file, and none of the cases {', '.join(CASE_NAMES)}")
-    return load_scenario(name)
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -130,6 +118,7 @@ def _report(options: argparse.Namespace) -> int:
 
     plan = load(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
+    try_folder_of(path)
     common.set_up_jax()
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
     if plan.ok and not check_plan(plan).certified:  # the page says why
@@ -142,6 +131,7 @@ def _export(options: argparse.Namespace) -> int:
 
     plan = load(options.plan)
     path = default_path(options.plan, options.format) if options.out is None else options.out
+    try_folder_of(path)
     common.set_up_jax()
     written = export(
         plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force

@@ -1,10 +1,12 @@
 """The commands on many scenes: ``study`` and ``table4``."""
 
 import argparse
+import shlex
+from pathlib import Path
 from typing import Any
 
 from jaxplan.cli import common
-from jaxplan.cli.common import DONE, complain, count, print_result, save, writable_folder
+from jaxplan.cli.common import DONE, complain, count, print_result, save, seed, writable_folder
 
 
 def add_commands(commands: Any) -> None:
@@ -22,7 +24,7 @@ def _study_parser(commands: Any) -> None:
     )
     study.add_argument("--kind", metavar="K", help="of the random scenes (keep_out)")
     study.add_argument("-n", type=count, metavar="N", help="scenes (100)")
-    study.add_argument("--first-seed", type=int, metavar="SEED", help="of the first scene (0)")
+    study.add_argument("--first-seed", type=seed, metavar="SEED", help="of the first scene (0)")
     study.add_argument("--planner", metavar="P", help="of all scenes (mha)")
     study.add_argument("--workers", type=count, metavar="W", help="processes (1)")
     study.add_argument(
@@ -50,7 +52,7 @@ def _table4_parser(commands: Any) -> None:
     table4.add_argument("-n", type=count, default=20, metavar="N", help="scenes a kind (20, as in the paper)")
     table4.add_argument("--kind", action="append", metavar="K", help="of random scenes; may be repeated")
     table4.add_argument("--planner", action="append", metavar="P", help="may be repeated; all by default")
-    table4.add_argument("--first-seed", type=int, default=0, metavar="SEED", help="of the first scene (0)")
+    table4.add_argument("--first-seed", type=seed, default=0, metavar="SEED", help="of the first scene (0)")
     table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
     table4.add_argument("--json", action="store_true", help="print the rows for machines")
     table4.set_defaults(run=_table4)
@@ -97,6 +99,7 @@ def _setting(text: str) -> tuple[str, Any]:
 def _report(options: argparse.Namespace) -> int:
     """Say what studies in folders found, and how they compare where there are two or more."""
     from jaxplan.study import compare_studies, load_study
+    from jaxplan.study.lines import HEADER
 
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
         if getattr(options, name) is not None:
@@ -104,6 +107,9 @@ def _report(options: argparse.Namespace) -> int:
                 f"{'-n' if name == 'n' else '--' + name.replace('_', '-')} says what to plan, "
                 "but --report plans nothing"
             )
+    for name in options.report:
+        if not (Path(name) / HEADER).is_file():
+            raise ValueError(f"{name}: holds no study; jaxplan study -o {shlex.quote(name)} makes one there")
     studies = [load_study(folder) for folder in options.report]
     summaries = [study.summary() for study in studies]
     folder = None if options.out is None else writable_folder(options.out)

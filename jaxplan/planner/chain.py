@@ -21,15 +21,13 @@ import numpy as np
 from jaxplan.certificate import Report
 from jaxplan.path import Goal, MovingGoal, Path, halve
 from jaxplan.planner import messages
-from jaxplan.planner.check import ProofQuery, start_attitude
+from jaxplan.planner.check import ProofQuery, start_attitude, start_breaches
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.meeting import guesses, meet
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.sweeps import always, swept
-from jaxplan.planner.validity import breaches
 from jaxplan.scenario import Scenario, SearchSettings
-from jaxplan.scenario.moments import at
 from jaxplan.search import Scene, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
@@ -79,9 +77,8 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     Returns:
         The plan, without its timings.
     """
-    start = scenario.start
     attitude = start_attitude(scenario)
-    broken = breaches(at(scenario, 0.0), attitude, start.joints, start.angular_velocity, start.joint_rates)
+    broken = start_breaches(scenario)
     if broken:
         return Plan(scenario=scenario, status=Status.INVALID_START, message=messages.invalid(broken))
     failed = None

@@ -10,7 +10,9 @@ from jaxplan.certificate import Claim, EndState, ProvedMargin, Report, certify_b
 from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import breaches
 from jaxplan.scenario import GivenState, Scenario, Targets
+from jaxplan.scenario.moments import at
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -21,6 +23,13 @@ GOAL_TOLERANCE = 1e-8
 def start_attitude(scenario: Scenario) -> np.ndarray:
     """(3, 3) of the scenario's start, body to inertial."""
     return np.asarray(so3.exp(np.asarray(scenario.start.rotation_vector, float)))
+
+
+def start_breaches(scenario: Scenario) -> tuple[str, ...]:
+    """Everything that the scenario's start breaks, a phrase each."""
+    start = scenario.start
+    attitude = start_attitude(scenario)
+    return breaches(at(scenario, 0.0), attitude, start.joints, start.angular_velocity, start.joint_rates)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

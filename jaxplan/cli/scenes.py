@@ -1,0 +1,140 @@
+"""The commands on scenario files: ``new`` and ``validate``."""
+
+import argparse
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxplan.cli import common
+from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, load_scene, print_result, say, try_folder_of
+
+if TYPE_CHECKING:
+    from jaxplan.scenario import Scenario
+
+
+def add_commands(commands: Any) -> None:
+    """Tell the parser of them."""
+    new = commands.add_parser(
+        "new",
+        help="write a scenario file to begin with",
+        description="Write a scenario file that can be planned as it is, with a comment on every option.",
+    )
+    new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
+    new.add_argument(
+        "--from", dest="source", metavar="CASE", help="copy a case of the paper instead, case-1 to case-4"
+    )
+    new.add_argument("--force", action="store_true", help="replace a file that is there")
+    new.set_defaults(run=_new)
+    validate = commands.add_parser(
+        "validate",
+        help="say what is wrong with scenario files",
+        description="Say what scenario files hold, or all that is wrong with them, and whether each start "
+        "(and goal, where it is a given state) keeps the limits and zones. Nothing is planned.",
+    )
+    validate.add_argument(
+        "files", nargs="+", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
+    )
+    validate.add_argument("--json", action="store_true", help="print what was found for machines")
+    validate.set_defaults(run=_validate)
+
+
+def _new(options: argparse.Namespace) -> int:
+    from jaxplan.files import replacing_file
+
+    if options.file == "-":
+        print(_text(options.source), end="")
+        return DONE
+    file = Path(options.file)
+    if not options.file or options.file.endswith(os.sep) or file.is_dir():
+        raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+    if file.exists() and not options.force:
+        raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
+    try_folder_of(file)
+    with replacing_file(file) as fresh:
+        fresh.write_text(_text(options.source), encoding="utf-8")
+    say(f"wrote {file}; plan it with: jaxplan plan {shlex.quote(str(file))} -o out")
+    return DONE
+
+
+def _text(source: str | None) -> str:
+    """The template, or the file of a case."""
+    from jaxplan.cases import CASE_NAMES, case_path
+    from jaxplan.scenario.template import template
+
+    if source is None:
+        return template()
+    if source not in CASE_NAMES:
+        raise ValueError(f"--from {source}: must be one of {', '.join(CASE_NAMES)}")
+    return case_path(source).read_text(encoding="utf-8")
+
+
+def _validate(options: argparse.Namespace) -> int:
+    common.set_up_jax()
+    found = [_findings(name) for name in options.files]
+    print_result(found if options.json else "\n".join(map(_line, found)))
+    if any(one["faults"] for one in found):
+        return BAD_INPUT
+    return DONE if all(one["valid"] for one in found) else NO_PLAN
+
+
+def _findings(name: str) -> dict[str, Any]:
+    """What a file holds and what is wrong with it."""
+    from jaxplan.scenario import ScenarioError
+
+    found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
+    try:
+        scene = load_scene(name)
+    except ScenarioError as error:
+        return found | {"faults": list(error.faults), "holds": None}
+    except ValueError as error:  # it is none at all
+        return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
+    start, goal = _breaches(scene)
+    craft = scene.spacecraft
+    holds = {
+        "name": scene.name,
+        "terminals": len(craft.terminals),
+        "instruments": len(craft.instruments),
+        "keep_out": len(scene.keep_out),
+        "keep_in": len(scene.keep_in),
+    }
+    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
+
+
+def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
+    """What the start breaks, and a goal that is given and does not depend on when it is reached."""
+    from jaxplan.planner import Plan
+    from jaxplan.planner.check import start_attitude, start_breaches
+    from jaxplan.planner.goals import find_goals
+    from jaxplan.scenario import GivenState
+    from jaxplan.scenario.moments import moves
+
+    goal = None
+    if isinstance(scene.goal, GivenState) and not moves(scene):
+        goal = find_goals(scene, start_attitude(scene))
+    return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
+
+
+def _line(found: dict[str, Any]) -> str:
+    """The findings for a reader."""
+    from jaxplan.scenario import ScenarioError
+    from jaxplan.status import Status
+
+    name, holds = found["file"], found["holds"]
+    if holds is None:
+        return str(ScenarioError(found["faults"], name or '""'))
+    counts = [
+        (holds["terminals"], "terminal"),
+        (holds["instruments"], "instrument"),
+        (holds["keep_out"], "keep-out zone"),
+        (holds["keep_in"], "keep-in zone"),
+    ]
+    parts = ", ".join(f"{number} {what}{'' if number == 1 else 's'}" for number, what in counts if number)
+    broken = [
+        f"\n  {status.value}: {'; '.join(found[place])}"
+        for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
+        if found[place]
+    ]
+    if broken:
+        return f"{name}: {parts}{''.join(broken)}"
+    return f"{name}: ok: {parts}; the start keeps all limits and zones"

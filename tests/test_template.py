@@ -1,0 +1,107 @@
+"""The file that a new scenario begins with: it is planned as it is, and says all that a file may hold."""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.planner.check import start_breaches
+from jaxplan.scenario import parse_scenario
+from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.tables import Either, Rows, Table
+from jaxplan.scenario.template import template
+
+OPTION = re.compile(r"#(?=[\w\[])")
+
+
+@pytest.fixture(scope="module")
+def text():
+    return template()
+
+
+@pytest.fixture(scope="module")
+def scene(text):
+    return parse_scenario(text)
+
+
+def options(text):
+    """The numbers of the lines of each option: a line, or all of a block whose header is one."""
+    first = 0
+    for block in text.split("\n\n"):
+        lines = block.split("\n")
+        own = [first + number for number, line in enumerate(lines) if OPTION.match(line)]
+        if any(line.startswith("#[") for line in lines):
+            yield own
+        else:
+            yield from ([number] for number in own)
+        first += len(lines) + 1
+
+
+def taken(text, numbers):
+    """The text with some of its options taken into use."""
+    lines = text.split("\n")
+    for number in numbers:
+        lines[number] = lines[number].removeprefix("#")
+    return "\n".join(lines)
+
+
+def tables(table=SCENARIO):
+    """The tables of a file."""
+    yield table
+    for field in table.fields:
+        if isinstance(field.kind, Rows):
+            yield from tables(field.kind.table)
+        elif isinstance(field.kind, Either):
+            yield from field.kind.tables.values()
+        elif isinstance(field.kind, Table):
+            yield from tables(field.kind)
+
+
+def test_a_new_scene_is_planned_although_a_zone_is_in_the_way(scene):
+    plan = jp.plan(scene, progress=False)
+    assert plan.ok
+    (sun,) = scene.keep_out
+    (tracker,) = (device for device in scene.spacecraft.instruments if device.name == "star-tracker")
+    turn = Rotation.from_matrix(plan.goal.attitude).as_rotvec()  # the start is the identity
+    np.testing.assert_array_equal(scene.start.rotation_vector, 0)
+    straight = Rotation.from_rotvec(np.linspace(0, 1, 201)[:, None] * turn).apply(tracker.boresight)
+    assert np.arccos(straight @ sun.direction).min() < sun.half_angle - np.deg2rad(5)
+
+
+def test_every_option_of_a_new_scene_holds_by_itself_and_with_all_others(text):
+    found = list(options(text))
+    assert len(found) > 30
+    assert sum(len(numbers) > 1 for numbers in found) == 2
+    for numbers in found:
+        assert tomllib.loads(taken(text, numbers)) != tomllib.loads(text)
+        parse_scenario(taken(text, numbers))
+    whole = parse_scenario(taken(text, [number for numbers in found for number in numbers]))
+    assert len(whole.keep_out) == 3
+    assert start_breaches(whole) == ()
+
+
+def test_options_show_the_defaults_of_their_settings(text, scene):
+    shown = [numbers for numbers in options(text) if len(numbers) == 1]
+    same = [text.split("\n")[number] for (number,) in shown if parse_scenario(taken(text, [number])) == scene]
+    for table in (settings for settings in tables() if settings.model.__name__.endswith("Settings")):
+        for field in table.fields:
+            if table.defaults()[field.attribute] not in (None, {}) and not field.always:
+                assert any(line.startswith(f"#{field.key} = ") for line in same), field.key
+
+
+def test_a_new_scene_says_of_every_key_what_it_may_be(text):
+    words = " ".join(re.sub(r"\n +#", " ", text).split())
+    seen = 0
+    for table in tables():
+        for field in table.fields:
+            assert re.search(rf"\b{field.key}\b", words), field.key
+            lines = re.findall(rf"^#?{field.key} = .*(?:\n +# .*)*", text, re.MULTILINE)
+            above = re.findall(rf"^((?:# .*\n)+)#?{field.key} = ", text, re.MULTILINE)
+            told = [" ".join(re.sub(r"\n *#", " ", line).split()) for line in lines + above]
+            if told and field.kind.range is not None:
+                assert any(f" in {field.kind.range}" in line for line in told), field.key
+                seen += 1
+    assert seen > 30
