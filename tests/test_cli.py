@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from jaxplan.cases import case_path
+from jaxplan.cases import RANDOM_KINDS, case_path
 from jaxplan.cli import main
+from jaxplan.exporting.formats import FORMATS
+from jaxplan.search import PLANNERS
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -97,7 +99,7 @@ def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
         (
             "plan",
             plan,
-        ): f"{plan}: is no scenario but JSON, as plan files are; jaxplan check, plot, report and",
+        ): f"{plan}: not TOML but JSON, as plan files are; jaxplan check, plot, report and export",
         ("check", tmp_path): f"{tmp_path}: is a folder, perhaps {plan} is meant",
         ("check", timings): f"{timings}: holds the timings of a plan, perhaps {plan} is meant",
         ("check", tmp_path / "empty.json"): "jaxplan plan SCENARIO -o DIR makes plan files",
@@ -202,7 +204,7 @@ def test_validating_tells_faults_apart_from_a_start_or_goal_that_breaks_somethin
     assert re.search(r"terminal-\d is [\d.]+ deg inside keep-out zone CZ4", out)
     assert f"{held}: 3 terminals, 3 keep-out zones, 1 keep-in zone\n  the goal breaks a constraint: " in out
     assert "terminal-1 pitch is" in out
-    assert f"{plan}: is no scenario but JSON, as plan files are" in out
+    assert f"{plan}: not TOML but JSON, as plan files are" in out
     assert f"{tmp_path / 'absent.toml'}: no such file" in out
     assert f"{case_file}: ok: " in out
     assert run(capsys, "validate", case_file, wide)[0] == 1
@@ -288,6 +290,9 @@ def test_planners_are_compared_on_the_command_line(capsys):
     code, _, err = run(capsys, "table4", "--kind", "easy")
     assert code == 2
     assert "--kind easy: must be one of keep_out" in err
+    code, _, err = run(capsys, "table4", "--first-seed", "-1")
+    assert code == 2
+    assert "--first-seed -1: seeds must be at least 0" in err
 
 
 def test_the_comparison_is_drawn_where_it_is_asked_for(capsys, monkeypatch, tmp_path):
@@ -317,6 +322,18 @@ def test_the_command_without_words_says_what_it_can_do(capsys):
     code, out, _ = run(capsys, "--version")
     assert code == 0
     assert out.startswith("jaxplan ")
+
+
+def test_help_tells_all_kinds_planners_and_formats(capsys):
+    for command, names in {
+        "study": (*RANDOM_KINDS, *PLANNERS),
+        "table4": (*RANDOM_KINDS, *PLANNERS),
+        "export": FORMATS,
+    }.items():
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        words = re.findall(r"[\w-]+", capsys.readouterr().out)
+        assert set(names) <= set(words), command
 
 
 def test_help_needs_no_jax():

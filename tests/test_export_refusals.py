@@ -255,7 +255,7 @@ def test_the_command_line_exports_beside_the_plan(tmp_path, capsys):
         ("--format", "aem"): "needs the UTC of the start",
         ("--format", "csv", "--step", "-1", "-o", "x"): "step_s = -1.0: must lie in",
         ("--format", "csv", "-o", ""): "path is empty",
-        ("--format", "csv", "-o", "/proc/nowhere/x"): "/proc/nowhere: No such file",
+        ("--format", "csv", "-o", "/proc/nowhere/x"): "/proc/nowhere: nothing can be written there",
     }.items():
         code, err = run(*words)
         assert code == 2

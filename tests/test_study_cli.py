@@ -54,6 +54,7 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
     for words, said in {
         ("--kind", "easy"): "kind = 'easy': must be one of keep_out",
         ("--planner", "a-star"): "planner = 'a-star': must be one of mha",
+        ("--first-seed", "-3"): "--first-seed -3: seeds must be at least 0",
         ("--set", "search.seed"): "--set search.seed: must be NAME=VALUE",
         ("--set", "search.seed=-1"): "search.seed = -1: must be",
         ("--set", "trajectory.duration_s=quick"): 'trajectory.duration_s = "quick"',
@@ -71,7 +72,7 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
         assert (code, out) == (2, ""), words
         assert said in err
         assert "Traceback" not in err
-    for words in (("-n", "0"), ("--workers", "0"), ("--workers", "two"), ("--first-seed", "-3")):
+    for words in (("-n", "0"), ("--workers", "0"), ("--workers", "two")):
         with pytest.raises(SystemExit) as caught:
             run(capsys, "study", *words)
         assert caught.value.code == 2

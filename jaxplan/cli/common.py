@@ -46,17 +46,8 @@ class Parser(argparse.ArgumentParser):
 
 def count(text: str) -> int:
     """A whole number of at least 1, for argparse."""
-    return _whole(text, 1)
-
-
-def seed(text: str) -> int:
-    """A whole number of at least 0, for argparse."""
-    return _whole(text, 0)
-
-
-def _whole(text: str, least: int) -> int:
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least {least}")
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
     return int(text)
 
 
@@ -81,8 +72,8 @@ def load_scene(name: str) -> "Scenario":
     except ScenarioError as error:
         if _first_character(name) == "{":
             raise ValueError(
-                f"{name}: is no scenario but JSON, as plan files are; jaxplan check, plot, report and export "
-                "take those"
+                f"{name}: not TOML but JSON, as plan files are; jaxplan check, plot, report and export take "
+                "those"
             ) from error
         raise
 

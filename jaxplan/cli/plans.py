@@ -36,13 +36,13 @@ def add_commands(commands: Any) -> None:
     check = commands.add_parser(
         "check", help="certify a plan file anew", description="Prove a plan file's trajectory safe, anew."
     )
-    check.add_argument("plan", metavar="PLAN", help="a plan.json")
+    check.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     check.set_defaults(run=_check)
     plot = commands.add_parser(
         "plot", help="draw a plan file", description="Draw the figures of a plan file."
     )
-    plot.add_argument("plan", metavar="PLAN", help="a plan.json")
+    plot.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     plot.set_defaults(run=_plot)
     report = commands.add_parser(
@@ -50,7 +50,7 @@ def add_commands(commands: Any) -> None:
         help="write a page on a plan file",
         description="Certify a plan file anew and write a self-contained HTML page on it.",
     )
-    report.add_argument("plan", metavar="PLAN", help="a plan.json")
+    report.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
     report.set_defaults(run=_report)
@@ -63,7 +63,7 @@ def _export_parser(commands: Any) -> None:
         help="write a plan for other tools",
         description="Certify a plan file anew and write its motion as another tool reads it.",
     )
-    export.add_argument("plan", metavar="PLAN", help="a plan.json")
+    export.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
     export.add_argument(
         "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
     )

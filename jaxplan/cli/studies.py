@@ -6,7 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from jaxplan.cli import common
-from jaxplan.cli.common import DONE, complain, count, print_result, save, seed, writable_folder
+from jaxplan.cli.common import DONE, complain, count, print_result, save, writable_folder
+
+# As words, since to ask for them takes a second that help should not take.
+_KINDS = "keep_out, keep_in, hard_keep_out, hard_keep_in or held_links"
+_PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 
 
 def add_commands(commands: Any) -> None:
@@ -22,11 +26,11 @@ def _study_parser(commands: Any) -> None:
         description="Plan many random scenes, or report on studies made before. "
         "Where a study with --out was interrupted, the same command goes on.",
     )
-    study.add_argument("--kind", metavar="K", help="of the random scenes (keep_out)")
-    study.add_argument("-n", type=count, metavar="N", help="scenes (100)")
-    study.add_argument("--first-seed", type=seed, metavar="SEED", help="of the first scene (0)")
-    study.add_argument("--planner", metavar="P", help="of all scenes (mha)")
-    study.add_argument("--workers", type=count, metavar="W", help="processes (1)")
+    study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KINDS} (keep_out)")
+    study.add_argument("-n", type=count, metavar="N", help="number of scenes (100)")
+    study.add_argument("--first-seed", type=int, metavar="SEED", help="seed of the first scene (0)")
+    study.add_argument("--planner", metavar="P", help=f"planner of all scenes: {_PLANNERS} (mha)")
+    study.add_argument("--workers", type=count, metavar="W", help="number of processes that plan (1)")
     study.add_argument(
         "--set",
         action="append",
@@ -50,9 +54,18 @@ def _table4_parser(commands: Any) -> None:
         description="Let every planner search the same random scenes, with the paper's rows beside.",
     )
     table4.add_argument("-n", type=count, default=20, metavar="N", help="scenes a kind (20, as in the paper)")
-    table4.add_argument("--kind", action="append", metavar="K", help="of random scenes; may be repeated")
-    table4.add_argument("--planner", action="append", metavar="P", help="may be repeated; all by default")
-    table4.add_argument("--first-seed", type=seed, default=0, metavar="SEED", help="of the first scene (0)")
+    table4.add_argument(
+        "--kind",
+        action="append",
+        metavar="K",
+        help=f"kind of random scenes: {_KINDS}; may be repeated (keep_out and keep_in, as in the paper)",
+    )
+    table4.add_argument(
+        "--planner", action="append", metavar="P", help=f"{_PLANNERS}; may be repeated (all of them)"
+    )
+    table4.add_argument(
+        "--first-seed", type=int, default=0, metavar="SEED", help="seed of the first scene (0)"
+    )
     table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
     table4.add_argument("--json", action="store_true", help="print the rows for machines")
     table4.set_defaults(run=_table4)
@@ -63,7 +76,7 @@ def _study(options: argparse.Namespace) -> int:
 
     if options.report is not None:
         return _report(options)
-    first, count = options.first_seed or 0, options.n or 100
+    first, count = _first_seed(options), options.n or 100
     settings = dict(map(_setting, options.set or ()))
     common.set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers
@@ -81,6 +94,13 @@ def _study(options: argparse.Namespace) -> int:
         again = "" if options.out is None else ": the same command goes on"
         return complain(f"interrupted after {summary.done} of {summary.scenes} scenes{again}", 130)
     return DONE
+
+
+def _first_seed(options: argparse.Namespace) -> int:
+    first = options.first_seed or 0
+    if first < 0:
+        raise ValueError(f"--first-seed {first}: seeds must be at least 0")
+    return int(first)
 
 
 def _setting(text: str) -> tuple[str, Any]:
@@ -139,11 +159,12 @@ def _table4(options: argparse.Namespace) -> int:
         for name in chosen:
             if name not in known:
                 raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
+    first = _first_seed(options)
     folder = None if options.out is None else writable_folder(options.out)
     common.set_up_jax()
     total = options.n * len(kinds) * len(planners)
     with progress_bar("table4", "searches", total=total) as bar:
-        rows = compare(kinds, planners, count=options.n, first_seed=options.first_seed, done=bar.update)
+        rows = compare(kinds, planners, count=options.n, first_seed=first, done=bar.update)
     print_result([row.summary() for row in rows] if options.json else format_table(rows))
     if folder is not None:
         from jaxplan.plotting import comparison_figure

@@ -103,9 +103,9 @@ def plans() -> dict[str, tuple[Make, str]]:
         ("plan", "/dev/zero", "larger than 1 MiB"),
         ("check", "", "PLAN is empty"),
         ("plan", "", "SCENARIO is empty"),
-        ("check", "/", "cannot be read: Is a directory"),
+        ("check", "/", "/: is a folder, name a plan.json in it"),
         ("plan", "/nowhere/at/all.toml", "/nowhere/at/all.toml: no such file"),
-        ("export --format npz", "/nowhere/plan.json", "cannot be read: No such file or directory"),
+        ("export --format npz", "/nowhere/plan.json", "/nowhere/plan.json: no such file"),
     ]:
         command = (*word.split(), source)
         found[f"source: {' '.join(command)}"] = (lambda folder, command=command: command, complaint)
