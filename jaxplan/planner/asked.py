@@ -1,10 +1,5 @@
 """What is planned is what a scenario file would say: checked alike, and the same when it is read back."""
 
-from typing import Any
-
-import jax
-import numpy as np
-
 from jaxplan.scenario import Scenario, ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.moments import moves
 from jaxplan.search import PLANNERS
@@ -19,19 +14,21 @@ def as_filed(name: str, given: object) -> Scenario:
         given: to be planned.
 
     Raises:
-        TypeError: for what is no scenario, such as the name of a file, or holds what no file could.
-        ScenarioError: for values that a file may not have, every fault by its key.
+        TypeError: for what is no scenario, such as the name of a file.
+        ScenarioError: for values that a file may not have, every fault by its key, and for those of a wrong
+            type or shape, by their attributes.
         ValueError: for methods that do not exist, or cannot follow what moves.
     """
     if not isinstance(given, Scenario):
-        kind = type(given).__name__
-        raise TypeError(f"{name} must be a Scenario, not {kind}; jp.load_scenario reads one from a file")
+        several = isinstance(given, list | tuple)
+        advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
+        raise TypeError(f"{name} must be a Scenario, not {type(given).__name__}; {advice}")
     for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
-        method = getattr(given, part).method
-        if method not in methods:
+        method = getattr(getattr(given, part), "method", None)
+        if isinstance(method, str) and method not in methods:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
-    filed = _through_tables(name, given) if _told(given.start) and _told(given.goal) else given
+    filed = _through_tables(name, given)
     duration = filed.trajectory.duration
     if isinstance(duration, str) and moves(filed) and filed.trajectory.method == "paper":
         raise ValueError(
@@ -41,21 +38,15 @@ def as_filed(name: str, given: object) -> Scenario:
     return filed
 
 
-def _told(end: object) -> bool:
-    """Whether a start or goal is made of numbers; one that is not is a plan's status to tell."""
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(end)]
-    return all(leaf.dtype.kind not in "fc" or bool(np.all(np.isfinite(leaf))) for leaf in leaves)
-
-
 def _through_tables(name: str, given: Scenario) -> Scenario:
     """The scenario after a way through the tables of a file."""
     try:
-        tables: dict[str, Any] = scenario_to_dict(given)
-    except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise TypeError(
-            f"{name}: a field is not of the type that jp.Scenario documents, such as an array ({error})"
-        ) from error
+        tables = scenario_to_dict(given)
+    except ScenarioError as error:
+        raise ScenarioError(error.faults, name) from error
     try:
         return scenario_from_dict(tables)
     except ScenarioError as error:
-        raise ScenarioError(error.faults, name) from error
+        in_degrees = any("_deg" in fault.partition(":")[0] for fault in error.faults)
+        units = " (angles in degrees as in a file, in radians in Python)" if in_degrees else ""
+        raise ScenarioError(error.faults, name + units) from error

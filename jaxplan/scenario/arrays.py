@@ -13,6 +13,7 @@ import numpy as np
 from jaxplan.moving import DirectionPath
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, finite
+from jaxplan.scenario.values import read_array
 
 UNIT_TOLERANCE = 1e-3
 
@@ -67,6 +68,10 @@ class Vector(Kind):
         read = _read_entries(self.of, self.length, "numbers", value, place)
         return None if read is None else np.array(read)
 
+    def take(self, value: Any, place: Place) -> np.ndarray | None:
+        """(length,)."""
+        return read_array(value, f"an array of {self.wanted}", place, (self.length,))
+
     def write(self, value: Any) -> list[float]:
         """A list."""
         return [float(number) for number in value]
@@ -98,9 +103,12 @@ class Each(Kind):
 
     def entries(self, value: object, place: Place) -> list[Any] | None:
         """The values, each by itself; of any number where the file's terminals cannot be told."""
+        return _read_entries(self.of, self.count(place), self.wanted, value, place)
+
+    def count(self, place: Place) -> int | None:
+        """How many there must be; None where the terminals cannot be told."""
         terminals = place.devices.terminals
-        count = None if terminals is None else len(terminals) * (2 if self.per == "joint" else 1)
-        return _read_entries(self.of, count, self.wanted, value, place)
+        return None if terminals is None else len(terminals) * (2 if self.per == "joint" else 1)
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(count, ...)."""
@@ -108,6 +116,15 @@ class Each(Kind):
         if read is None:
             return None
         return np.array(read).reshape(len(read), *([3] if isinstance(self.of, Direction) else []))
+
+    def take(self, value: Any, place: Place) -> Any:
+        """(count, ...)."""
+        count, each = self.count(place), (3,) if isinstance(self.of, Direction) else ()
+        wanted = self.wanted if count is None else f"{count} {self.wanted}"
+        wanted += ", in rows of 3 numbers" if each else ""
+        none = [(0,)] if not count else []  # as an empty list has it
+        read = read_array(value, f"an array of {wanted}", place, (count, *each), *none)
+        return None if read is None else read.reshape(len(read), *each)
 
     def may_miss(self, place: Place) -> bool:
         """Without terminals there is nothing to say."""
@@ -140,6 +157,10 @@ class Direction(Kind):
         """(3,)."""
         vector = Vector(3).read(value, place)
         return None if vector is None else _unit(vector, value, "a unit vector", place)
+
+    def take(self, value: Any, place: Place) -> Any:
+        """(3,)."""
+        return read_array(value, self.wanted, place, (3,))
 
     def holds(self, value: Any) -> bool:
         """A direction, and no path."""
@@ -187,6 +208,11 @@ class PerAxis(Kind):
         number = _POSITIVE.read(value, place)
         return None if number is None else np.full(3, number)
 
+    def take(self, value: Any, place: Place) -> np.ndarray | None:
+        """(3,)."""
+        read = read_array(value, self.wanted, place, (), (3,))
+        return None if read is None else np.broadcast_to(read, 3)
+
     def write(self, value: Any) -> float | list[float]:
         """One number where all three are the same."""
         numbers = Vector(3).write(value)
@@ -219,6 +245,10 @@ class Inertia(Kind):
         else:
             return matrix
         return None
+
+    def take(self, value: Any, place: Place) -> np.ndarray | None:
+        """(3, 3)."""
+        return read_array(value, f"{self.wanted}; np.diag makes them of principal moments", place, (3, 3))
 
     def write(self, value: Any) -> list[list[float]]:
         """A list of rows."""

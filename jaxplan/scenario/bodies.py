@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import date
+from typing import Any
 
 import numpy as np
 
@@ -63,6 +64,10 @@ class Epoch(Kind):
                 pass  # the fault says what is wanted
         place.fault(f"must be {self.wanted}", value)
         return None
+
+    def take(self, value: Any, place: Place) -> Any:
+        """The instant, of numpy's or in any way that a file may have it."""
+        return value if isinstance(value, np.datetime64) else self.read(value, place)
 
     def write(self, value: np.datetime64) -> str:
         """Text, without zeros at its end."""

@@ -1,5 +1,6 @@
 """Kinds of values in a scenario file that name devices: lists of them, and factors for some."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +35,15 @@ class DeviceList(Kind):
                 seen.add(name)
         return tuple(value) if len(place.faults) == before else None
 
+    def take(self, value: Any, place: Place) -> tuple[str, ...] | None:
+        """The names; one by itself may be given as it is."""
+        if isinstance(value, str):
+            return (value,)
+        if isinstance(value, list | tuple) and all(isinstance(name, str) for name in value):
+            return tuple(value)
+        place.fault("must be a tuple of names of devices", value)
+        return None
+
     def write(self, value: Any) -> list[str]:
         """A list."""
         return list(value)
@@ -57,6 +67,15 @@ class TerminalFactors(Kind):
             if known is not None and name not in known:
                 place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
         read = {name: _FACTOR.read(number, place.key(name)) for name, number in value.items()}
+        return read if len(place.faults) == before else None
+
+    def take(self, value: Any, place: Place) -> dict[str, float] | None:
+        """The factors by name."""
+        if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+            place.fault("must be a dict from names of terminals to numbers", value)
+            return None
+        before = len(place.faults)
+        read = {name: _FACTOR.take(number, place.key(name)) for name, number in value.items()}
         return read if len(place.faults) == before else None
 
     def write(self, value: Any) -> dict[str, float]:

@@ -6,7 +6,7 @@ spells it with zero-based indices, the value in the file's units, and what it mu
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -60,42 +60,6 @@ class _Nothing:
 _NOTHING = _Nothing()
 
 
-@dataclass(frozen=True)
-class Place:
-    """A place in the file, where faults are noted.
-
-    Attributes:
-        faults: the list that all places of a file share.
-        devices: the names that other places refer to.
-        path: key path, empty for the file itself.
-    """
-
-    faults: list[str]
-    devices: DeviceNames
-    path: str = ""
-
-    def key(self, name: str) -> "Place":
-        """The place of a key of this table."""
-        return Place(self.faults, self.devices, f"{self.path}.{spell_key(_cut(name))}".lstrip("."))
-
-    def item(self, index: int) -> "Place":
-        """The place of an entry of this array."""
-        return Place(self.faults, self.devices, f"{self.path}[{index}]")
-
-    def fault(self, complaint: str, value: object = _NOTHING) -> None:
-        """Note that this value, or what stands here, is wrong.
-
-        Raises:
-            ScenarioError: when there are too many faults to go on.
-        """
-        if len(self.faults) == _MOST_FAULTS:
-            raise ScenarioError([*self.faults, "too many faults, reading stopped here"])
-        path = self.path or "the file"
-        self.faults.append(
-            f"{path}: {complaint}" if value is _NOTHING else f"{path} = {show(value)}: {complaint}"
-        )
-
-
 def quote(text: str) -> str:
     """A string as TOML writes it, with everything that does not print escaped."""
     escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t"}
@@ -129,6 +93,45 @@ def show(value: object) -> str:
         plain = small and not any(isinstance(entry, list | dict) for entry in inner)
         return f"[{', '.join(map(show, value))}]" if plain else f"(an array of {len(value)})"
     return "null" if value is None else _cut(str(value))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in the file, where faults are noted.
+
+    Attributes:
+        faults: the list that all places of a file share.
+        devices: the names that other places refer to.
+        path: key path, empty for the file itself.
+        show: a short text for a value.
+    """
+
+    faults: list[str]
+    devices: DeviceNames
+    path: str = ""
+    show: Callable[[object], str] = show
+
+    def key(self, name: str) -> "Place":
+        """The place of a key of this table."""
+        path = f"{self.path}.{spell_key(_cut(name))}".lstrip(".")
+        return Place(self.faults, self.devices, path, self.show)
+
+    def item(self, index: int) -> "Place":
+        """The place of an entry of this array."""
+        return Place(self.faults, self.devices, f"{self.path}[{index}]", self.show)
+
+    def fault(self, complaint: str, value: object = _NOTHING) -> None:
+        """Note that this value, or what stands here, is wrong.
+
+        Raises:
+            ScenarioError: when there are too many faults to go on.
+        """
+        if len(self.faults) == _MOST_FAULTS:
+            raise ScenarioError([*self.faults, "too many faults, reading stopped here"])
+        path = self.path or "the file"
+        self.faults.append(
+            f"{path}: {complaint}" if value is _NOTHING else f"{path} = {self.show(value)}: {complaint}"
+        )
 
 
 def nearest(name: str, known: Sequence[str], kind: str) -> str:

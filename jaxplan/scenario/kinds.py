@@ -2,7 +2,9 @@
 
 A kind reads a value of the file to the model's units, noting every fault at its `Place` and answering None
 where there was one, and writes it back so that reading again gives the same bits. ``wanted`` completes
-"must be ..." in messages and in the reference of the file.
+"must be ..." in messages and in the reference of the file. What Python gives for the model it takes in: lists
+become arrays, and what has the wrong type or shape is a fault, since it could not be written. Ranges are for
+reading alone to judge.
 """
 
 import math
@@ -11,7 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from jaxplan.scenario.faults import Place, quote, show
+from jaxplan.scenario.values import read_number
 
 
 class Kind(ABC):
@@ -30,6 +35,10 @@ class Kind(ABC):
     @abstractmethod
     def read(self, value: object, place: Place) -> Any:
         """The value in the model's units, or None after noting its faults."""
+
+    def take(self, value: Any, place: Place) -> Any:
+        """The model's value as it was given in Python, or None after noting a wrong type or shape."""
+        return value
 
     def may_miss(self, place: Place) -> bool:
         """Whether a required value may be left out of this file."""
@@ -103,6 +112,13 @@ class Text(Kind):
         place.fault("must not be empty" if blank else f"must be {self.wanted}", value)
         return None
 
+    def take(self, value: Any, place: Place) -> str | None:
+        """The text itself."""
+        if isinstance(value, str):
+            return value
+        place.fault(f"must be {self.wanted}", value)
+        return None
+
 
 @dataclass(frozen=True)
 class Choice(Kind):
@@ -127,9 +143,25 @@ class Choice(Kind):
         place.fault(f"must be {self.wanted}", value)
         return None
 
+    def take(self, value: Any, place: Place) -> str | int | None:
+        """The option itself, or another of its type."""
+        if isinstance(value, str | int):
+            return value
+        place.fault(f"must be {self.wanted}", value)
+        return None
 
-def finite(value: object, place: Place, wanted: str = "a number") -> float | None:
-    """A number of the file as a float, or None after noting why it is none."""
+
+def finite(
+    value: object, place: Place, wanted: str = "a number", interval: Interval | None = None
+) -> float | None:
+    """A number of the file as a float, or None after noting why it is none.
+
+    Args:
+        value: as the file holds it.
+        place: where it stands.
+        wanted: what it must be, where it is no number at all.
+        interval: where it must lie, for the fault of one that is not finite.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         place.fault(f"must be {wanted}", value)
         return None
@@ -139,7 +171,7 @@ def finite(value: object, place: Place, wanted: str = "a number") -> float | Non
         number = math.inf
     if math.isfinite(number):
         return number
-    place.fault("must be finite", value)
+    place.fault(f"must be finite and {interval.wanted}" if interval else "must be finite", value)
     return None
 
 
@@ -175,7 +207,7 @@ class Number(Kind):
             return self.words[value]
         if value == math.inf and "inf" in self.words:
             return self.words["inf"]
-        number = finite(value, place, self.wanted)
+        number = finite(value, place, self.wanted, self.interval)
         if number is None:
             return None
         if self.interval and number not in self.interval:
@@ -186,6 +218,13 @@ class Number(Kind):
             place.fault("too small to tell from zero", value)
             return None
         return converted
+
+    def take(self, value: Any, place: Place) -> Any:
+        """The number as a float, or what its word stands for."""
+        if isinstance(value, str) and value in self.words:
+            return self.words[value]
+        number = "a number, in radians" if self.degrees else "a number"
+        return read_number(value, either([number, *map(quote, self.words)]), place)
 
     def write(self, value: Any) -> float | str:
         """The number in the file's units, or its word."""
@@ -219,6 +258,13 @@ class Integer(Kind):
             place.fault(f"must {self.interval.wanted}", value)
         else:
             return value
+        return None
+
+    def take(self, value: Any, place: Place) -> int | None:
+        """The number as Python's own."""
+        if isinstance(value, int | np.integer) and not isinstance(value, bool):
+            return int(value)
+        place.fault(f"must be {self.wanted}", value)
         return None
 
     def write(self, value: Any) -> int:

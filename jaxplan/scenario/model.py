@@ -1,8 +1,9 @@
 """The problem and its settings as frozen dataclasses, in radians and seconds.
 
-Checks live in `reading`, which makes these from a file: JAX rebuilds the dataclasses with tracers inside,
-so nothing here may look at a value. Numbers that may be tuned are leaves; counts, names and choices
-are static.
+Lists may stand for arrays and tuples, and any real number for a float: planning takes them for what the
+attributes below say, as does all that reads or writes a scenario. Checks live there, in `reading` and
+`taking`: JAX rebuilds the dataclasses with tracers inside, so nothing here may look at a value. Numbers that
+may be tuned are leaves; counts, names and choices are static.
 """
 
 import math
@@ -34,6 +35,10 @@ STRETCHED = Word("stretched")
 MINIMUM = Word("minimum")
 
 
+# Rates that are left out: zeros once a scenario is planned, when it is known how many.
+_AT_REST: Any = None
+
+
 def _static(**kwargs: Any) -> Any:
     return field(metadata={"static": True}, **kwargs)
 
@@ -47,14 +52,14 @@ class GivenState:
     Attributes:
         rotation_vector: (3,) rad; the attitude, body to inertial, is its exponential.
         joints: (2n,) rad, all yaws then all pitches.
-        angular_velocity: (3,) rad/s, body axes.
-        joint_rates: (2n,) rad/s.
+        angular_velocity: (3,) rad/s, body axes; zero if left out.
+        joint_rates: (2n,) rad/s; zero if left out.
     """
 
     rotation_vector: np.ndarray
     joints: np.ndarray
-    angular_velocity: np.ndarray
-    joint_rates: np.ndarray
+    angular_velocity: np.ndarray = _AT_REST
+    joint_rates: np.ndarray = _AT_REST
 
 
 @shown("directions", "yaw_limit deg", "pitch_limit deg", "angular_velocity deg/s", "joint_rates deg/s")
@@ -67,15 +72,15 @@ class Targets:
         directions: (n, 3) inertial unit vectors, one a terminal.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
-        angular_velocity: (3,) rad/s at the goal, body axes.
-        joint_rates: (2n,) rad/s at the goal.
+        angular_velocity: (3,) rad/s at the goal, body axes; zero if left out.
+        joint_rates: (2n,) rad/s at the goal; zero if left out.
     """
 
     directions: np.ndarray
     yaw_limit: float | None = None
     pitch_limit: float | None = None
-    angular_velocity: np.ndarray
-    joint_rates: np.ndarray
+    angular_velocity: np.ndarray = _AT_REST
+    joint_rates: np.ndarray = _AT_REST
 
 
 @shown("directions", "yaw_limit deg", "pitch_limit deg")

@@ -15,9 +15,11 @@ from jaxplan.scenario.arrays import Direction, Each
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number
 from jaxplan.scenario.tables import Field, Table
+from jaxplan.scenario.values import read_array
 
 _TIME = Number(Interval("[-1e7, 1e7]"))
 MOST_SAMPLES = 10_000
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, of slopes that were held with fewer digits
 
 
 def _entries(kind: Kind, wanted: str, value: object, place: Place) -> list[Any] | None:
@@ -40,6 +42,30 @@ class DirectionSamples(Kind):
         """(n, 3)."""
         read = _entries(Direction(), self.wanted, value, place)
         return None if read is None else np.array(read)
+
+    def take(self, value: Any, place: Place) -> DirectionPath | None:
+        """The path, of arrays."""
+        times = read_array(value.times, "an array of numbers", place.key("times"), (None,))
+        if times is None:
+            return None
+        vectors = f"an array of {len(times)} vectors of 3 numbers, one a time"
+        shape = (len(times), 3)
+        samples = read_array(value.samples, vectors, place.key("samples"), shape)
+        slopes = read_array(value.slopes, vectors, place.key("slopes"), shape)
+        if samples is None or slopes is None:
+            return None
+        try:
+            path = DirectionPath.through(times, samples)
+        except ValueError:
+            return DirectionPath(times=times, samples=samples, slopes=slopes)  # for reading to refuse
+        off = (slopes - path.slopes) * np.gradient(times)[:, None]
+        wrong = ~np.all(np.abs(off) <= _SLOPE_ROUNDING, axis=1)
+        if np.any(wrong):
+            i = int(np.argmax(wrong))
+            complaint = "must be that of the spline; DirectionPath.through finds it"
+            place.key("slopes").item(i).fault(complaint, slopes[i])
+            return None
+        return path
 
     def holds(self, value: Any) -> bool:
         """A path, and no direction."""
@@ -141,6 +167,14 @@ class Target(Direction):
             join_path(value, read, place)
         return read["direction"] if len(place.faults) == before else None
 
+    def take(self, value: Any, place: Place) -> Any:
+        """(3,), or the path."""
+        return (
+            SAMPLES.kind.take(value, place)
+            if isinstance(value, DirectionPath)
+            else super().take(value, place)
+        )
+
     def write(self, value: Any) -> Any:
         """A list, or a table."""
         return _PATH.write(value) if isinstance(value, DirectionPath) else super().write(value)
@@ -158,3 +192,13 @@ class TargetList(Each):
         if read is None or any(isinstance(one, str | DirectionPath) for one in read):
             return None if read is None else tuple(read)
         return np.array(read).reshape(len(read), 3)
+
+    def take(self, value: Any, place: Place) -> Any:
+        """(n, 3) where none moves, else a tuple of what each is."""
+        if not (isinstance(value, list | tuple) and any(isinstance(one, DirectionPath) for one in value)):
+            return super().take(value, place)
+        before, count = len(place.faults), self.count(place)
+        if count not in (None, len(value)):
+            place.fault(f"must be {count} {self.wanted}, not {len(value)}", value)
+        read = tuple(self.of.take(one, place.item(i)) for i, one in enumerate(value))
+        return read if len(place.faults) == before else None

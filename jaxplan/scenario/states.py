@@ -15,6 +15,7 @@ from jaxplan.scenario.kinds import Interval, Number
 from jaxplan.scenario.model import GivenState, MovingTargets, Targets
 from jaxplan.scenario.paths import TargetList
 from jaxplan.scenario.tables import Either, Field, Table
+from jaxplan.scenario.values import read_array
 
 YAW_LIMIT = Number(Interval("(0, 180]"), degrees=True)  # beyond half a turn an angle would have two values
 ANGLE = Number(Interval("[-1e3, 1e3]"))  # rad, or rad/s: any number of turns that a file may mean
@@ -32,6 +33,15 @@ _RATES = (
 )
 
 
+class _RotationVector(Vector):
+    """Three numbers, for which Python may have a matrix or a quaternion."""
+
+    def take(self, value: Any, place: Place) -> np.ndarray | None:
+        """(3,) rad."""
+        wanted = "a rotation vector of 3 numbers, as scipy's Rotation has by as_rotvec()"
+        return read_array(value, wanted, place, (3,))
+
+
 def _with_rates(joints: int, parts: Mapping[str, Any]) -> dict[str, Any]:
     return {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(joints), **parts}
 
@@ -40,7 +50,7 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
     """What the state holds, less the rates that an absent key stands for (minus zero is not)."""
     parts = dict(vars(state))
     for name in ("angular_velocity", "joint_rates"):
-        if not np.any(parts[name]) and not np.any(np.signbit(parts[name])):
+        if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
             del parts[name]
     return parts
 
@@ -73,7 +83,7 @@ STATE = Table(
     (
         Field(
             "attitude",
-            Vector(3, ANGLE),
+            _RotationVector(3, ANGLE),
             "rotation_vector",
             "rotation vector, rad, body to inertial",
             required=True,
@@ -87,6 +97,7 @@ STATE = Table(
     ),
     make=_make_state,
     split=_split_state,
+    whole={"joints": Each(ANGLE, "joint")},
 )
 
 _TARGET_FIELDS = (
@@ -149,6 +160,17 @@ class Goal(Either):
                         place.key(entry.key).fault(complaint, value[entry.key])
             return read
         return GIVEN_GOAL.read(value, place)
+
+    def take(self, value: Any, place: Place) -> Targets | MovingTargets | GivenState | None:
+        """The targets or the state."""
+        if isinstance(value, Targets | MovingTargets):
+            goal: Targets | MovingTargets | None = TARGETS.take_parts(value, place)
+            return goal
+        if isinstance(value, GivenState):
+            state: GivenState | None = STATE.take(value, place)
+            return state
+        place.fault("must be Targets, MovingTargets or a GivenState", value)
+        return None
 
     def build(self, value: Any) -> Targets | MovingTargets | GivenState:
         """The targets or the state."""

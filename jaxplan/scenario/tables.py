@@ -6,11 +6,12 @@ from that description: unknown and missing keys are found by it, and a default i
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 from jaxplan.scenario.faults import Place, nearest
 from jaxplan.scenario.kinds import Kind
+from jaxplan.scenario.values import a_or_an
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Table(Kind):
         make: builds the model from attributes, the class itself unless told.
         split: gives the attributes of a model, what it holds unless told.
         refused: keys that are refused with a reason of their own.
+        whole: kinds of the model's attributes that a file has in parts, for which `split` gives others.
     """
 
     model: type
@@ -57,6 +59,7 @@ class Table(Kind):
     make: Callable[..., Any] | None = None
     split: Callable[[Any], Mapping[str, Any]] = vars
     refused: Mapping[str, str] = field(default_factory=dict)
+    whole: Mapping[str, Kind] = field(default_factory=dict)
 
     wanted = "a table"
 
@@ -95,6 +98,29 @@ class Table(Kind):
                 others = [f.key for f in self.fields if f.attribute == entry.attribute and f is not entry]
                 instead = "".join(f" (or {key})" for key in others)
                 place.key(entry.key).fault(f"missing{instead}, must be {entry.kind.wanted}")
+
+    def take(self, value: Any, place: Place) -> Any:
+        """The model with what its attributes are taken for."""
+        if not isinstance(value, self.model):
+            place.fault(f"must be {a_or_an(self.model.__name__)}", value)
+            return None
+        return self.take_parts(value, place)
+
+    def take_parts(self, value: Any, place: Place) -> Any:
+        """Likewise of a class that has the attributes, if not that of the table."""
+        before = len(place.faults)
+        parts = {}
+        for part in fields(value):
+            content = getattr(value, part.name)
+            if content is not None or part.default is not None:
+                parts[part.name] = self._kind(part.name, content).take(content, place.key(part.name))
+        return replace(value, **parts) if len(place.faults) == before else None
+
+    def _kind(self, attribute: str, content: Any) -> Kind:
+        """What an attribute is written as, or should be."""
+        kinds = [f.kind for f in self.fields if f.attribute == attribute and not f.resolved]
+        kinds = kinds or [self.whole[attribute]]
+        return next((kind for kind in kinds if kind.holds(content)), kinds[0])
 
     def build(self, value: Any) -> Any:
         """The model of attributes read without fault; the class fills in its defaults."""
@@ -149,6 +175,13 @@ class Rows(Kind):
             place.fault(f"must be an array of tables, each under [[{place.path}]]", value)
             return None
         return [self.table.read(row, place.item(i)) for i, row in enumerate(value)]
+
+    def take(self, value: Any, place: Place) -> tuple[Any, ...] | None:
+        """The models, in their order."""
+        if not isinstance(value, list | tuple):
+            place.fault(f"must be a tuple of {self.table.model.__name__}, or a list", value)
+            return None
+        return tuple(self.table.take(row, place.item(i)) for i, row in enumerate(value))
 
     def build(self, value: Any) -> tuple[Any, ...]:
         """The models, in the file's order."""

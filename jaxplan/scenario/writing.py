@@ -12,6 +12,8 @@ from jaxplan.files import replacing_file
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import Scenario
+from jaxplan.scenario.reading import scenario_from_dict
+from jaxplan.scenario.taking import take_in
 
 
 def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
@@ -21,9 +23,13 @@ def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
         scenario: in radians and seconds.
 
     Returns:
-        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON.
+        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON. Whether
+        the numbers are in range is for reading to say.
+
+    Raises:
+        ScenarioError: if an attribute has the wrong type or shape; the message lists every fault.
     """
-    return SCENARIO.write(scenario)
+    return SCENARIO.write(take_in(scenario))
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -34,8 +40,13 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Returns:
         TOML. A quaternion comes out as the rotation vector it was read to.
+
+    Raises:
+        ScenarioError: if it could not be read again; the message lists every fault.
     """
-    return toml.write(scenario_to_dict(scenario))
+    tables = scenario_to_dict(scenario)
+    scenario_from_dict(tables)
+    return toml.write(tables)
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
@@ -46,7 +57,9 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
         path: of the file; one that is there is replaced.
 
     Raises:
+        ScenarioError: if it could not be read again; the message lists every fault.
         OSError: the file cannot be written; one that was there is left as it was.
     """
+    text = dump_scenario(scenario)
     with replacing_file(Path(path)) as temporary:
-        temporary.write_bytes(dump_scenario(scenario).encode())
+        temporary.write_bytes(text.encode())
