@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
+from jaxplan.given import a_or_an
 from jaxplan.scenario.faults import Place, nearest
 from jaxplan.scenario.kinds import Kind
-from jaxplan.scenario.values import a_or_an
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,21 @@ becomes three. A value of the wrong type or shape is a fault, by its attribute; 
 is checked where the tables of a file are read, which planning does with every scenario.
 """
 
+from jaxplan.given import expect, show
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import Scenario
-from jaxplan.scenario.values import show_python
 
 
 def take_in(given: object) -> Scenario:
     """The scenario with arrays, tuples and floats of Python's own where something else was given.
 
     Raises:
-        ScenarioError: if it is none, or an attribute has the wrong type or shape; the message lists every
-            fault.
+        TypeError: if it is no scenario.
+        ScenarioError: if an attribute has the wrong type or shape; the message lists every fault.
     """
-    root = Place(faults=[], devices=_device_names(given), show=show_python)
+    expect("scenario", given, Scenario)
+    root = Place(faults=[], devices=_device_names(given), show=show)
     taken: Scenario = SCENARIO.take(given, root)
     if root.faults:
         raise ScenarioError(root.faults)

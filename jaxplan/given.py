@@ -1,0 +1,100 @@
+"""What a caller gives: how it is shown in messages, and what is refused by the name of its argument.
+
+A message names argument and value and says what it must be. Numbers may come as any type that numpy takes for
+real numbers, a list or an array of another library among them; text and truth values are none.
+"""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+_MOST_SHOWN = 9  # numbers of an array; that is a matrix
+_LONGEST = 60  # characters
+
+
+def show(value: object) -> str:
+    """A short text for a value, as Python spells it."""
+    if isinstance(value, jax.core.Tracer):
+        return "a value that JAX traces"
+    if value is np.ma.masked:
+        return "a masked value"
+    if isinstance(value, np.generic | np.ndarray | jax.Array):
+        array = np.asarray(value)
+        text = repr(array.tolist()) if array.size <= _MOST_SHOWN else ""
+        return text if 0 < len(text) <= _LONGEST else f"an array of shape {array.shape}"
+    if isinstance(value, list | tuple):
+        text = repr(value) if len(value) <= _MOST_SHOWN else ""
+        return text if 0 < len(text) <= _LONGEST else f"a {type(value).__name__} of {len(value)}"
+    if isinstance(value, str | int | float | complex | None):
+        text = repr(value)
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    name = getattr(value, "name", None)
+    return a_or_an(type(value).__name__) + (f" ({name!r})" if isinstance(name, str) else "")
+
+
+def a_or_an(noun: str) -> str:
+    """The noun with its article."""
+    return f"{'an' if noun[0] in 'AEIOUaeiou' else 'a'} {noun}"
+
+
+def as_floats(value: object) -> np.ndarray | None:
+    """A value as an array of float64, None where numpy does not make real numbers of it."""
+    if isinstance(value, np.ma.MaskedArray):
+        return None  # numpy would drop the mask
+    try:
+        array = np.asarray(value)
+    except Exception:  # rows of different lengths, traced values, or whatever another library raises
+        return None
+    return array.astype(float) if array.dtype.kind in "iuf" or not array.size else None
+
+
+def floats(name: str, value: object, wanted: str) -> np.ndarray:
+    """A number or an array of them, as float64; whether they are finite is not looked at.
+
+    Args:
+        name: of the argument.
+        value: of any type.
+        wanted: what it must be, to stand after "must be".
+
+    Raises:
+        ValueError: if it is not made of real numbers.
+    """
+    array = as_floats(value)
+    if array is None:
+        raise ValueError(f"{name} = {show(value)}: must be {wanted}")
+    return array
+
+
+def number(name: str, value: object, wanted: str) -> float:
+    """A single number; the rest is as of `floats`."""
+    array = as_floats(value)
+    if array is None or array.ndim:
+        raise ValueError(f"{name} = {show(value)}: must be {wanted}")
+    return float(array)
+
+
+def expect(name: str, value: object, kind: type, advice: str = "") -> None:
+    """Raise a TypeError for a value that is not of a class, with advice on how to get one."""
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"{name} must be {a_or_an(kind.__name__)}, not {type(value).__name__}"
+            + (f"; {advice}" * bool(advice))
+        )
+
+
+def several(name: str, value: object, wanted: str) -> Iterable[Any]:
+    """What can be gone through one by one; a TypeError for anything else, and for text."""
+    if isinstance(value, Iterable) and not isinstance(value, str | bytes):
+        return value
+    raise TypeError(f"{name} must be several {wanted}, not {type(value).__name__}")
+
+
+def file_path(name: str, value: object) -> Path:
+    """A path; a TypeError for what is none."""
+    if isinstance(value, str | os.PathLike):
+        return Path(value)
+    raise TypeError(f"{name} must be a path, not {type(value).__name__}")
