@@ -7,10 +7,12 @@ real numbers, a list or an array of another library among them; text and truth v
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
+
+Kind = TypeVar("Kind")
 
 _MOST_SHOWN = 9  # numbers of an array; that is a matrix
 _LONGEST = 60  # characters
@@ -77,13 +79,12 @@ def number(name: str, value: object, wanted: str) -> float:
     return float(array)
 
 
-def expect(name: str, value: object, kind: type, advice: str = "") -> None:
-    """Raise a TypeError for a value that is not of a class, with advice on how to get one."""
-    if not isinstance(value, kind):
-        raise TypeError(
-            f"{name} must be {a_or_an(kind.__name__)}, not {type(value).__name__}"
-            + (f"; {advice}" * bool(advice))
-        )
+def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind:
+    """A value that must be of a class; a TypeError, with advice on how to get one, for any other."""
+    if isinstance(value, kind):
+        return value
+    hint = f"; {advice}" if advice else ""
+    raise TypeError(f"{name} must be {a_or_an(kind.__name__)}, not {type(value).__name__}{hint}")
 
 
 def several(name: str, value: object, wanted: str) -> Iterable[Any]:
@@ -97,4 +98,4 @@ def file_path(name: str, value: object) -> Path:
     """A path; a TypeError for what is none."""
     if isinstance(value, str | os.PathLike):
         return Path(value)
-    raise TypeError(f"{name} must be a path, not {type(value).__name__}")
+    raise TypeError(f"{name} must be a path, as text or a pathlib.Path, not {type(value).__name__}")

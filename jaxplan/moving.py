@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import arrays
+from jaxplan.given import floats
 
 FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
 _PLACES = 65  # where `reach` looks
@@ -54,16 +55,22 @@ class DirectionPath:
         """
         from scipy.interpolate import CubicSpline  # slow to import, so not at the top
 
-        t, p = np.array(times, float), np.array(samples, float)
+        t = floats("times", times, "an array of numbers of seconds")
+        p = floats("samples", samples, "an array of unit vectors")
         if t.ndim != 1 or len(t) < 2 or p.shape != (len(t), 3):
             raise ValueError(
                 f"times and samples: must be (n,) and (n, 3), n at least 2, not {t.shape} and {p.shape}"
             )
-        if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0)):
-            raise ValueError("times: must be finite and rise")
+        if not np.all(np.isfinite(t)):
+            i = int(np.argmin(np.isfinite(t)))
+            raise ValueError(f"times[{i}] = {t[i]}: must be finite")
+        if not np.all(np.diff(t) > 0):
+            i = int(np.argmin(np.diff(t) > 0)) + 1
+            raise ValueError(f"times[{i}] = {t[i]}: must rise, and be later than {t[i - 1]}")
         length = np.linalg.norm(p, axis=1)
         if not np.all(np.abs(length - 1) <= 1e-6):
-            raise ValueError(f"samples[{int(np.argmin(np.abs(length - 1) <= 1e-6))}]: must be a unit vector")
+            i = int(np.argmin(np.abs(length - 1) <= 1e-6))
+            raise ValueError(f"samples[{i}] = {p[i].tolist()}: must be a unit vector, to 1e-6")
         odd = np.abs(length - 1) > _ROUNDING  # the others keep their bits, as when a file is read
         p[odd] /= length[odd, None]
         path = cls(times=t, samples=p, slopes=np.asarray(CubicSpline(t, p)(t, 1)))
@@ -123,6 +130,8 @@ class DirectionPath:
 
     def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
         """The module to compute with, and the spline with its derivative (..., 3)."""
+        if not isinstance(time, jax.Array):
+            time = floats("time", time, "a number of seconds, or an array of them")
         xp, t, times, p, m = arrays(time, self.times, self.samples, self.slopes)
         outside = ~((t >= times[0]) & (t <= times[-1]))
         if xp is np and np.any(outside):

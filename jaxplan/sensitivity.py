@@ -21,9 +21,11 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.display import shown
+from jaxplan.given import expect
 from jaxplan.kernel_room import make_room
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
+from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import fit, fitted_plan, judged
 from jaxplan.planner.check import prove, start_attitude
 from jaxplan.planner.clock import Clock
@@ -34,6 +36,8 @@ from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 from jaxplan.zones import tabulate
+
+_A_PLAN = "jp.plan makes one of a scenario"
 
 
 @shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
@@ -65,10 +69,12 @@ def hold(plan: Plan) -> Held:
         plan: with a trajectory in a given duration, or one whose time was stretched to the limits.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
             motion, a target or a zone moves, or another limit is about to bind.
     """
     make_room()
+    expect("plan", plan, Plan, _A_PLAN)
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
@@ -110,6 +116,8 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     Returns:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
+    expect("held", held, Held, "jp.hold makes one of a plan")
+    expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
     craft, asked = scenario.spacecraft, scenario.goal
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
@@ -152,8 +160,18 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     Returns:
         A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
         the one nearest to that of the other plan.
+
+    Raises:
+        TypeError: for what is no plan or scenario.
+        ValueError: as of `plan` for the scenario; if it has other devices, or the plan no path.
     """
-    return _followed(plan, scenario)[0]
+    expect("plan", plan, Plan, _A_PLAN)
+    filed = as_filed("scenario", scenario)
+    before, now = plan.scenario.spacecraft.device_names, filed.spacecraft.device_names
+    if before != now:
+        named = (", ".join(names) or "none" for names in (now, before))
+        raise ValueError("scenario has the devices {}: must have those of the plan, {}".format(*named))
+    return _followed(plan, filed)[0]
 
 
 @one_thread()
@@ -198,7 +216,12 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
 def _ends(scenario: Scenario) -> list[tuple[Any, Any]]:
     """Angular velocity and joint rates at start and goal, of which none moves."""
     ends: tuple[Any, Any] = scenario.start, scenario.goal
-    return [(end.angular_velocity, end.joint_rates) for end in ends]
+    joints = 2 * len(scenario.spacecraft.terminals)
+
+    def or_zeros(rates: Any, count: int) -> Any:
+        return np.zeros(count) if rates is None else rates
+
+    return [(or_zeros(end.angular_velocity, 3), or_zeros(end.joint_rates, joints)) for end in ends]
 
 
 def _expect_still(scenario: Scenario) -> None:

@@ -6,6 +6,8 @@ Their numbers are those printed in section 5; each file says which table or equa
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
+
 from jaxplan.scenario import Scenario, load_scenario
 
 CASE_NAMES = ("case-1", "case-2", "case-3", "case-4")
@@ -37,6 +39,6 @@ def paper_case(number: int) -> Scenario:
     Raises:
         ValueError: the paper has no such case.
     """
-    if type(number) is not int or number not in (1, 2, 3, 4):
+    if type(number) not in (int, np.int64) or number not in (1, 2, 3, 4):
         raise ValueError(f"number = {number!r}: must be 1, 2, 3 or 4")
     return load_scenario(case_path(f"case-{number}"))

@@ -7,6 +7,7 @@ from typing import Any
 
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.result import Constellation
+from jaxplan.given import expect
 from jaxplan.study import run_study
 
 
@@ -49,6 +50,7 @@ def plan_constellation(
         >>> result = jp.plan_constellation(jp.link_switch(jp.walker("52:48/8/1", 1414.0)))
         >>> print(result.summary())
     """
+    expect("switch", switch, LinkSwitch, "jp.link_switch makes one of a shell")
     chosen = switch.chosen(satellites)
     study = run_study(
         switch.scenarios(chosen),

@@ -12,6 +12,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.constellation.shell import Shell
 from jaxplan.display import shown
+from jaxplan.given import several
 from jaxplan.scenario import GivenState, Scenario, ScenarioError, Targets
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import KeepOut
@@ -116,7 +117,7 @@ class LinkSwitch:
         """Numbers of satellites, checked; all of them for None."""
         if satellites is None:
             return list(range(self.shell.total))
-        numbers: list[Any] = list(satellites)
+        numbers = list(several("satellites", satellites, "numbers of satellites"))
         total = self.shell.total
         faults = []
         for place, number in enumerate(numbers):

@@ -19,6 +19,7 @@ from jax import Array
 
 from jaxplan import orbits
 from jaxplan.display import shown
+from jaxplan.given import number
 from jaxplan.scenario import ScenarioError
 
 PATTERNS = ("delta", "star")
@@ -127,9 +128,12 @@ class Shell:
 
     def states(self, time: float = 0.0) -> np.ndarray:
         """(2, T, 3): positions and velocities at a time in s."""
+        after = number("time", time, "a number of s")
+        if not math.isfinite(after):
+            raise ValueError(f"time = {after}: must be finite")
         with jax.enable_x64(True):
             latitudes = np.asarray(self.latitudes)
-            return np.array(_states(self.altitude, self.inclination, self.nodes, latitudes, float(time)))
+            return np.array(_states(self.altitude, self.inclination, self.nodes, latitudes, after))
 
     def neighbours(self, plane_step: int, slot_step: int) -> np.ndarray:
         """Each satellite's neighbour some planes to the east and some slots ahead.

@@ -30,8 +30,10 @@ from jaxplan.constellation.shell import Shell, is_number
 from jaxplan.constellation.sun import in_the_sun, waiting_directions
 from jaxplan.decomposition import decompose
 from jaxplan.decomposition.nearest import nearest_attitudes
+from jaxplan.given import expect
 from jaxplan.orbits import EARTH_RADIUS
 from jaxplan.scenario import ScenarioError, Targets
+from jaxplan.scenario.taking import checked_spacecraft
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import tabulate
 
@@ -81,7 +83,8 @@ def link_switch(
         >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
         >>> plan = jp.plan(switch.scenario(17))
     """
-    craft = relay_spacecraft() if spacecraft is None else spacecraft
+    expect("shell", shell, Shell, 'jp.walker makes one, such as jp.walker("53:1584/72/39", 550.0)')
+    craft = relay_spacecraft() if spacecraft is None else checked_spacecraft(spacecraft)
     try:
         sun = None if sun_direction is None else np.asarray(sun_direction, dtype=float)
     except (TypeError, ValueError):

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +17,9 @@ from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_csv, write_npz
 from jaxplan.files import replacing_file, replacing_folder
-from jaxplan.planner import check_plan
+from jaxplan.given import expect, file_path
+from jaxplan.planner import Plan, check_plan
 from jaxplan.scenario.faults import nearest
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +58,7 @@ FORMATS = {
 
 
 def export(
-    plan: "Plan",
+    plan: Plan,
     path: str | os.PathLike[str],
     *,
     format: str,
@@ -87,10 +84,13 @@ def export(
         The path.
 
     Raises:
+        TypeError: for what is no plan or path.
         ValueError: if the format, epoch or step is no good or the scene has another epoch, all faults at
             once; if the plan is not certified; if an extra is missing.
         FileExistsError: if there is something at the path.
     """
+    expect("plan", plan, Plan, "jp.load_plan reads one from a file")
+    file_path("path", path)
     faults = []
     own, start, times, kind = plan.scenario.epoch, None, np.zeros(0), FORMATS.get(str(format))
     if kind is None:
@@ -132,7 +132,7 @@ def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
 
 
-def _refusal(plan: "Plan") -> str:
+def _refusal(plan: Plan) -> str:
     """Why a plan that is not certified is not written."""
     lack = "has no trajectory" if plan.trajectory is None else "is not certified"
     ending = ": ".join(filter(None, [plan.status.name, plan.message]))

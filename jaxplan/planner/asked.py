@@ -1,5 +1,6 @@
 """What is planned is what a scenario file would say: checked alike, and the same when it is read back."""
 
+from jaxplan.given import expect
 from jaxplan.scenario import Scenario, ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.moments import moves
 from jaxplan.search import PLANNERS
@@ -19,16 +20,15 @@ def as_filed(name: str, given: object) -> Scenario:
             type or shape, by their attributes.
         ValueError: for methods that do not exist, or cannot follow what moves.
     """
-    if not isinstance(given, Scenario):
-        several = isinstance(given, list | tuple)
-        advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
-        raise TypeError(f"{name} must be a Scenario, not {type(given).__name__}; {advice}")
+    several = isinstance(given, list | tuple)
+    advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
+    scenario = expect(name, given, Scenario, advice)
     for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
-        method = getattr(getattr(given, part), "method", None)
+        method = getattr(getattr(scenario, part), "method", None)
         if isinstance(method, str) and method not in methods:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
-    filed = _through_tables(name, given)
+    filed = _through_tables(name, scenario)
     duration = filed.trajectory.duration
     if isinstance(duration, str) and moves(filed) and filed.trajectory.method == "paper":
         raise ValueError(

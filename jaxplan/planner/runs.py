@@ -5,6 +5,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 
 from jaxplan.crew import Crew, check_executor
+from jaxplan.given import several
 from jaxplan.kernel_room import make_room
 from jaxplan.planner.answers import Answer, answer, answers
 from jaxplan.planner.asked import as_filed
@@ -35,9 +36,10 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
 
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
-        TypeError: if it is no scenario, or holds what no file could.
+        TypeError: if it is no scenario.
         ValueError: if a method that it names is not known, or something that moves is not known for its
-            duration; `ScenarioError` for values that a scenario file may not have, with every fault.
+            duration; `ScenarioError` for values that a scenario file may not have, and those of a wrong type
+            or shape, with every fault.
 
     Example:
         >>> import jaxplan as jp
@@ -81,7 +83,8 @@ def plan_batch(
     """
     if isinstance(scenarios, Scenario):
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
-    scenarios = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(scenarios)]
+    given = several("scenarios", scenarios, "scenarios")
+    scenarios = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given)]
     if executor is not None:
         check_executor(executor)
     if executor is not None and scenarios:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.files import replacing_file
+from jaxplan.given import file_path
 from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
@@ -43,7 +44,7 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
     Raises:
         ValueError: if the path is called like a file of timings.
     """
-    target = FilePath(path)
+    target = file_path("path", path)
     if target.name.endswith(_TIMINGS):
         raise ValueError(
             f"{target}: files that end in {_TIMINGS} hold the timings of plans: take another name"
@@ -71,7 +72,7 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
     Raises:
         PlanFileError: if the file is missing, too large, no JSON, or not a plan.
     """
-    source = FilePath(path)
+    source = file_path("path", path)
     content = _read(source, "plan")
     try:
         return _plan(content, _timings(_timings_file(source)))

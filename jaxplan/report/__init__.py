@@ -9,18 +9,16 @@ what was found, `document` puts them together.
 import errno
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from jaxplan.files import replacing_file
+from jaxplan.given import expect, file_path
+from jaxplan.planner import Plan
 from jaxplan.report.document import page
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
 
 __all__ = ["report_html"]
 
 
-def report_html(plan: "Plan", path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a self-contained HTML page on a plan.
 
     It shows scenario, goal, path, trajectory, the certificate with every margin and peak, figures, timings,
@@ -36,9 +34,12 @@ def report_html(plan: "Plan", path: str | os.PathLike[str], *, overwrite: bool =
         The path.
 
     Raises:
+        TypeError: for what is no plan or path.
         ValueError: if the path is empty, or a folder.
         FileExistsError: if there is a file at the path, and it may not be replaced.
     """
+    expect("plan", plan, Plan, "jp.plan makes one of a scenario")
+    file_path("path", path)
     target = _free_place(path, overwrite)
     text = page(plan)
     with replacing_file(target) as fresh:

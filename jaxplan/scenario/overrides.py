@@ -21,9 +21,13 @@ def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
             ``trajectory.<key>``.
 
     Raises:
+        TypeError: if settings are no dict.
         ScenarioError: if one of them is no setting, or its value is none that a file may hold; the message
             lists every fault.
     """
+    given: object = settings  # whatever its type says
+    if not isinstance(given, Mapping):
+        raise TypeError(f'settings must be a dict such as {{"search.seed": 1}}, not {type(given).__name__}')
     if not settings:
         return scenario
     tables = scenario_to_dict(scenario)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.given import file_path
 from jaxplan.scenario import toml
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
 from jaxplan.scenario.kinds import shortest_degrees
@@ -32,6 +33,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     Raises:
         ScenarioError: the file cannot be read or is no scenario; the message lists every fault.
     """
+    file_path("path", path)
     try:
         with open(path, "rb") as file:
             content = file.read(toml.LARGEST_FILE + 1)
@@ -78,8 +80,8 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
     _check_number_of_zones(tables, root)
     read = SCENARIO.read(tables, root)
     if read is not None:
-        _check_names(tables, root)
-        _check_inertia(tables, root)
+        check_names(tables, root)
+        check_inertia(tables, root)
         _check_goal_limits(read, root)
         _check_duration(tables, read, root)
         _check_epoch(tables, read, root)
@@ -123,7 +125,7 @@ def _check_number_of_zones(tables: object, root: Place) -> None:
         raise ScenarioError(root.faults)
 
 
-def _check_names(tables: Mapping[str, Any], root: Place) -> None:
+def check_names(tables: Mapping[str, Any], root: Place) -> None:
     """Devices, and zones, need names of their own."""
     spacecraft = root.key("spacecraft")
     _check_unique(tables.get("spacecraft"), ("terminal", "instrument"), spacecraft)
@@ -139,7 +141,7 @@ def _check_unique(table: object, keys: Iterable[str], place: Place) -> None:
                 here.fault(f"the same as {first[name].path}", name)
 
 
-def _check_inertia(tables: Mapping[str, Any], root: Place) -> None:
+def check_inertia(tables: Mapping[str, Any], root: Place) -> None:
     """Torque and angular momentum follow from the motion only with the inertia."""
     spacecraft = tables.get("spacecraft")
     if isinstance(spacecraft, dict) and "inertia_kg_m2" not in spacecraft:

@@ -7,8 +7,10 @@ is checked where the tables of a file are read, which planning does with every s
 
 from jaxplan.given import expect, show
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
-from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
 from jaxplan.scenario.model import Scenario
+from jaxplan.scenario.reading import check_inertia, check_names
+from jaxplan.spacecraft import Spacecraft
 
 
 def take_in(given: object) -> Scenario:
@@ -23,6 +25,26 @@ def take_in(given: object) -> Scenario:
     taken: Scenario = SCENARIO.take(given, root)
     if root.faults:
         raise ScenarioError(root.faults)
+    return taken
+
+
+def checked_spacecraft(given: object) -> Spacecraft:
+    """A spacecraft by itself, taken in as that of a scenario, its numbers within the ranges of a file.
+
+    Raises:
+        TypeError: if it is none.
+        ScenarioError: for what no scenario may have; the message lists every fault.
+    """
+    expect("spacecraft", given, Spacecraft)
+    root = Place(faults=[], devices=DeviceNames(None, None), show=show)
+    taken: Spacecraft = SPACECRAFT.take(given, root.key("spacecraft"))
+    if not root.faults:
+        tables = {"spacecraft": SPACECRAFT.write(taken)}
+        SPACECRAFT.read(tables["spacecraft"], root.key("spacecraft"))
+        check_names(tables, root)
+        check_inertia(tables, root)
+    if root.faults:
+        raise ScenarioError(root.faults, "the argument")
     return taken
 
 

@@ -5,10 +5,10 @@ Required keys are written, and settings that differ from their default.
 """
 
 import os
-from pathlib import Path
 from typing import Any
 
 from jaxplan.files import replacing_file
+from jaxplan.given import file_path
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import Scenario
@@ -61,5 +61,5 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
         OSError: the file cannot be written; one that was there is left as it was.
     """
     text = dump_scenario(scenario)
-    with replacing_file(Path(path)) as temporary:
+    with replacing_file(file_path("path", path)) as temporary:
         temporary.write_bytes(text.encode())

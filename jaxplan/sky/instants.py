@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxplan.epochs import TT_MINUS_TAI, leaps
+from jaxplan.given import floats
 
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0
@@ -35,7 +36,7 @@ def seconds(times: ArrayLike) -> np.ndarray:
     Raises:
         ValueError: if they are of another shape, not finite, or a century away.
     """
-    array = np.asarray(times, float)
+    array = floats("times", times, "a number of seconds, or (k,) of them")
     if array.ndim > 1:
         raise ValueError(f"times: must be a number or (k,) numbers of seconds, not of shape {array.shape}")
     wrong = array[~(np.abs(array) <= _MOST_SECONDS)]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxplan.given import number
 from jaxplan.moving import DirectionPath
 from jaxplan.sky.sights import Epoch, Thing, angles, directions, drift_times
 
@@ -30,7 +31,7 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         >>> zone = KeepIn(name="link", direction=sky.path(neighbour, epoch=epoch, observer=here,
         ...     duration_s=80.0), half_angle=0.1, devices=("terminal-1",))
     """
-    if not duration_s > 0:
+    if not number("duration_s", duration_s, "a number of s") > 0:
         raise ValueError(f"duration_s = {duration_s}: must lie in (0, 86400] s")
     drift_times(observer, duration_s)  # for its errors
     intervals = _FEWEST

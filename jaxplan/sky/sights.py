@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxplan.epochs import parse_epoch
+from jaxplan.given import floats, number
 from jaxplan.sky.bodies import BODIES, RADII, body_state
 from jaxplan.sky.instants import seconds
 from jaxplan.sky.satellites import CircularOrbit, orbit_state, tle_state
@@ -44,7 +45,7 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
     start, after = parse_epoch(epoch), seconds(times)
     if isinstance(thing, CircularOrbit | Tle | str):
         return _state(thing, start, after)[0]
-    position = np.asarray(thing, float)
+    position = floats("position", thing, "3 numbers of km, a satellite or the name of a body")
     if position.shape not in ((3,), (*after.shape, 3)):
         wanted = "(3,)" if after.ndim == 0 else f"(3,) or {(*after.shape, 3)}"
         raise ValueError(f"position: must be of shape {wanted}, km, not {position.shape}")
@@ -125,8 +126,8 @@ def angular_radius(
     Raises:
         ValueError: as `directions`, and if the observer is not outside the body.
     """
-    _check_body(body)
-    if not 0 <= atmosphere_km <= 1000:
+    check_body(body)
+    if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
         raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
     radius = RADII[body] + (atmosphere_km if body == "earth" else 0.0)
     _, distance = _between(body, observer, epoch, times)
@@ -163,7 +164,7 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
     Raises:
         ValueError: if the duration is out of range, or not zero for an observer whose motion is not known.
     """
-    if not 0 <= duration_s <= LONGEST_DRIFT:
+    if not 0 <= number("duration", duration_s, "a number of s") <= LONGEST_DRIFT:
         raise ValueError(f"duration = {duration_s}: must lie in [0, {LONGEST_DRIFT:g}] s")
     if duration_s == 0:
         return np.zeros(1)
@@ -193,12 +194,13 @@ def _state(
         return orbit_state(thing, start, times)
     if isinstance(thing, Tle):
         return tle_state(thing, start, times)
-    _check_body(thing)
+    check_body(thing)
     return body_state(thing, start, times)
 
 
-def _check_body(body: object) -> None:
-    if body not in BODIES:
+def check_body(body: object) -> None:
+    """Raise a ValueError for what is not the name of a body."""
+    if not isinstance(body, str) or body not in BODIES:
         raise ValueError(f"body = {body!r}: must be 'sun', 'moon' or 'earth'")
 
 

@@ -10,9 +10,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxplan.given import number, several
 from jaxplan.moving import DirectionPath
 from jaxplan.sky.paths import path
-from jaxplan.sky.sights import Epoch, Thing, angles, angular_radius, directions, drift_times, half_step
+from jaxplan.sky.sights import (
+    Epoch,
+    Thing,
+    angles,
+    angular_radius,
+    check_body,
+    directions,
+    drift_times,
+    half_step,
+)
 from jaxplan.zones import KeepOut
 
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
@@ -59,11 +69,12 @@ def keep_out(
         raise ValueError(
             "give either half_angle_deg, from the body's centre, or exclusion_deg, from its limb"
         )
-    if half_angle_deg is not None and not 0 < half_angle_deg < 180:
+    check_body(body)
+    if half_angle_deg is not None and not 0 < number("half_angle_deg", half_angle_deg, "a number") < 180:
         raise ValueError(f"half_angle_deg = {half_angle_deg}: must lie in (0, 180)")
-    if exclusion_deg is not None and not 0 <= exclusion_deg < 180:
+    if exclusion_deg is not None and not 0 <= number("exclusion_deg", exclusion_deg, "a number") < 180:
         raise ValueError(f"exclusion_deg = {exclusion_deg}: must lie in [0, 180)")
-    if moving and not for_duration_s > 0:
+    if moving and not number("for_duration_s", for_duration_s, "a number of s") > 0:
         raise ValueError(f"for_duration_s = {for_duration_s}: must be positive for a zone that is moving")
     times = drift_times(observer, for_duration_s)
     seen = directions(body, epoch=epoch, observer=observer, times=times)
@@ -92,5 +103,7 @@ def keep_out(
         name=body if name is None else name,
         direction=direction,
         half_angle=math.radians(half_angle),
-        devices=(devices,) if isinstance(devices, str) else tuple(devices),
+        devices=(devices,)
+        if isinstance(devices, str)
+        else tuple(several("devices", devices, "names, or one")),
     )

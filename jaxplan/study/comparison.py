@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.display import as_table, shown
+from jaxplan.given import expect
 from jaxplan.study.result import Study
 from jaxplan.study.rows import OK, Row
 from jaxplan.study.text import aligned
@@ -131,6 +132,8 @@ def compare_studies(first: Study, second: Study) -> Comparison:
     """
     from scipy.stats import binomtest
 
+    for name, study in (("first", first), ("second", second)):
+        expect(name, study, Study, "jp.run_study makes one, jp.load_study reads one")
     if first.kind != second.kind:
         raise ValueError(f"the studies are of different scenes, kind = {first.kind!r} and {second.kind!r}")
     left, right = _by_scene(first), _by_scene(second)

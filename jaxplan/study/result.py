@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxplan.display import shown
+from jaxplan.given import file_path
 from jaxplan.study.lines import TABLE, TIMINGS, read_header, read_rows
 from jaxplan.study.rows import COLUMNS, TIMES, Row
 from jaxplan.study.summary import Summary, summarise
@@ -113,13 +114,15 @@ def load_study(folder: str | os.PathLike[str]) -> Study:
         folder: what `run_study` was given as ``out``.
 
     Raises:
+        TypeError: for what is no path.
         StudyFolderError: if it holds no study.
     """
-    header = read_header(Path(folder))
+    place = file_path("folder", folder)
+    header = read_header(place)
     return Study(
         kind=header["kind"],
         planner=header["planner"],
         settings=header["settings"],
         scenes=header["scenes"],
-        folder=Path(folder),
+        folder=place,
     )

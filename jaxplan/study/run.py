@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.crew import Crew, check_executor
+from jaxplan.given import file_path
 from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario
 from jaxplan.study.chunks import Chunks
@@ -71,6 +72,8 @@ def run_study(
         raise ValueError(f"chunk = {chunk!r}: must be a number of scenes, at least 1")
     if executor is not None:
         check_executor(executor)
+    if out is not None:
+        file_path("out", out)
     task = make_task(scenarios_or_seeds, kind, planner, settings)
     return run_task(task, executor, out, chunk, progress, plan_chunk)
 

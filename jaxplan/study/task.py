@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.cases import RANDOM_KINDS, random_scenario
+from jaxplan.given import several
+from jaxplan.planner.asked import as_filed
 from jaxplan.scenario import Scenario, ScenarioError, scenario_to_dict, with_settings
 from jaxplan.search import PLANNERS
 from jaxplan.version import __version__
@@ -117,16 +119,10 @@ def make_task(
         TypeError: for what is neither a scenario nor a seed.
         ValueError: for an unknown kind or planner, wrong settings, or seeds that are none or come twice.
     """
-    if isinstance(scenarios_or_seeds, Scenario | str | int):
-        given = type(scenarios_or_seeds).__name__
-        raise TypeError(
-            f"scenarios_or_seeds must be several scenarios or seeds, such as range(100), not {given}"
-        )
-    if planner not in PLANNERS:
+    if planner not in tuple(PLANNERS):  # a tuple, since what is no name may not be hashed
         raise ValueError(f"planner = {planner!r}: must be one of {', '.join(PLANNERS)}")
-    scenes: Sequence[Any] = (
-        scenarios_or_seeds if isinstance(scenarios_or_seeds, range) else tuple(scenarios_or_seeds)
-    )
+    given = several("scenarios_or_seeds", scenarios_or_seeds, "scenarios or seeds, such as range(100)")
+    scenes: Sequence[Any] = given if isinstance(given, range) else tuple(given)
     if (
         isinstance(scenes, range)
         and not -_MOST_SCENES < (scenes.stop - scenes.start) // scenes.step < _MOST_SCENES
@@ -187,10 +183,7 @@ def _unwrapped(value: object) -> Any:
 def _scenarios(scenes: Sequence[Any], kind: str | None) -> tuple[Scenario, ...]:
     if kind is not None:
         raise ValueError(f"kind = {kind!r}: only seeds have one, but scenarios are given")
-    for number, scene in enumerate(scenes):
-        if not isinstance(scene, Scenario):
-            raise TypeError(f"scenarios_or_seeds[{number}] must be a Scenario, not {type(scene).__name__}")
-    return tuple(scenes)
+    return tuple(as_filed(f"scenarios_or_seeds[{number}]", scene) for number, scene in enumerate(scenes))
 
 
 def _seeds(scenes: Sequence[Any]) -> Sequence[int]:

@@ -20,6 +20,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan.display import shown
+from jaxplan.given import floats
 from jaxplan.trajectory import pieces
 
 # Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
@@ -124,11 +125,12 @@ class Trajectory:
         Raises:
             ValueError: if a time lies outside or is not a number.
         """
-        times = np.asarray(t, dtype=np.float64)
+        times = floats("t", t, "a number of seconds, or a vector of them")
         if times.ndim > 1:
             raise ValueError(f"t must be a scalar or a vector, not of shape {times.shape}")
-        if not np.all((times >= 0) & (times <= self.duration)):
-            raise ValueError(f"t must lie in [0, {self.duration!r}] s")
+        outside = times[~((times >= 0) & (times <= self.duration))]
+        if outside.size:
+            raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
         chunk = next((size for size in _CHUNKS if size >= flat.size), _CHUNKS[-1])
         padded = np.zeros(max(1, -(-flat.size // chunk)) * chunk)

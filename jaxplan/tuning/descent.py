@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from jaxplan.given import expect, several
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.asked import as_filed
 from jaxplan.scenario import Scenario, scenario_to_dict
@@ -65,11 +66,14 @@ def tune(
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
     """
-    given = (scenarios,) if isinstance(scenarios, Scenario) else tuple(scenarios)
+    alone = isinstance(scenarios, Scenario)
+    given = (scenarios,) if alone else tuple(several("scenarios", scenarios, "scenarios, or one"))
     if not given:
         raise ValueError("there are no scenarios to tune")
     if not (type(steps) is int and steps >= 1):
         raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
+    if optimizer is not None:
+        expect("optimizer", optimizer, optax.GradientTransformation, "such as optax.adam(0.1)")
     if resume is not None and not isinstance(resume, Tuning):
         raise TypeError(f"resume must be a Tuning, not {type(resume).__name__}")
     given = tuple(as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given))
