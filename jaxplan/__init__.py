@@ -4,9 +4,10 @@
     >>> plan = jp.plan(jp.paper_case(2))
     >>> print(plan)
 
-A scenario (`load_scenario`, `paper_case`, `random_scenario`) goes through goal, path, trajectory and
-certificate and comes back as a `Plan`. Radians, seconds, body to inertial everywhere; files have the unit in
-the key. Names are loaded when they are first used, so that importing the package is quick.
+A scenario goes through goal, path, trajectory and certificate and comes back as a `Plan`. It is made in
+Python, of `Scenario` and its parts, or by `load_scenario`, `paper_case` or `random_scenario`. Radians,
+seconds, body to inertial everywhere; files have the unit in the key. Names are loaded when they are first
+used, so that importing the package is quick.
 """
 
 from importlib import import_module
@@ -21,27 +22,51 @@ if TYPE_CHECKING:
     from jaxplan.compiled import compilation_cache
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
+    from jaxplan.moving import DirectionPath
     from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
     from jaxplan.report import report_html
-    from jaxplan.scenario import Scenario, ScenarioError, load_scenario, save_scenario
+    from jaxplan.scenario import (
+        GivenState,
+        MovingTargets,
+        Scenario,
+        ScenarioError,
+        SearchSettings,
+        Targets,
+        TrajectorySettings,
+        load_scenario,
+        save_scenario,
+    )
     from jaxplan.sensitivity import follow, hold, replan
+    from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
     from jaxplan.status import Status
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
+    from jaxplan.zones import KeepIn, KeepOut
 
 _HOMES = {
     "Constellation": "jaxplan.constellation",
+    "DirectionPath": "jaxplan.moving",
+    "GivenState": "jaxplan.scenario",
+    "Instrument": "jaxplan.spacecraft",
+    "KeepIn": "jaxplan.zones",
+    "KeepOut": "jaxplan.zones",
+    "MovingTargets": "jaxplan.scenario",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
     "Scenario": "jaxplan.scenario",
     "ScenarioError": "jaxplan.scenario",
+    "SearchSettings": "jaxplan.scenario",
     "SearchTuning": "jaxplan.tuning",
+    "Spacecraft": "jaxplan.spacecraft",
     "Status": "jaxplan.status",
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
+    "Targets": "jaxplan.scenario",
+    "Terminal": "jaxplan.spacecraft",
     "Trajectory": "jaxplan.trajectory",
+    "TrajectorySettings": "jaxplan.scenario",
     "Tuning": "jaxplan.tuning",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.compiled",
@@ -68,16 +93,27 @@ _HOMES = {
 
 __all__ = [
     "Constellation",
+    "DirectionPath",
+    "GivenState",
+    "Instrument",
+    "KeepIn",
+    "KeepOut",
+    "MovingTargets",
     "Plan",
     "PlanFileError",
     "PlanningError",
     "Scenario",
     "ScenarioError",
+    "SearchSettings",
     "SearchTuning",
+    "Spacecraft",
     "Status",
     "Study",
     "StudyFolderError",
+    "Targets",
+    "Terminal",
     "Trajectory",
+    "TrajectorySettings",
     "Tuning",
     "compare_studies",
     "compilation_cache",

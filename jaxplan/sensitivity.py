@@ -11,7 +11,7 @@ choice is about to change, the derivative is that of the side that is held. Afte
 path may have become better.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any
 
 import jax
@@ -117,7 +117,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
-    expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
+    scenario = _of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
     craft, asked = scenario.spacecraft, scenario.goal
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
@@ -211,6 +211,18 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     with clock.step("certificate"):
         report = prove(scenario, goal, followed.trajectory)
     return judged(followed, report), fitted
+
+
+def _of_arrays(scenario: Scenario) -> Scenario:
+    """The scenario with arrays in the place of lists of numbers, of which some may be traced."""
+
+    def is_vector(value: object) -> bool:
+        return isinstance(value, list | tuple) and len(value) > 0 and not any(map(is_dataclass, value))
+
+    arrays: Scenario = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
+    )
+    return arrays
 
 
 def _ends(scenario: Scenario) -> list[tuple[Any, Any]]:

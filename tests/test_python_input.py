@@ -1,0 +1,639 @@
+"""Scenarios and arguments made in Python: what may be given, and how everything else is refused by name."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from scenes import make_scenario
+
+import jaxplan as jp
+from jaxplan.planner.asked import as_filed
+from jaxplan.scenario import load_scenario, with_settings
+
+PACKAGE = Path(jp.__file__).parent
+EVERY_KEY = load_scenario(Path(__file__).parent / "scenarios" / "every_key.toml")
+SCENE = make_scenario(3, 1)
+SUN = jp.KeepOut(name="sun", direction=[0, 0, 1], half_angle=0.1)
+ANGLES = np.linspace(0, 0.4, 5)
+ARC = jp.DirectionPath.through(
+    np.linspace(0, 100, 5), np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES], axis=1)
+)
+MOVING = replace(
+    EVERY_KEY,
+    goal=jp.MovingTargets(directions=(ARC, np.array([0.0, 0.6, 0.8])), yaw_limit=1.0, pitch_limit=0.1),
+    keep_out=(replace(EVERY_KEY.keep_out[0], direction=ARC),),
+    keep_in=(replace(EVERY_KEY.keep_in[0], direction=ARC),),
+)
+
+
+# Every number, and how its place is called in a fault: keys of a file, where they differ from attributes.
+
+KEYS = {
+    "terminals": "terminal",
+    "instruments": "instrument",
+    "rotation_vector": "attitude",
+    "directions": "targets",
+    "times": "times_s",
+    "inertia": "inertia_kg_m2",
+    "torque_limit": "torque_limit_nm",
+    "wheel_momentum_limit": "wheel_momentum_limit_nms",
+    "joint_rates": "joint_rates_rad_s",
+    "angular_velocity": "angular_velocity_rad_s",
+}
+
+
+def changes(value, to) -> Iterator[tuple[str, object]]:
+    """Copies of a value in which one number is another one, each with the number's place."""
+    if is_dataclass(value):
+        for field in fields(value):
+            for place, changed in changes(getattr(value, field.name), to):
+                yield f".{field.name}{place}", replace(value, **{field.name: changed})
+    elif isinstance(value, tuple):
+        for i, entry in enumerate(value):
+            for place, changed in changes(entry, to):
+                yield f"[{i}]{place}", (*value[:i], changed, *value[i + 1 :])
+    elif isinstance(value, Mapping):
+        for key in value:
+            yield f".{key}", {**value, key: to}
+    elif isinstance(value, np.ndarray):
+        for index in np.ndindex(value.shape):
+            changed = value.astype(float)
+            changed[index] = to
+            yield "".join(f"[{i}]" for i in index), changed
+    elif isinstance(value, int | float):
+        yield "", to
+
+
+def named(place: str, terminals: int) -> str:
+    """How a fault spells a place, units aside."""
+    if ".slopes" in place:
+        return place.removeprefix(".").rpartition("[")[0]  # no key of a file; the vector is named
+    for attribute, key in KEYS.items():
+        place = re.sub(rf"\.{attribute}\b", f".{key}", place)
+    place = place.replace(".direction.samples", ".direction_samples").replace(".direction.times", ".times")
+    place = re.sub(r"(targets\[\d\])\.samples", r"\1.direction_samples", place)
+    joint = re.search(r"\.joints\[(\d)\]", place)
+    if joint:
+        side, i = divmod(int(joint[1]), terminals)
+        place = place.replace(joint[0], f".{('yaw', 'pitch')[side]}_rad[{i}]")
+    return place.removeprefix(".")
+
+
+@pytest.mark.parametrize("scenario", [EVERY_KEY, MOVING], ids=["still", "moving"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
+def test_no_number_of_a_scenario_may_be_other_than_finite(scenario, value):
+    count = 0
+    for place, bad in changes(scenario, value):
+        if value == np.inf and place in (".search.time_limit", ".trajectory.node_tube"):
+            continue  # none
+        count += 1
+        with pytest.raises(jp.ScenarioError) as caught:
+            as_filed("scenario", bad)
+        wanted = rf"{re.escape(named(place, 2))}[a-z_0-9]* = \[?[^=]*{value}.*: must be"
+        assert any(re.match(wanted, fault) for fault in caught.value.faults), (place, caught.value.faults)
+    assert count > 80
+
+
+LOST = replace(SCENE, goal=replace(SCENE.goal, rotation_vector=np.array([0.0, np.nan, 0.0])))
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return jp.plan(SCENE, progress=False)
+
+
+@pytest.fixture(scope="module")
+def switch():
+    return jp.link_switch(jp.walker("30:36/6/3", 2000.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    {
+        "scenario": lambda plan: jp.plan(LOST),
+        "scenarios[1]": lambda plan: jp.plan_batch([SCENE, LOST]),
+        "scenarios_or_seeds[1]": lambda plan: jp.run_study([SCENE, LOST]),
+        "scenarios[0]": lambda plan: jp.tune(LOST, "effort", over=["trajectory.rate_weight"]),
+        "scenarios_or_seeds[0]": lambda plan: jp.tune_search([LOST]),
+        "scenario ": lambda plan: jp.follow(plan, LOST),
+        "the scenario": lambda plan: jp.save_scenario(LOST, "never.toml"),
+    }.items(),
+    ids=["plan", "plan_batch", "run_study", "tune", "tune_search", "follow", "save_scenario"],
+)
+def test_every_door_refuses_a_goal_that_is_no_number(name, call, plan, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(jp.ScenarioError) as caught:
+        call(plan)
+    assert (
+        str(caught.value) == f"{name.strip()}: goal.attitude[1] = nan: must be finite and lie in [-1e3, 1e3]"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_constellation_of_which_one_satellite_is_lost_is_refused_by_its_number(switch):
+    directions = switch.directions.copy()
+    directions[1, 17, 0, 2] = np.nan
+    with pytest.raises(jp.ScenarioError, match=r"scenarios_or_seeds\[2\]: goal\.targets\[0\]\[2\] = nan"):
+        jp.plan_constellation(replace(switch, directions=directions), satellites=[3, 5, 17])
+
+
+# What newcomers write instead, and words of what they are told.
+
+
+def scene(**parts):
+    return replace(SCENE, **parts)
+
+
+def craft(**parts):
+    return replace(SCENE, spacecraft=replace(SCENE.spacecraft, **parts))
+
+
+def terminal(**parts):
+    first, *others = SCENE.spacecraft.terminals
+    return craft(terminals=(replace(first, **parts), *others))
+
+
+def start(**parts):
+    return replace(SCENE, start=replace(SCENE.start, **parts))
+
+
+def targets(directions):
+    return replace(SCENE, goal=jp.Targets(directions=directions))
+
+
+def zone(**parts):
+    return replace(SCENE, keep_out=(replace(SUN, **parts),))
+
+
+def search(**parts):
+    return replace(SCENE, search=replace(SCENE.search, **parts))
+
+
+def trajectory(**parts):
+    return replace(SCENE, trajectory=replace(SCENE.trajectory, **parts))
+
+
+SCENARIOS = {
+    "a number with a unit": (
+        terminal(mount="10 deg"),
+        "spacecraft.terminals[0].mount = '10 deg': must be a number",
+    ),
+    "degrees": (
+        terminal(yaw_limit=90),
+        "in radians in Python): spacecraft.terminal[0].yaw_limit_deg = 5156.6",
+    ),
+    "no number": (zone(half_angle=None), "keep_out[0].half_angle = None: must be a number, in radians"),
+    "three for one": (craft(rate_limit=[0.1] * 3), "rate_limit = [0.1, 0.1, 0.1]: must be a number"),
+    "two for three": (craft(torque_limit=[1, 2]), "torque_limit = [1, 2]: must be a number, or 3 numbers"),
+    "a limit in words": (craft(torque_limit="much"), "spacecraft.torque_limit = 'much': must be a number"),
+    "torque alone": (craft(torque_limit=1.0), "torque_limit_nm = 1.0: needs spacecraft.inertia_kg_m2"),
+    "three moments": (
+        craft(inertia=[1, 2, 2.5]),
+        "inertia = [1, 2, 2.5]: must be 3 rows of 3 numbers; np.diag",
+    ),
+    "a negative limit": (craft(rate_limit=-0.1), "rate_limit_deg_s = -5.7"),
+    "a single terminal": (
+        craft(terminals=SUN),
+        "spacecraft.terminals = a KeepOut ('sun'): must be a tuple of Termin",
+    ),
+    "an instrument that is a terminal": (
+        craft(instruments=SCENE.spacecraft.terminals[:1]),
+        "spacecraft.instruments[0] = a Terminal ('terminal-1'): must be an Instrument",
+    ),
+    "an unknown word": (
+        trajectory(duration="min"),
+        "trajectory.duration = 'min': must be a number, \"stretched\" or",
+    ),
+    "no time limit": (search(time_limit=None), 'search.time_limit = None: must be a number or "off"'),
+    "half a segment": (
+        trajectory(segments=2.5),
+        "trajectory.segments = 2.5: must be an integer in [1, 1000]",
+    ),
+    "a float for a count": (
+        search(max_expansions=1e4),
+        "search.max_expansions = 10000.0: must be an integer",
+    ),
+    "a truth value": (search(seed=True), "search.seed = True: must be an integer"),
+    "settings as a dict": (scene(search={"seed": 1}), "search = a dict: must be a SearchSettings"),
+    "no method": (search(method=None), 'search.method = None: must be "mha"'),
+    "an unknown method": (search(method="a*"), "scenario.search.method = 'a*': must be \"mha\""),
+    "factors in a list": (search(terminal_step_scale=[1]), "terminal_step_scale = [1]: must be a dict"),
+    "a factor in words": (
+        search(terminal_step_scale={"terminal-1": "x"}),
+        "terminal-1 = 'x': must be a number",
+    ),
+    "a matrix": (
+        start(rotation_vector=np.eye(3)),
+        "start.rotation_vector = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0,",
+    ),
+    "a quaternion": (
+        start(rotation_vector=[1, 0, 0, 0]),
+        "a rotation vector of 3 numbers, as scipy's Rotation",
+    ),
+    "too few joints": (
+        start(joints=np.zeros(5)),
+        "start.joints = [0.0, 0.0, 0.0, 0.0, 0.0]: must be an array of 6",
+    ),
+    "joints in rows": (start(joints=np.zeros((2, 3))), "all yaws and then all pitches, not of shape (2, 3)"),
+    "joints of two lengths": (
+        start(joints=[[0, 0], [0]]),
+        "start.joints = [[0, 0], [0]]: must be an array of 6 numbers",
+    ),
+    "complex joints": (start(joints=np.zeros(6) + 0j), "start.joints[0] = 0j: must be a real number"),
+    "texts": (start(joints=["0"] * 6), "start.joints[0] = '0': must be a real number"),
+    "an array of objects": (
+        start(joints=np.array([0, None] * 3)),
+        "start.joints[1] = None: must be a real number",
+    ),
+    "a masked number": (
+        start(joints=np.ma.masked_invalid([0, 0, np.nan, 0, 0, 0])),
+        "start.joints[2] = a masked value: must be a real number",
+    ),
+    "one rate for all": (start(joint_rates=0.0), "start.joint_rates = 0.0: must be an array of 6 numbers"),
+    "no start": (scene(start=None), "start = None: must be a GivenState"),
+    "a start as an array": (scene(start=np.zeros(3)), "start = [0.0, 0.0, 0.0]: must be a GivenState"),
+    "a goal as an array": (scene(goal=np.eye(3)), "must be Targets, MovingTargets or a GivenState"),
+    "too few targets": (
+        targets(np.eye(3)[:2]),
+        "goal.directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]: must be an array of 3",
+    ),
+    "one target for all": (
+        targets([1, 0, 0]),
+        "goal.directions = [1, 0, 0]: must be an array of 3 directions, one a terminal",
+    ),
+    "too few that move": (
+        targets([ARC]),
+        "goal.directions = a list of 1: must be 3 directions, one a terminal, not 1",
+    ),
+    "names of bodies": (
+        targets(["sun", "moon", "earth"]),
+        "goal.directions[0] = 'sun': must be an array of real numbers",
+    ),
+    "targets that are long": (
+        targets(2 * np.eye(3)),
+        "goal.targets[0] = [2.0, 0.0, 0.0]: must be a unit vector, its norm is 2",
+    ),
+    "a zone by itself": (
+        scene(keep_out=SUN),
+        "keep_out = a KeepOut ('sun'): must be a tuple of KeepOut, or a list",
+    ),
+    "zones to be made": (
+        scene(keep_out=(z for z in [SUN])),
+        "keep_out = a generator: must be a tuple of KeepOut",
+    ),
+    "a zone of the other kind": (scene(keep_in=[SUN]), "keep_in[0] = a KeepOut ('sun'): must be a KeepIn"),
+    "an unknown device": (
+        zone(devices="tracker"),
+        'keep_out[0].devices[0] = "tracker": no such device, the devices are',
+    ),
+    "devices by number": (
+        zone(devices=[0]),
+        "keep_out[0].devices = [0]: must be a tuple of names of devices",
+    ),
+    "a plane direction": (
+        zone(direction=[1, 0]),
+        "keep_out[0].direction = [1, 0]: must be a unit vector of 3 numbers",
+    ),
+    "no direction": (
+        zone(direction=[0, 0, 0]),
+        "keep_out[0].direction = [0.0, 0.0, 0.0]: must be a unit vector, not zero",
+    ),
+    "a path without samples": (
+        zone(direction=replace(ARC, times=ARC.times[:2])),
+        "keep_out[0].direction.samples = an array of shape (5, 3): must be an array of 2 vectors",
+    ),
+    "slopes of another path": (
+        zone(direction=replace(ARC, slopes=2 * ARC.slopes)),
+        "must be that of the spline; DirectionPath.through finds it",
+    ),
+    "a name that is none": (scene(name=None), "name = None: must be a line of text"),
+    "an epoch in words": (scene(epoch="yesterday"), "epoch = 'yesterday': must be a time in UTC"),
+    "a file": ("case-2.toml", "scenario must be a Scenario, not str; jp.load_scenario reads one from a file"),
+    "several scenarios": ([SCENE], "scenario must be a Scenario, not list; jp.plan_batch plans several"),
+    "the class": (jp.Scenario, "scenario must be a Scenario, not type"),
+}
+
+HERE = jp.sky.CircularOrbit(altitude=500, inclination=1, node=0, latitude=0)
+SHELL = jp.walker("30:36/6/3", 2000.0)
+UNUSED = Path("never")
+
+
+def sun(**arguments):
+    return jp.sky.keep_out(
+        "sun", **{"epoch": "2026-01-01", "observer": HERE, "half_angle_deg": 9} | arguments
+    )
+
+
+# Of a plan; those that need none leave it out.
+CALLS = {
+    "plan_batch of a number": (lambda: jp.plan_batch(5), "scenarios must be several scenarios, not int"),
+    "plan_batch of a file": (lambda: jp.plan_batch("case-2.toml"), "must be several scenarios, not str"),
+    "paper_case that there is not": (lambda: jp.paper_case(7), "number = 7: must be 1, 2, 3 or 4"),
+    "paper_case by name": (lambda: jp.paper_case("case-2"), "number = 'case-2': must be 1, 2, 3 or 4"),
+    "random_scenario of a word": (lambda: jp.random_scenario("x"), "seed = 'x': must be an integer"),
+    "random_scenario of a kind": (lambda: jp.random_scenario(1, "x"), "kind = 'x': must be one of keep_out"),
+    "load_scenario of none": (
+        lambda: jp.load_scenario(None),
+        "path must be a path, as text or a pathlib.Path",
+    ),
+    "load_scenario of a scenario": (
+        lambda: jp.load_scenario(SCENE),
+        "path must be a path, as text or a pathlib.Path",
+    ),
+    "load_scenario of a folder": (lambda: jp.load_scenario(PACKAGE), "cannot be read: Is a directory"),
+    "save_scenario the other way": (
+        lambda: jp.save_scenario(UNUSED, SCENE),
+        "scenario must be a Scenario, not",
+    ),
+    "save_scenario nowhere": (lambda: jp.save_scenario(SCENE, None), "path must be a path"),
+    "load_plan of none": (lambda: jp.load_plan(None), "path must be a path"),
+    "load_plan of a folder": (lambda: jp.load_plan(PACKAGE), "cannot be read: Is a directory"),
+    "save nowhere": (lambda plan: plan.save(None), "path must be a path"),
+    "sample in words": (lambda plan: plan.trajectory.sample("end"), "t = 'end': must be a number of seconds"),
+    "sample at no time": (lambda plan: plan.trajectory.sample(None), "t = None: must be a number of seconds"),
+    "sample at NaN": (lambda plan: plan.trajectory.sample([0, np.nan]), "t = nan: must lie in [0, "),
+    "sample beyond the end": (
+        lambda plan: plan.trajectory.sample([0, 1e9]),
+        "t = 1000000000.0: must lie in [0, ",
+    ),
+    "export in another format": (
+        lambda plan: jp.export(plan, UNUSED, format="mat"),
+        "format = 'mat': the formats are",
+    ),
+    "export of a scenario": (
+        lambda: jp.export(SCENE, UNUSED, format="csv"),
+        "plan must be a Plan, not Scenario",
+    ),
+    "export nowhere": (lambda plan: jp.export(plan, None, format="csv"), "path must be a path"),
+    "report_html of a scenario": (lambda: jp.report_html(SCENE, UNUSED), "plan must be a Plan, not Scenario"),
+    "report_html nowhere": (lambda plan: jp.report_html(plan, 3), "path must be a path"),
+    "hold of a scenario": (lambda: jp.hold(SCENE), "plan must be a Plan, not Scenario; jp.plan makes one"),
+    "replan of a plan": (
+        lambda plan: jp.replan(plan, SCENE),
+        "held must be a Held, not Plan; jp.hold makes one",
+    ),
+    "follow the other way": (lambda plan: jp.follow(SCENE, plan), "plan must be a Plan, not Scenario"),
+    "follow with other devices": (
+        lambda plan: jp.follow(plan, make_scenario(2)),
+        "has the devices terminal-1, terminal-2: must have those of the plan, terminal-1, terminal-2, te",
+    ),
+    "with_settings in a list": (lambda: with_settings(SCENE, ["search.seed"]), "settings must be a dict"),
+    "run_study of none": (
+        lambda: jp.run_study(None),
+        "scenarios_or_seeds must be several scenarios or seeds",
+    ),
+    "run_study by two planners": (
+        lambda: jp.run_study([1], planner=["mha"]),
+        "planner = ['mha']: must be one of",
+    ),
+    "run_study to nowhere": (lambda: jp.run_study([1], out=3), "out must be a path"),
+    "load_study of none": (lambda: jp.load_study(None), "folder must be a path"),
+    "compare_studies of folders": (lambda: jp.compare_studies("a", "b"), "first must be a Study, not str"),
+    "tune of none": (
+        lambda: jp.tune(None, "effort", over=["x"]),
+        "scenarios must be several scenarios, or one",
+    ),
+    "tune by a name": (
+        lambda: jp.tune(SCENE, "effort", over=["trajectory.rate_weight"], optimizer="adam"),
+        "optimizer must be a GradientTransformation, not str; such as optax.adam(0.1)",
+    ),
+    "walker of a word": (lambda: jp.walker("x", 550.0), "notation = 'x': must be \"i:T/P/F\""),
+    "walker at no height": (lambda: jp.walker("30:36/6/3", np.nan), "altitude = nan: must be a number of km"),
+    "positions in words": (lambda: SHELL.positions("now"), "time = 'now': must be a number of s"),
+    "positions at NaN": (lambda: SHELL.positions(np.nan), "time = nan: must be finite"),
+    "link_switch by notation": (
+        lambda: jp.link_switch("30:36/6/3"),
+        "shell must be a Shell, not str; jp.walker",
+    ),
+    "link_switch of no craft": (
+        lambda: jp.link_switch(SHELL, spacecraft=3),
+        "spacecraft must be a Spacecraft, not int",
+    ),
+    "link_switch of a lost craft": (
+        lambda: jp.link_switch(SHELL, spacecraft=terminal(mount=np.nan).spacecraft),
+        "spacecraft.terminal[0].mount_deg = nan: must be finite and lie in",
+    ),
+    "link_switch of a craft in words": (
+        lambda: jp.link_switch(SHELL, spacecraft=terminal(mount="aft").spacecraft),
+        "spacecraft.terminals[0].mount = 'aft': must be a number",
+    ),
+    "link_switch to the sun": (lambda: jp.link_switch(SHELL, sun_direction="sun"), "sun_direction"),
+    "plan_constellation of a shell": (
+        lambda: jp.plan_constellation(SHELL),
+        "switch must be a LinkSwitch, not Shell",
+    ),
+    "keep_out about a planet": (
+        lambda: jp.sky.keep_out("mars", epoch="2026-01-01", observer=HERE, half_angle_deg=9),
+        "body = 'mars': must be",
+    ),
+    "keep_out in words": (lambda: sun(half_angle_deg="30"), "half_angle_deg = '30': must be a number"),
+    "keep_out for a while": (
+        lambda: sun(for_duration_s="a while"),
+        "duration = 'a while': must be a number of s",
+    ),
+    "keep_out some day": (lambda: sun(epoch="soon"), "epoch = 'soon': must be a time in UTC such as"),
+    "keep_out of numbers": (lambda: sun(devices=3), "devices must be several names, or one, not int"),
+    "keep_out from nowhere": (lambda: sun(observer=None), "position = None: must be 3 numbers of km"),
+    "directions at no time": (
+        lambda: jp.sky.directions("sun", epoch="2026-01-01", observer=HERE, times="now"),
+        "times = 'now': must be a number",
+    ),
+    "path for a while": (
+        lambda: jp.sky.path("sun", epoch="2026-01-01", observer=HERE, duration_s="x"),
+        "duration_s = 'x': must be a number",
+    ),
+    "through words": (
+        lambda: jp.DirectionPath.through("x", [[1, 0, 0]]),
+        "times = 'x': must be an array of numbers",
+    ),
+    "through times that fall": (
+        lambda: jp.DirectionPath.through([0, 2, 1], [[1, 0, 0]] * 3),
+        "times[2] = 1.0: must rise, and be later than 2.0",
+    ),
+    "through a long sample": (
+        lambda: jp.DirectionPath.through([0, 1], [[1, 0, 0], [2, 0, 0]]),
+        "samples[1] = [2.0, 0.0, 0.0]: must be a unit vector",
+    ),
+    "a path in words": (lambda: ARC.at("now"), "time = 'now': must be a number of seconds"),
+}
+
+
+def check_refusal(call, words):
+    """What is raised says the words, and comes from the package's own code."""
+    with pytest.raises((TypeError, ValueError)) as caught:
+        call()
+    assert words in str(caught.value)
+    assert Path(caught.traceback[-1].path).is_relative_to(PACKAGE)
+
+
+@pytest.mark.parametrize("what", SCENARIOS)
+def test_what_a_scenario_may_not_hold_is_named_with_what_it_must_be(what):
+    given, words = SCENARIOS[what]
+    check_refusal(lambda: jp.plan(given), words)
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_what_a_function_may_not_be_given_is_named_with_what_it_must_be(what, plan):
+    call, words = CALLS[what]
+    check_refusal((lambda: call(plan)) if call.__code__.co_argcount else call, words)
+
+
+def test_all_faults_of_type_are_told_at_once():
+    given = replace(start(joints=None), keep_out=SUN, name=3)
+    with pytest.raises(jp.ScenarioError) as caught:
+        jp.plan(given)
+    assert [fault.partition(" = ")[0] for fault in caught.value.faults] == [
+        "name",
+        "start.joints",
+        "keep_out",
+    ]
+
+
+def test_a_traced_number_is_told_as_such():
+    with pytest.raises(jp.ScenarioError, match=r"start\.joints = a value that JAX traces: must be"):
+        jax.grad(lambda joints: jp.plan(start(joints=joints)).trajectory.duration)(np.zeros(6))
+
+
+class Numbers:
+    """What another library's array looks like to numpy."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype)
+
+
+# What stands for the same, by what it should be taken for.
+SAME = {
+    "an integer": (terminal(mount=0), terminal(mount=0.0)),
+    "a number of numpy": (zone(half_angle=np.float32(0.25)), zone(half_angle=0.25)),
+    "a number of JAX": (zone(half_angle=jax.numpy.float32(0.25)), zone(half_angle=0.25)),
+    "an array of none": (terminal(rate_limit=np.array(0.25)), terminal(rate_limit=0.25)),
+    "a count of numpy": (search(seed=np.int64(3)), search(seed=3)),
+    "a list": (zone(direction=[0, 0, 1]), zone(direction=np.array([0.0, 0.0, 1.0]))),
+    "float32": (start(joints=np.full(6, 0.25, np.float32)), start(joints=np.full(6, 0.25))),
+    "another library's": (start(joints=Numbers([0.25] * 6)), start(joints=np.full(6, 0.25))),
+    "a list of zones": (scene(keep_out=[SUN]), scene(keep_out=(SUN,))),
+    "a list of terminals": (craft(terminals=list(SCENE.spacecraft.terminals)), SCENE),
+    "a list of names": (zone(devices=["camera-1"]), zone(devices=("camera-1",))),
+    "a name": (zone(devices="camera-1"), zone(devices=("camera-1",))),
+    "one torque": (
+        craft(torque_limit=0.5, inertia=np.eye(3)),
+        craft(torque_limit=np.full(3, 0.5), inertia=np.eye(3)),
+    ),
+    "a word for a time": (search(time_limit="off"), search(time_limit=np.inf)),
+    "an epoch as text": (scene(epoch="2026-01-01"), scene(epoch=np.datetime64("2026-01-01", "ns"))),
+    "an epoch of Python": (scene(epoch=datetime(2026, 1, 1)), scene(epoch=np.datetime64("2026-01-01", "ns"))),
+    "no rates": (start(angular_velocity=None, joint_rates=None), SCENE),
+    "targets that move among others": (
+        targets([ARC, [0, 1, 0], [0, 0, 1]]),
+        scene(goal=jp.MovingTargets(directions=(ARC, np.eye(3)[1], np.eye(3)[2]))),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SAME)
+def test_what_stands_for_the_same_is_taken_for_it(what):
+    given, meant = SAME[what]
+    filed = as_filed("scenario", given)
+    assert given == meant
+    assert filed == given
+    assert hash(filed) == hash(given)
+    bits, wanted = (jax.tree.leaves(one) for one in (filed, as_filed("scenario", meant)))
+    for one, other in zip(bits, wanted, strict=True):
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+        np.testing.assert_array_equal(one, other)
+
+
+def test_numbers_that_differ_are_not_the_same():
+    assert zone(half_angle=np.float32(0.25)) != zone(half_angle=0.26)
+    assert start(joint_rates=None) != start(joint_rates=[0, 0, 0, 0, 0, 1e-3])
+
+
+# The first thing that somebody reads, in the README.
+
+
+deg = np.deg2rad
+HAND_OVER = jp.Scenario(
+    name="hand-over",
+    spacecraft=jp.Spacecraft(
+        terminals=[
+            jp.Terminal(
+                name=f"laser-{i}",
+                mount=deg(120 * i),
+                yaw_limit=deg(90),
+                pitch_limit=deg(60),
+                rate_limit=deg(5),
+                acceleration_limit=deg(2),
+            )
+            for i in range(3)
+        ],
+        instruments=[jp.Instrument(name="star tracker", boresight=[0, 0, -1])],
+        rate_limit=deg(3),
+        acceleration_limit=deg(2),
+    ),
+    start=jp.GivenState(rotation_vector=[0, 0, 0], joints=np.zeros(6)),
+    goal=jp.Targets(directions=[[1, 0, 0], [0, 0, 1], [0, 0, -1]]),
+    keep_out=[jp.KeepOut(name="sun", direction=[0, 0.6, -0.8], half_angle=deg(30), devices=["star tracker"])],
+)
+
+
+@pytest.fixture(scope="module")
+def handed_over():
+    return jp.plan(HAND_OVER, progress=False)
+
+
+def depth(plan):
+    """How deep the star tracker looks into the Sun's cone, deg."""
+    attitude = plan.trajectory.sample(np.linspace(0, plan.trajectory.duration, 500)).attitude
+    return 30 - np.rad2deg(np.arccos(attitude @ [0, 0, -1] @ [0, 0.6, -0.8]).min())
+
+
+def test_a_scenario_of_plain_lists_is_planned_around_its_zone(handed_over):
+    assert handed_over.ok
+    assert handed_over.report.certified
+    assert depth(handed_over) < 0
+    assert depth(jp.plan(replace(HAND_OVER, keep_out=()), progress=False)) > 10
+
+
+def test_what_a_plan_holds_has_the_types_that_the_model_documents(handed_over):
+    held = handed_over.scenario
+    craft = held.spacecraft
+    for several in (
+        craft.terminals,
+        craft.instruments,
+        held.keep_out,
+        held.keep_in,
+        held.keep_out[0].devices,
+    ):
+        assert type(several) is tuple
+    vectors = [craft.instruments[0].boresight, held.keep_out[0].direction, held.goal.directions]
+    for state in (held.start, held.goal):
+        np.testing.assert_array_equal(state.angular_velocity, np.zeros(3))
+        np.testing.assert_array_equal(state.joint_rates, np.zeros(6))
+        vectors += [state.angular_velocity, state.joint_rates]
+    assert {(type(vector), vector.dtype) for vector in vectors} == {(np.ndarray, np.dtype(float))}
+    assert {type(getattr(craft.terminals[0], name)) for name in ("mount", "yaw_limit")} == {float}
+    assert held == HAND_OVER
+
+
+def test_a_scenario_of_plain_lists_is_saved_and_followed(handed_over, tmp_path):
+    jp.save_scenario(HAND_OVER, tmp_path / "hand-over.toml")
+    assert jp.load_scenario(tmp_path / "hand-over.toml") == HAND_OVER
+    handed_over.save(tmp_path / "plan.json")
+    assert jp.load_plan(tmp_path / "plan.json").scenario == HAND_OVER
+    nearer = replace(HAND_OVER, keep_out=[replace(HAND_OVER.keep_out[0], half_angle=deg(29.9))])
+    assert jp.follow(handed_over, nearer).ok
+
+
+def test_a_scenario_of_plain_lists_is_replanned(handed_over):
+    held = jp.hold(handed_over)
+    with jax.enable_x64(True):
+        again = jax.eval_shape(lambda: jp.replan(held, HAND_OVER))
+    assert again.coefficients.shape == handed_over.trajectory.coefficients.shape
