@@ -45,8 +45,8 @@ def a_or_an(noun: str) -> str:
 
 def as_floats(value: object) -> np.ndarray | None:
     """A value as an array of float64, None where numpy does not make real numbers of it."""
-    if isinstance(value, np.ma.MaskedArray):
-        return None  # numpy would drop the mask
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+        return None  # numpy would take what is under the mask
     try:
         array = np.asarray(value)
     except Exception:  # rows of different lengths, traced values, or whatever another library raises

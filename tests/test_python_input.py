@@ -515,6 +515,7 @@ SAME = {
     "a number of numpy": (zone(half_angle=np.float32(0.25)), zone(half_angle=0.25)),
     "a number of JAX": (zone(half_angle=jax.numpy.float32(0.25)), zone(half_angle=0.25)),
     "an array of none": (terminal(rate_limit=np.array(0.25)), terminal(rate_limit=0.25)),
+    "a mask that hides nothing": (start(joints=np.ma.array(SCENE.start.joints, mask=False)), SCENE),
     "a count of numpy": (search(seed=np.int64(3)), search(seed=3)),
     "a list": (zone(direction=[0, 0, 1]), zone(direction=np.array([0.0, 0.0, 1.0]))),
     "float32": (start(joints=np.full(6, 0.25, np.float32)), start(joints=np.full(6, 0.25))),

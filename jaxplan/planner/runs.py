@@ -26,7 +26,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     """Plan a manoeuvre and prove it safe.
 
     Args:
-        scenario: the problem and its settings.
+        scenario: the problem and its settings; lists may stand for arrays and tuples.
         throw: raise when there is no certified plan; otherwise return what was found, with its status.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 

@@ -1,7 +1,8 @@
 """The problem and its settings, and the files that hold them.
 
 `model` has the dataclasses, in radians and seconds; `layout` and `states` say what a file may hold, `reading`
-and `writing` go from one to the other, and `overrides` changes settings by their names.
+and `writing` go from one to the other, `taking` from what Python gives to the dataclasses' own types, and
+`overrides` changes settings by their names.
 """
 
 from jaxplan.scenario.faults import ScenarioError

@@ -100,14 +100,14 @@ class Table(Kind):
                 place.key(entry.key).fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def take(self, value: Any, place: Place) -> Any:
-        """The model with what its attributes are taken for."""
+        """The model, each attribute as its kind takes it."""
         if not isinstance(value, self.model):
             place.fault(f"must be {a_or_an(self.model.__name__)}", value)
             return None
         return self.take_parts(value, place)
 
     def take_parts(self, value: Any, place: Place) -> Any:
-        """Likewise of a class that has the attributes, if not that of the table."""
+        """Likewise of another class with these attributes; one that is None by default may be left so."""
         before = len(place.faults)
         parts = {}
         for part in fields(value):

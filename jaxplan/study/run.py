@@ -57,9 +57,9 @@ def run_study(
         The study.
 
     Raises:
-        TypeError: for scenes or an executor that are none.
+        TypeError: for scenes, an executor or a folder that are none.
         ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one scene.
-        ScenarioError: for settings that a file could not hold; all are named.
+        ScenarioError: for settings, or a scenario, that a file could not hold; all faults are named.
         StudyFolderError: if the folder holds something else or is in use.
         RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
 

@@ -61,7 +61,8 @@ def tune(
 
     Raises:
         KeyError: if a scenario has no such number.
-        TypeError: if resume is no result of tuning, or a scenario holds what no file could.
+        TypeError: for what is no scenario, optimizer or result of tuning.
+        ScenarioError: for scenarios that no file could hold; all faults are named.
         ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
