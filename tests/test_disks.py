@@ -46,7 +46,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def writers(plan: jp.Plan, still: jp.Plan):
     """Everything that writes a file, by its suffix."""
-    yield ".toml", lambda path: jp.save_scenario(plan.scenario, path)
+    yield ".toml", lambda path: jp.save_scenario(still.scenario, path)
     yield ".json", lambda path: still.save(path)
     for name, kind in FORMATS.items():
         if name != "ck":  # which needs an extra
