@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
     from jaxplan.moving import DirectionPath
-    from jaxplan.planner import Plan, PlanFileError, PlanningError, load_plan, plan, plan_batch
+    from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.scenario import (
         GivenState,
@@ -68,6 +68,7 @@ _HOMES = {
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.scenario",
     "Tuning": "jaxplan.tuning",
+    "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.compiled",
     "export": "jaxplan.exporting",
@@ -115,6 +116,7 @@ __all__ = [
     "Trajectory",
     "TrajectorySettings",
     "Tuning",
+    "certify",
     "compare_studies",
     "compilation_cache",
     "export",

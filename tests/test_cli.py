@@ -117,7 +117,7 @@ def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
 
 def test_a_place_that_cannot_be_written_is_named_and_nothing_beside_it(capsys, monkeypatch, tmp_path):
     run(capsys, "plan", "case-4", "-o", tmp_path)
-    monkeypatch.setattr("jaxplan.planner.check_plan", lambda *_: pytest.fail("certified"))
+    monkeypatch.setattr("jaxplan.planner.certify", lambda *_: pytest.fail("certified"))
     plan, file = tmp_path / "plan.json", tmp_path / "file"
     file.write_text("mine")
     for words in (("new",), ("report", plan, "-o"), ("export", plan, "--format", "csv", "-o")):

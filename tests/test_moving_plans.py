@@ -13,7 +13,7 @@ import jaxplan as jp
 from jaxplan import sky
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
-from jaxplan.planner.check import check_margins, check_plan
+from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.scenario import MovingTargets, Targets
@@ -117,7 +117,7 @@ def test_a_plan_is_read_back_to_the_bit_and_checked_again(plans, tmp_path):
     assert isinstance(again.goal, MovingGoal)
     for name in ("attitude", "joints", "slew_angle", "time", "angular_velocity", "joint_rates"):
         np.testing.assert_array_equal(getattr(again.goal, name), getattr(plan.goal, name))
-    assert check_plan(again).certified
+    assert certify(again).certified
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
     content = json.loads((tmp_path / "plan.json").read_text())
@@ -139,12 +139,12 @@ def test_a_goal_that_does_not_meet_its_targets_is_not_certified(plans):
         "has no time": Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle),
     }
     for words, one in wrong.items():
-        report = check_plan(replace(plan, goal=one))
+        report = certify(replace(plan, goal=one))
         assert not report.certified
         assert any(words in fault for fault in report.faults), (words, report.faults)
     # the goal of an earlier instant, to which a motion could go as well
     early = jp.plan(with_duration(plan.scenario, 79.0)).goal
-    assert not check_plan(replace(plan, goal=early)).certified
+    assert not certify(replace(plan, goal=early)).certified
 
 
 def test_start_and_goal_are_judged_by_zones_as_they_are_then(scene):
@@ -311,9 +311,9 @@ def test_a_fixed_goal_among_zones_that_move_is_met_at_rest(scene, plans):
         np.testing.assert_allclose(rates, 0, atol=1e-8)
         assert sampled(plan.trajectory, still.spacecraft, still.keep_out).min() >= 0
         turning = replace(plan.goal, angular_velocity=np.array([0.01, 0, 0]))
-        assert check_plan(replace(plan, goal=turning)).certified  # what it says of itself does not matter
+        assert certify(replace(plan, goal=turning)).certified  # what it says of itself does not matter
         asked = replace(still.goal, angular_velocity=np.array([0.01, 0, 0]))
-        report = check_plan(replace(plan, scenario=replace(plan.scenario, goal=asked), goal=turning))
+        report = certify(replace(plan, scenario=replace(plan.scenario, goal=asked), goal=turning))
         assert any("goal" in fault and "0.01 rad/s" in fault for fault in report.faults), report.faults
 
 

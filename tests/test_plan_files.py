@@ -6,7 +6,7 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.planner.check import check_plan
+from jaxplan.planner.check import certify
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_a_plan_that_is_loaded_again_is_the_same_to_the_last_bit(plan, tmp_path)
     plan.save(tmp_path / "plan.json")
     again = jp.load_plan(tmp_path / "plan.json")
     assert_same(plan, again)
-    assert check_plan(again).min_margin == plan.report.min_margin
+    assert certify(again).min_margin == plan.report.min_margin
 
 
 def test_plan_files_are_the_same_byte_for_byte_and_times_are_apart(plan, tmp_path):
@@ -274,7 +274,7 @@ def test_a_forged_goal_is_found_by_the_check(plan, tmp_path):
     content = json.loads((tmp_path / "plan.json").read_text())
     content["scenario"]["goal"]["targets"][0] = [0.0, 0.0, 1.0]
     (tmp_path / "forged.json").write_text(json.dumps(content))
-    report = check_plan(jp.load_plan(tmp_path / "forged.json"))
+    report = certify(jp.load_plan(tmp_path / "forged.json"))
     assert not report.certified
     assert any("goal" in fault for fault in report.faults)
 

@@ -11,7 +11,7 @@ from trust import flights, golden
 import jaxplan as jp
 from jaxplan.certificate import Report
 from jaxplan.planner import chain, messages
-from jaxplan.planner.check import check_plan
+from jaxplan.planner.check import certify
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import STRETCHED, Targets, parse_scenario, with_settings
@@ -109,7 +109,7 @@ def test_plans_of_the_papers_cases_run_from_start_to_the_published_targets(case_
     assert np.allclose(ends.joint_rates, 0, atol=1e-9)
     turn = (Rotation.from_matrix(ends.attitude[0]).inv() * Rotation.from_matrix(ends.attitude[1])).magnitude()
     assert plan.goal.slew_angle == pytest.approx(turn, abs=1e-8)
-    assert check_plan(plan).certified
+    assert certify(plan).certified
 
 
 def test_a_goal_beyond_its_own_limits_or_with_another_slew_is_not_certified(case_plans):
@@ -118,11 +118,11 @@ def test_a_goal_beyond_its_own_limits_or_with_another_slew_is_not_certified(case
     for key, least in (("yaw", yaw), ("pitch", pitch)):
         for share, certified in ((1.001, True), (0.999, False)):
             limited = replace(plan.scenario.goal, **{f"{key}_limit": share * least})
-            report = check_plan(replace(plan, scenario=replace(plan.scenario, goal=limited)))
+            report = certify(replace(plan, scenario=replace(plan.scenario, goal=limited)))
             assert report.certified == certified
             assert any(f"goal.{key}_limit_deg" in fault for fault in report.faults) != certified
     for slew in (0.0, np.nan):
-        report = check_plan(replace(plan, goal=replace(plan.goal, slew_angle=slew)))
+        report = certify(replace(plan, goal=replace(plan.goal, slew_angle=slew)))
         assert "the goal's slew angle is not that from the start" in report.faults
 
 
@@ -549,3 +549,14 @@ def test_actuator_limits_a_body_axis_are_kept():
     for name, sampled, limit in (("torque", load, torque), ("wheel_momentum", spin, momentum)):
         peak = np.max(np.abs(sampled) / limit)
         assert peak <= plan.report.peaks[name] <= peak + 1e-3
+
+
+def test_a_plan_is_certified_anew_and_what_is_none_is_refused():
+    plan = jp.plan(jp.paper_case(4))
+    assert jp.certify(plan).certified
+    shifted = replace(plan.trajectory, joint_coefficients=plan.trajectory.joint_coefficients + 1e-3)
+    assert not jp.certify(replace(plan, trajectory=shifted)).certified
+    with pytest.raises(TypeError, match=r"plan must be a Plan, not Scenario; jp\.plan makes one"):
+        jp.certify(plan.scenario)
+    with pytest.raises(ValueError, match="has no trajectory"):
+        jp.certify(replace(plan, trajectory=None))

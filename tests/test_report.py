@@ -56,7 +56,7 @@ def whole_plan() -> jp.Plan:
     found = SearchResult(status=Status.OK, path=way, expansions=7, queue_expansions=(7,))
     timings = {"decompose": 0.25, "search": 1.5, "compile": 2.0, "total": 3.75}
     plan = replace(plan, scenario=scenario, search=found, path=way, timings=timings)
-    report = jp.planner.check_plan(plan)
+    report = jp.planner.certify(plan)
     assert report.certified, report.faults
     return replace(plan, report=report)
 

@@ -13,7 +13,7 @@ from relays import avoids, look, make_relay, sees
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.path import Goal
-from jaxplan.planner.check import check_plan
+from jaxplan.planner.check import certify
 from jaxplan.search.holding import held_axes
 
 METHODS = ("mha", "rrt_connect")
@@ -166,10 +166,10 @@ def test_the_certificate_sees_a_group_left_for_milliseconds():
     )
     wide = tuple(replace(zone, half_angle=np.deg2rad(60)) for zone in early.keep_in)
     plan = jp.plan(replace(early, keep_in=wide, search=replace(early.search, clearance=0.0)))
-    assert check_plan(replace(plan, scenario=early)).certified
+    assert certify(replace(plan, scenario=early)).certified
     left = replace(plan, scenario=late)
     assert np.all(np.max(margins(left, 200)[1], axis=0) >= 0), "the samples see nothing"
-    report = check_plan(left)
+    report = certify(left)
     assert not report.certified
     assert -np.deg2rad(0.0101) <= report.min_margin < 0
     (fault,) = report.faults
@@ -200,9 +200,9 @@ def test_plans_of_groups_are_kept_and_proved_again(relay_plans, method, tmp_path
     again = jp.load_plan(tmp_path / "plan.json")
     assert again.scenario == plan.scenario
     assert [zone.any_of for zone in again.scenario.keep_in] == ["relay"] * 2
-    assert check_plan(again).min_margin == plan.report.min_margin
+    assert certify(again).min_margin == plan.report.min_margin
     apart = replace(plan.scenario, keep_in=tuple(replace(z, any_of=None) for z in plan.scenario.keep_in))
-    assert not check_plan(replace(again, scenario=apart)).certified
+    assert not certify(replace(again, scenario=apart)).certified
 
 
 def test_the_command_line_draws_instruments_and_groups(relay_plans, tmp_path, monkeypatch, capsys):

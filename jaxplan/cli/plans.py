@@ -94,12 +94,12 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from jaxplan.planner import check_plan
+    from jaxplan.planner import certify
     from jaxplan.planner.record import report_summary
 
     plan = load(options.plan)
     common.set_up_jax()
-    report = check_plan(plan)
+    report = certify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
 
@@ -113,7 +113,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from jaxplan.planner import check_plan
+    from jaxplan.planner import certify
     from jaxplan.report import report_html
 
     plan = load(options.plan)
@@ -121,7 +121,7 @@ def _report(options: argparse.Namespace) -> int:
     try_folder_of(path)
     common.set_up_jax()
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
-    if plan.ok and not check_plan(plan).certified:  # the page says why
+    if plan.ok and not certify(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return code_of(plan.status)
 

@@ -18,7 +18,7 @@ from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_csv, write_npz
 from jaxplan.files import replacing_file, replacing_folder
 from jaxplan.given import expect, file_path
-from jaxplan.planner import Plan, check_plan
+from jaxplan.planner import Plan, certify
 from jaxplan.scenario.faults import nearest
 
 
@@ -116,7 +116,7 @@ def export(
     if absent:
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
     target = _free_place(path, kind, overwrite)
-    report = check_plan(plan)
+    report = certify(plan)
     if not report.certified:
         reasons = "; ".join(report.faults)
         raise ValueError(f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}")

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Claim, EndState, ProvedMargin, Report, certify_batch, prove_margins
+from jaxplan.given import expect
 from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
@@ -89,15 +90,24 @@ def _claim(query: ProofQuery) -> Claim:
     )
 
 
-def check_plan(plan: Plan) -> Report:
+def certify(plan: Plan) -> Report:
     """Certify a plan anew, trusting nothing it says, its goal included.
 
     Args:
         plan: with a trajectory.
 
+    Returns:
+        The certificate, or a report of what could not be proved.
+
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or no goal.
+
+    Example:
+        >>> jp.certify(jp.load_plan("plan.json")).certified
+        True
     """
+    expect("plan", plan, Plan, "jp.plan makes one, jp.load_plan reads one")
     if plan.trajectory is None or plan.goal is None:
         missing = "trajectory" if plan.trajectory is None else "goal"
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from jaxplan.planner.check import check_margins, check_plan
+from jaxplan.planner.check import certify, check_margins
 from jaxplan.report import results, scene
 from jaxplan.report.markup import Markup, facts, join, number, section, tag
 from jaxplan.scenario import dump_scenario
@@ -75,7 +75,7 @@ class Verdict:
 def page(plan: "Plan") -> str:
     """The page on a plan of any status, see `jaxplan.report.report_html`."""
     there = plan.trajectory is not None and plan.goal is not None
-    report = check_plan(plan) if there else None
+    report = certify(plan) if there else None
     verdict = Verdict.of(plan, report)
     pictures = dict(_pictures(plan))
     main = tag(
