@@ -306,9 +306,13 @@ def _curves(axes: mpl.axes.Axes) -> list[mpl.lines.Line2D]:
 
 
 def _limits(axes: mpl.axes.Axes) -> list[float]:
-    """Heights of the dashed lines across the panel."""
-    across = [line for line in axes.lines if list(line.get_xdata()) == [0, 1] and line.is_dashed()]
-    return sorted({round(float(line.get_ydata()[0]), 9) for line in across})
+    """Heights of the limits across the panel."""
+    return sorted({round(float(line.get_ydata()[0]), 9) for line in _barriers(axes)})
+
+
+def _barriers(axes: mpl.axes.Axes) -> list[mpl.lines.Line2D]:
+    """The lines across the panel."""
+    return [line for line in axes.lines if list(line.get_xdata()) == [0, 1]]
 
 
 def _plus_minus(*values: float) -> list[float]:
@@ -345,8 +349,82 @@ def test_limits_stand_at_their_values() -> None:
     plan = make_plan(3, 0)
     yaw, pitch = jp.plot.angles(plan)
     assert (_limits(yaw), _limits(pitch)) == (_plus_minus(90), _plus_minus(15))
-    assert [_limits(axes) for axes in jp.plot.rates(plan)] == [_plus_minus(v) for v in (4, 4, 3)]
-    assert [_limits(axes) for axes in jp.plot.accelerations(plan)] == [_plus_minus(v) for v in (3, 3, 2)]
+
+
+def test_limits_far_from_the_curves_are_told_so_that_curves_can_be_read() -> None:
+    plan = make_plan(3, 0)
+    panels = [*jp.plot.rates(plan), *jp.plot.accelerations(plan)]
+    for axes, limit in zip(panels, (4, 4, 3, 3, 3, 2), strict=True):
+        highest = max(np.abs(curve.get_ydata()).max() for curve in _curves(axes))
+        near = limit <= 4 * highest
+        assert _limits(axes) == (_plus_minus(limit) if near else [])
+        assert [text.get_text() for text in axes.texts] == ([] if near else [f"limit ±{limit}"])
+        assert max(axes.get_ylim()) <= 1.2 * (limit if near else highest)
+    assert {bool(axes.texts) for axes in panels} == {True, False}
+    still = jp.plot.accelerations(make_plan(3, 0, duration=0.0, edges=0))
+    assert [_limits(axes) for axes in still] == [_plus_minus(v) for v in (3, 3, 2)]
+
+
+def test_no_curve_looks_like_a_limit() -> None:
+    plan = make_plan(7, 1)
+    craft = replace(plan.scenario.spacecraft, inertia=np.eye(3), torque_limit=np.array([0.001, 0.002, 0.003]))
+    plan = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
+    for figure in (jp.plot.angles, jp.plot.rates, jp.plot.torque, jp.plot.margins):
+        for axes in np.ravel(figure(plan)):
+            barriers = _barriers(axes)
+            assert barriers
+            for line in barriers:
+                (ticks,) = line.get_path_effects()
+                above = line.get_ydata()[0] > 0
+                assert (ticks._angle > 0) == above, "ticks stand where it is forbidden"
+            assert not any(curve.get_path_effects() for curve in _curves(axes))
+
+
+# Machado, Oliveira and Fernandes 2009: what the three kinds of colour blindness make of linear RGB.
+_BLIND = {
+    "none": np.eye(3),
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritan": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+
+
+def _lab(colour: str, blindness: str) -> np.ndarray:
+    """CIELAB of a colour as it is seen."""
+    rgb = np.array(mpl.colors.to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(np.asarray(_BLIND[blindness]) @ linear, 0, 1)
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    xyz = np.asarray(to_xyz) @ seen / [0.9505, 1.0, 1.089]
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("blindness", _BLIND)
+def test_body_axes_and_devices_are_told_apart_by_the_colour_blind(blindness: str) -> None:
+    def apart(one: str, other: str) -> float:
+        return float(np.linalg.norm(_lab(one, blindness) - _lab(other, blindness)))
+
+    axes = [look["color"] for look in style.AXIS_STYLES]
+    assert min(apart(one, other) for i, one in enumerate(axes) for other in axes[:i]) > 30
+    assert len({str(look["linestyle"]) for look in style.AXIS_STYLES}) == 3
+    for first in range(12):
+        for second in range(first):
+            one, other = style.device_style(first), style.device_style(second)
+            lines_differ = str(one["linestyle"]) != str(other["linestyle"])
+            assert lines_differ or apart(one["color"], other["color"]) > 20
 
 
 def test_different_limits_have_their_terminals_colours() -> None:
@@ -357,7 +435,7 @@ def test_different_limits_have_their_terminals_colours() -> None:
     yaw, pitch = jp.plot.angles(replace(plan, scenario=replace(plan.scenario, spacecraft=other)))
     assert _limits(yaw) == _plus_minus(70, 90)
     assert _limits(pitch) == _plus_minus(15)
-    colours = {abs(round(line.get_ydata()[0])): line.get_color() for line in yaw.lines if line.is_dashed()}
+    colours = {abs(round(line.get_ydata()[0])): line.get_color() for line in _barriers(yaw)}
     assert colours[70] == style.device_style(1)["color"]
     assert colours[90] == style.GREY
 
@@ -390,7 +468,49 @@ def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (plan.report.worst_time, np.rad2deg(0.02))
     assert any("1.146 deg" in text.get_text() for text in axes.get_legend().get_texts())
     low, high = axes.get_ylim()
-    assert low < 0 < np.rad2deg(table.min(axis=0).max()) < high
+    assert low < 0 < np.rad2deg(table.max()) < high, "no line leaves the panel"
+
+
+def _margins_of(*lines: np.ndarray) -> mpl.axes.Axes:
+    """The panel of given margins, deg, over the motion of a plan whose proved bound is not drawn."""
+    plan = make_plan(len(lines), 0)
+    made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in enumerate(lines)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "margins", lambda *_: made)
+        axes = jp.plot.margins(replace(plan, report=None))
+    axes.figure.draw_without_rendering()
+    return axes
+
+
+def _height(axes: mpl.axes.Axes, value: float) -> float:
+    """Where a margin is drawn, as a share of the panel's height."""
+    return float(axes.transAxes.inverted().transform(axes.transData.transform((0, value)))[1])
+
+
+def test_half_a_degree_of_margin_is_seen_beside_a_hundred_and_thirty() -> None:
+    share = np.linspace(0, 1, samples.INSTANTS)
+    axes = _margins_of(0.5 + 3 * share, 130 - 20 * share)
+    assert _height(axes, 0.5) - _height(axes, 0.0) > 0.06
+    assert _height(axes, 1.0) - _height(axes, 0.0) == pytest.approx(
+        2 * (_height(axes, 0.5) - _height(axes, 0.0)), rel=0.15
+    ), "linear near the limit"
+    assert _height(axes, 130.0) < 1
+    labels = {label.get_text(): y for y, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)}
+    assert {"0", "1", "10", "100"} <= set(labels)
+    assert all(float(text) == value for text, value in labels.items() if value >= 0)
+    boxes = [label.get_window_extent() for label in axes.get_yticklabels()]
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+def test_margins_below_the_limit_are_drawn_on_red() -> None:
+    share = np.linspace(0, 1, samples.INSTANTS)
+    axes = _margins_of(40 * share - 10, 50 + share)
+    (red,) = [patch for patch in axes.patches if isinstance(patch, mpl.patches.Rectangle)]
+    assert red.get_y() + red.get_height() == 0
+    assert red.get_y() < axes.get_ylim()[0] < -10
+    assert [line.get_color() for line in _barriers(axes)] == [style.KEEP_OUT]
+    assert "limit: below it\na zone is broken" in _legend(axes)
+    assert "\N{MINUS SIGN}10" in {label.get_text() for label in axes.get_yticklabels()}
 
 
 def test_every_boresight_starts_at_a_star_and_ends_at_a_square() -> None:

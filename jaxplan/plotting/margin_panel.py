@@ -1,12 +1,20 @@
-"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves."""
+"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
 
+The vertical scale is ``asinh(margin / width)``: linear within the width of the limit, where margins matter,
+and logarithmic beyond, so that half a degree and 130 deg are both read off one panel. The width is about the
+smallest margin, and at least a degree.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, NullFormatter
 
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
@@ -18,6 +26,7 @@ from jaxplan.plotting.style import (
     TEXT,
     Entries,
     Look,
+    barrier,
     device_entries,
     device_style,
     legend_beside,
@@ -35,16 +44,20 @@ MARK_SIZE = 7  # points, of the triangle
 _OFFSETS = np.array(
     [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
 )
+_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the vertical scale may be linear
+_DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
+_TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
+_BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
 _CROWD = 60  # curves, beyond which they are drawn fainter
 
 
 def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Margin of every device to every zone that binds it, over time.
 
-    The bold line of a device is its smallest margin, named after the zone at its lowest point; the vertical
-    axis spans these lines, and thin lines may leave it. Below zero a constraint is broken. Zones of an
-    ``any_of`` group count as the best of them. A triangle marks the lower bound over all time that the
-    certificate proves.
+    The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
+    axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
+    beyond. Below zero, where it is red, a constraint is broken. Zones of an ``any_of`` group count as the
+    best of them. A triangle marks the lower bound over all time that the certificate proves.
 
     Args:
         plan: with a trajectory.
@@ -78,9 +91,8 @@ def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entr
         smallest = {device: _Smallest.of(device, found) for device in devices}
         for device, line in smallest.items():
             curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
-        axes.axhline(0, color=KEEP_OUT, linewidth=1.2, zorder=1.5)
         marks = [(time, bound) for time, bound, _ in _proved(plan)]
-        _span(axes, [bound for _, bound in marks], list(smallest.values()))
+        _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
         _name_zones(axes, moves.times, smallest, marks)
     else:
         note(axes, "no zones")
@@ -92,6 +104,8 @@ def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entr
         (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),
     ]
     proved = _mark_proved(axes, plan)
+    limit = Line2D([], [], color=KEEP_OUT, **barrier(-1))
+    kinds.append((limit, "limit: below it\na zone is broken"))
     return [names[device] for device in devices], [*(kinds if found else []), *proved]
 
 
@@ -114,12 +128,46 @@ class _Smallest:
         return cls(values=np.where(np.isinf(values), np.nan, values), lowest=lowest, zone=zone)
 
 
-def _span(axes: Axes, marks: list[float], lines: list[_Smallest]) -> None:
-    """Let the vertical axis show the smallest margins, zero and the mark; what lies above matters little."""
-    low = min([0.0, *marks, *(float(np.nanmin(line.values)) for line in lines)])
-    high = max([0.0, *marks, *(float(np.nanmax(line.values)) for line in lines)])
-    pad = max(0.08 * (high - low), 0.5)
-    axes.set_ylim(low - pad, high + pad)
+def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
+    """Scale the vertical axis to all that is drawn, deg, and mark the limit and what lies below it."""
+    values = np.concatenate([np.ravel(one) for one in drawn])
+    lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+    width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
+    axes.set_yscale("asinh", linear_width=width)
+    axes.yaxis.set_major_locator(_DegreeLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_degrees))
+    axes.yaxis.set_minor_locator(FixedLocator(_TICKS))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(axis="y", which="minor", length=2, color=GREY)
+    low, high = np.arcsinh(np.array([min(0.0, lowest), max(0.0, highest)]) / width)
+    pad = 0.06 * max(high - low, 1.0)
+    axes.set_ylim(width * np.sinh(low - pad), width * np.sinh(high + pad))
+    axes.axhspan(-360, 0, **_BROKEN)
+    axes.axhline(0, color=KEEP_OUT, zorder=1.5, **barrier(-1))
+
+
+class _DegreeLocator(Locator):
+    """Round numbers of degrees, decades before what lies between them, as many as there is room for."""
+
+    def __call__(self) -> Sequence[float]:
+        assert self.axis is not None
+        return self.tick_values(*self.axis.get_view_interval())
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The ticks of a view, so far apart that their labels do not touch."""
+        axis: Any = self.axis
+        place = axis.get_transform().transform
+        apart = abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
+        ticks: list[float] = []
+        for digit in (0, 1, 5, 2, 3):
+            for tick in sorted((tick for tick in _TICKS if f"{abs(tick):e}"[0] == str(digit)), key=abs):
+                if vmin <= tick <= vmax and all(abs(place(tick) - place(other)) >= apart for other in ticks):
+                    ticks.append(tick)
+        return sorted(ticks)
+
+
+def _degrees(value: float, _: int | None = None) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _name_zones(
@@ -128,11 +176,12 @@ def _name_zones(
     """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room."""
     panel = axes.get_window_extent()
     size = np.array([panel.width, panel.height]) * 72 / axes.figure.dpi  # points, before the final layout
-    low, high = axes.get_ylim()
+    height = axes.yaxis.get_transform().transform
+    low, high = height(np.array(axes.get_ylim()))
 
     def on_page(time: np.ndarray | float, value: np.ndarray | float) -> np.ndarray:
         across = np.divide(time, times[-1]) if times[-1] > 0 else np.full_like(time, 0.5)
-        return np.stack([across, (value - low) / (high - low)], axis=-1) * size
+        return np.stack([across, (height(value) - low) / (high - low)], axis=-1) * size
 
     drawn = [np.zeros_like(times), *(line.values for line in smallest.values())]  # with the line at zero
     labels = Labels(np.concatenate([on_page(times, values) for values in drawn]))

@@ -24,7 +24,7 @@ from jaxplan.plotting.style import (
     legend_beside,
     note,
 )
-from jaxplan.plotting.timelines import panel, time_axis
+from jaxplan.plotting.timelines import FAR, panel, time_axis
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -56,16 +56,17 @@ def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         ValueError: if the plan has no trajectory, or other than two axes are given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
+    values, limits = moves.values.joints, craft.joint_limits
     axes = panels(ax, 2, size(2))
     for panel_axes in axes:
         panel_axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
     entries = [
-        _joints(axes[row], moves, craft, moves.values.joints, craft.joint_limits, name, f"{name} (deg)")
+        _joints(axes[row], moves, craft, values, limits, name, f"{name} (deg)", far=np.inf)
         for row, name in enumerate(("yaw", "pitch"))
     ]
     if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
-        for row, joints in enumerate(np.split(np.rad2deg(plan.path.joints), 2, axis=1)):
-            for number, column in enumerate(joints.T):
+        for row, nodes in enumerate(np.split(np.rad2deg(plan.path.joints), 2, axis=1)):
+            for number, column in enumerate(nodes.T):
                 colour = device_style(number)["color"]
                 axes[row].plot(moves.node_times, column, ".", color=colour, markersize=4.5)
         node = Line2D([], [], color=GREY, marker=".", linestyle="none")
@@ -162,7 +163,7 @@ def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         for row, load in enumerate(shown)
     ]
     if legend:
-        legend_beside(axes[0], every[0])
+        legend_beside(axes[0], max(every, key=len))  # limits may be drawn on one panel and told on another
     time_axis(axes, moves)
     return axes
 
@@ -238,10 +239,10 @@ def _joint_pair(
     legend: bool,
 ) -> None:
     """Pitches on the first panel and yaws on the second, the paper's order."""
-    entries = _joints(axes[0], moves, craft, values, limits, "pitch", f"pitch {quantity}")
-    _joints(axes[1], moves, craft, values, limits, "yaw", f"yaw {quantity}")
+    pitches = _joints(axes[0], moves, craft, values, limits, "pitch", f"pitch {quantity}")
+    yaws = _joints(axes[1], moves, craft, values, limits, "yaw", f"yaw {quantity}")
     if legend:
-        legend_beside(axes[0], [*_terminals(craft), *entries])
+        legend_beside(axes[0], [*_terminals(craft), *(pitches or yaws)])
 
 
 def _joints(
@@ -252,6 +253,7 @@ def _joints(
     limits: np.ndarray,
     joint: str,
     label: str,
+    far: float = FAR,
 ) -> Entries:
     """The yaws or the pitches on one panel; values (k, 2n) and limits (2n,) are of all joints."""
     count = len(craft.terminals)
@@ -259,7 +261,7 @@ def _joints(
     styles = [device_style(number) for number in range(count)]
     if not count:
         note(axes, "no terminals")
-    return panel(axes, moves, values[:, half], limits[half], styles, label)
+    return panel(axes, moves, values[:, half], limits[half], styles, label, far=far)
 
 
 def _terminals(craft: "Spacecraft") -> Entries:

@@ -2,7 +2,7 @@
 
 Each has a name, by which figures call it; in `compare` its colour and line style are those of its place among
 the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke. A limit far
-from all curves of a row is told in a corner instead of drawn, since the curves would shrink to a line.
+from all curves of a row is told above its panel instead of drawn, since the curves would shrink to a line.
 """
 
 from collections.abc import Mapping
@@ -216,23 +216,9 @@ def _busiest(sampled: list[_Sampled], spacecraft: "Spacecraft") -> int:
 
 
 def _limit(axes: Axes, limit: float, highest: float) -> Entries:
-    """Draw a limit, or tell it where it is far from the highest value, both in radians; its legend entry."""
-    if not np.isfinite(limit):
-        return []
-    degrees = np.rad2deg(limit)
-    if limit <= _FAR * highest:
-        return limit_lines(axes, np.array([degrees]), [{"color": GREY}])
-    axes.text(
-        0.98,
-        0.97,
-        f"limit ±{degrees:.3g}",
-        transform=axes.transAxes,
-        ha="right",
-        va="top",
-        color=GREY,
-        fontsize=SMALL,
-    )
-    return []
+    """A limit of panels whose highest value is known, both in radians; its legend entry if it is drawn."""
+    degrees, value = np.rad2deg([limit]), float(np.rad2deg(highest))
+    return limit_lines(axes, degrees, [{"color": GREY}], value, far=_FAR)
 
 
 def _finish(every: list[Axes], titles: list[str], end: float) -> None:

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from jaxplan.plotting.samples import Motion
 from jaxplan.plotting.style import TEXT, Entries, Look, limit_lines, tidy
 
+FAR = 4.0  # times the highest value: a limit beyond is told and not drawn
+
 
 def panel(
     axes: Axes,
@@ -23,8 +25,9 @@ def panel(
     label: str,
     *,
     degrees: bool = True,
+    far: float = FAR,
 ) -> Entries:
-    """Draw curves over time with dashed limits.
+    """Draw curves over time with their limits.
 
     Args:
         axes: where to.
@@ -34,6 +37,7 @@ def panel(
         styles: of the curves.
         label: of the vertical axis, with the unit.
         degrees: False if the values are drawn as they are.
+        far: times the highest value, beyond which a limit is told above the panel and not drawn.
 
     Returns:
         Legend entries for the limits, if there are any.
@@ -41,7 +45,8 @@ def panel(
     shown = np.rad2deg if degrees else np.asarray
     for column, style in zip(shown(values).T, styles, strict=True):
         curve(axes, motion.times, column, **style)
-    entries = limit_lines(axes, shown(limits), styles)
+    highest = float(np.max(np.abs(shown(values)), initial=0.0))
+    entries = limit_lines(axes, shown(limits), styles, highest, far=far)
     axes.set_ylabel(label, fontsize=TEXT)
     return entries
 
