@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,8 +248,10 @@ def test_the_figure_of_a_descent_has_a_line_a_number():
         {"step": step, "objective": 2.0**-step, "slope": 1.0, "trajectory.rate_weight": 3.0 + step}
         for step in range(3)
     )
-    result = Tuning(scenarios=(), plans=(), numbers={}, objective=0.25, history=history)
+    label = "peak acceleration (deg/s²)"
+    result = Tuning(scenarios=(), plans=(), numbers={}, objective=0.25, label=label, history=history)
     first, second = jp.plot.tuning(result, Figure())
+    assert first.get_ylabel().replace("\n", " ") == label
     assert list(first.get_lines()[0].get_ydata()) == [1.0, 0.5, 0.25]
     assert list(second.get_lines()[0].get_ydata()) == [3.0, 4.0, 5.0]
     assert second.get_ylabel() == "trajectory.\nrate_weight"
@@ -256,3 +259,46 @@ def test_the_figure_of_a_descent_has_a_line_a_number():
         jp.plot.tuning(replace(result, history=()))
     with pytest.raises(ValueError, match="2 panels, but 1 axes were given"):
         jp.plot.tuning(result, first)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize(
+    "values",
+    [
+        [0.123456 + 1e-7 * step for step in range(6)],
+        [3e7 - 1e3 * step for step in range(6)],
+        [-1e-7 * step for step in range(6)],
+        [-2.5, -2.50001, -2.4],
+        [1e-9],
+        [4.0, 4.0],
+    ],
+    ids=["tiny range", "large", "negative", "negative and near", "one step", "constant"],
+)
+def test_the_axes_of_a_descent_say_whole_numbers_and_what_they_are_of(values, count):
+    names = [f"start.joint_rates_rad_s[{number}]" for number in range(count)]
+    history = tuple(
+        {"step": step, "objective": value, "slope": 1.0, **dict.fromkeys(names, value)}
+        for step, value in enumerate(values)
+    )
+    result = Tuning(scenarios=(), plans=(), numbers={}, objective=values[-1], history=history)
+    grid = jp.plot.tuning(result, Figure())
+    grid[0].figure.draw_without_rendering()
+    assert [axes.get_ylabel().replace("\n", "") for axes in grid] == ["objective", *names]
+    for axes in grid:
+        assert axes.yaxis.get_offset_text().get_text() == ""
+        ticks = axes.get_yticks()
+        told = [float(label.get_text().replace("\N{MINUS SIGN}", "-")) for label in axes.get_yticklabels()]
+        np.testing.assert_allclose(told, ticks, atol=2e-3 * np.diff(ticks).min(), rtol=0)
+        assert any(line.get_marker() == "." for line in axes.get_lines()), "a single step is seen"
+
+
+def test_an_objective_of_trials_with_zeros_shows_the_small_ones():
+    history = tuple(
+        {"trial": trial, "objective": value, "success_rate": 1.0, "search.anchor_weight": 2.0}
+        for trial, value in enumerate((0.0, 0.2, 1.0, 54.0))
+    )
+    axes = jp.plot.tuning(SimpleNamespace(label="expansions", history=history), Figure())[0]
+    axes.figure.draw_without_rendering()
+    heights = axes.transAxes.inverted().transform(axes.transData.transform([(0, 0), (0, 0.2), (0, 54)]))[:, 1]
+    assert heights[1] - heights[0] > 0.1
+    assert heights[2] < 1

@@ -15,7 +15,7 @@ import jaxplan as jp
 from jaxplan.cases import paper_case
 from jaxplan.scenario import scenario_to_dict
 from jaxplan.scenario.numbers import find_number, with_numbers
-from jaxplan.tuning.objectives import OBJECTIVES, make_objective
+from jaxplan.tuning.objectives import OBJECTIVES, make_objective, objective_label
 from jaxplan.tuning.parameters import parameters
 
 CASE = paper_case(1)  # the paper's method in 80 s
@@ -38,6 +38,25 @@ ARRAYS = replace(
 SMALL = make_scenario(1)
 SMALL = replace(SMALL, trajectory=replace(SMALL.trajectory, method="paper", duration=30.0))
 WEIGHTS = ("trajectory.rate_weight", "trajectory.acceleration_weight")
+
+
+@pytest.mark.parametrize(
+    ("objective", "label"),
+    [
+        ("peak_acceleration", "peak acceleration (deg/s²)"),
+        ("smallest_margin", "\N{MINUS SIGN}smallest margin (deg)"),
+        ({"effort": 1.0}, "effort ((deg/s²)² s)"),
+        ({"peak_rate": 2.0, "duration": 0.5}, "2 peak rate + 0.5 duration"),
+        (jp.measures.roughness, "roughness"),
+        (lambda trajectory, scenario: 0.0, "objective"),
+    ],
+)
+def test_an_objective_has_a_label_with_its_unit(objective, label):
+    assert objective_label(objective) == label
+
+
+def test_every_objective_has_a_unit():
+    assert all(objective_label(name).endswith(")") for name in OBJECTIVES)
 
 
 @pytest.mark.parametrize(
@@ -229,6 +248,7 @@ def test_numbers_without_a_certified_plan_are_never_the_answer():
     over = {"trajectory.duration_s": (5.0, 60.0)}
     call = {"over": over, "optimizer": optax.adam(1.0), "progress": False}
     first = jp.tune(SMALL, "duration", steps=3, **call)
+    assert first.label == "duration (s)"
     again = jp.tune(SMALL, "duration", steps=1, resume=first, **call)
     for result in (first, again):
         assert "no certified plans" in result.message

@@ -7,7 +7,14 @@ from typing import Protocol
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    ScalarFormatter,
+    SymmetricalLogLocator,
+)
 
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.style import COLOURS, GREY, KEEP_OUT, TEXT, Entries, Look, legend_beside, plain, tidy
@@ -19,6 +26,7 @@ _FAR = 10.0  # ratio of objectives from which on their axis is logarithmic
 _COUNTS = ("step", "trial")
 _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
+_STEP: Look = {"marker": ".", "markersize": 6}
 _TRIAL: Look = {"color": GREY, "linestyle": "", "marker": "o", "markersize": 4}
 _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
 
@@ -27,9 +35,13 @@ class Tuned(Protocol):
     """What tuning found, such as a `jaxplan.tuning.Tuning` or `jaxplan.tuning.SearchTuning`.
 
     Attributes:
+        label: what was lowered, with its unit.
         history: a row a step or trial, with its number, the objective, of trials the success rate, and the
             numbers by name.
     """
+
+    @property
+    def label(self) -> str: ...  # noqa: D102
 
     @property
     def history(self) -> Sequence[Row]: ...  # noqa: D102
@@ -60,15 +72,15 @@ def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axe
     names = [name for name in rows[0] if name not in _NO_NUMBERS]
     heights = [_FIRST, *[_OTHERS] * len(names)]
     grid = panels(ax, len(heights), (_WIDTH, sum(heights)), heights=heights)
-    label = getattr(result, "objective", "objective")  # trials say which, with its unit
     by_trials = "trial" in rows[0]
     for axes, key in zip(grid, ("objective", *names), strict=True):
         tidy(axes)
         if by_trials:
             _trials(axes, rows, key)
         else:
-            axes.plot([row["step"] for row in rows], [row[key] for row in rows], **_LINE)
-        plain(axes.set_ylabel(label if key == "objective" else _broken(key), fontsize=TEXT))
+            axes.plot([row["step"] for row in rows], [row[key] for row in rows], **_LINE, **_STEP)
+        plain(axes.set_ylabel(_broken(result.label if key == "objective" else key), fontsize=TEXT))
+        axes.yaxis.set_major_formatter(_WholeNumbers())
     _use_decades(grid[0], np.array([row["objective"] for row in rows], dtype=float))
     grid[0].figure.align_ylabels(grid)
     grid[-1].set_xlabel("trial" if by_trials else "step", fontsize=TEXT)
@@ -101,13 +113,36 @@ def _better(first: Row, second: Row) -> Row:
 
 
 def _use_decades(axes: Axes, values: np.ndarray) -> None:
-    """A logarithmic axis where values are positive and far apart, so that the least can be told apart."""
+    """A logarithmic axis, linear near zero, where values are so far apart that the least are one line."""
     known = values[np.isfinite(values)]
-    if len(known) and np.all(known > 0) and np.max(known) >= _FAR * np.min(known):
+    positive = known[known > 0]
+    if not len(positive) or np.any(known < 0) or np.max(known) < _FAR * np.min(positive):
+        return
+    subs = (1.0, 2.0, 5.0)
+    if len(positive) == len(known):
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    else:
+        least = float(np.min(positive))
+        axes.set_yscale("symlog", linthresh=least)
+        axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=least, subs=subs))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+class _WholeNumbers(ScalarFormatter):
+    """Ticks that say the whole number, in as many digits as it takes: no offset or power stands aside."""
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        """The labels of some ticks."""
+        ticks = np.asarray(values, dtype=float)
+        for digits in range(1, 17):
+            texts = [f"{tick:.{digits}g}" for tick in ticks]
+            wrong = np.abs(np.array(texts, dtype=float) - ticks)
+            if np.all(wrong <= 1e-3 * np.min(np.diff(np.sort(ticks)), initial=np.inf)):
+                break
+        short = (text.replace("e+0", "e").replace("e-0", "e-") for text in texts)
+        return [text.replace("-", "\N{MINUS SIGN}") for text in short]
 
 
 def _entries(rows: Sequence[Row]) -> Entries:
@@ -116,5 +151,5 @@ def _entries(rows: Sequence[Row]) -> Entries:
 
 
 def _broken(name: str) -> str:
-    """A dotted name on lines of its own, so that it fits beside a low panel."""
-    return name.replace(".", ".\n")
+    """A dotted name, or a sum of objectives, on lines of its own, so that it fits beside a low panel."""
+    return name.replace(".", ".\n") if " " not in name else name.replace(" + ", " +\n").replace(" (", "\n(")

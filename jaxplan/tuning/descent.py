@@ -24,7 +24,7 @@ from jaxplan.sensitivity import Held, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.bundle import Bundle, bare
-from jaxplan.tuning.objectives import Objective, as_weights, make_objective
+from jaxplan.tuning.objectives import Objective, as_weights, make_objective, objective_label
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
 from jaxplan.tuning.result import Asked, State, Tuning
 
@@ -100,7 +100,8 @@ def tune(
         if resume is not None:
             state = resume.state
             state.asked.expect(asked)
-        return _descend(given, aim, tuned, optimizer, steps, progress, state)
+        found = _descend(given, aim, tuned, optimizer, steps, progress, state)
+    return replace(found, label=objective_label(objective))
 
 
 def _descend(

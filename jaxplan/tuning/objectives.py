@@ -43,6 +43,39 @@ OBJECTIVES: dict[str, Objective] = {
     "smallest_margin": lambda t, s: -_margin(t, s),
 }
 
+_UNITS = {
+    "peak_acceleration": "deg/s²",
+    "smooth_peak_acceleration": "deg/s²",
+    "peak_rate": "deg/s",
+    "peak_jerk": "deg/s³",
+    "peak_torque": "N m",
+    "effort": "(deg/s²)² s",
+    "roughness": "(deg/s³)² s",
+    "duration": "s",
+    "smallest_margin": "deg",
+}
+
+
+def objective_label(given: str | Mapping[str, float] | Objective) -> str:
+    """What an objective is called on an axis: a single one with its unit, several with their weights.
+
+    Args:
+        given: see `make_objective`.
+    """
+    if callable(given):
+        name = getattr(given, "__name__", "objective")
+        return "objective" if name == "<lambda>" else name
+    weights = as_weights(given)
+    if list(weights.values()) == [1.0]:
+        (name,) = weights
+        return f"{_spelled(name)} ({_UNITS[name]})"
+    return " + ".join(f"{weight:g} {_spelled(name)}" for name, weight in weights.items())
+
+
+def _spelled(name: str) -> str:
+    sign = "\N{MINUS SIGN}" if name == "smallest_margin" else ""
+    return sign + name.replace("_", " ")
+
 
 def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
     """The objective that is meant.

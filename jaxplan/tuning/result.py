@@ -69,6 +69,7 @@ class Tuning:
         plans: of them.
         numbers: the tuned numbers by name, in the file's units.
         objective: of these plans.
+        label: what was lowered, with its unit.
         history: a row a step: its number, the objective, the length of its gradient in the free parameters,
             and the numbers by name. Its trajectories are followed, not searched anew.
         message: what was given up, empty if all is well.
@@ -80,6 +81,7 @@ class Tuning:
     numbers: Mapping[str, float]
     objective: float
     history: tuple[Mapping[str, float], ...]
+    label: str = "objective"
     message: str = ""
     state: Any = field(default=None, repr=False)
 

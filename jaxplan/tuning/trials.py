@@ -68,6 +68,11 @@ class SearchTuning:
         """Of which scenes, and how many trials there were."""
         return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
 
+    @property
+    def label(self) -> str:
+        """What was lowered, with its unit: as `Tuning` has it beside the objective's value."""
+        return self.objective
+
     def cells(self) -> list[list[str]]:
         """What the scenes' own and the best settings are and do, as rows of texts with their head."""
         labels = {"objective": self.objective, "success_rate": "success rate (%)"}
