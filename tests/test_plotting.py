@@ -1,5 +1,6 @@
 """Figures: cones on the map, curves, limits, legends and where they are drawn; properties, not pixels."""
 
+import inspect
 from dataclasses import replace
 
 import jax
@@ -697,6 +698,19 @@ def test_zones_of_a_group_look_and_are_called_other_than_those_that_must_hold() 
     for name, group in groups.items():
         assert (last[name] == f"any of {group}") == (group is not None)
     assert {"keep-in zone", "keep-in zone,\nany of its group"} <= _legend(axes)
+
+
+def test_completion_offers_what_draws_and_nothing_else() -> None:
+    assert dir(jp.plot) == sorted(jp.plot.__all__)
+    for name in dir(jp.plot):
+        figure = getattr(jp.plot, name)
+        assert inspect.isfunction(figure)
+        assert "ax" in inspect.signature(figure).parameters or name == "figures"
+    everything = {
+        name: value for name, value in vars(jp.plot).items() if inspect.isfunction(value) and name[0] != "_"
+    }
+    drawing = {name for name, value in everything.items() if "ax" in inspect.signature(value).parameters}
+    assert set(dir(jp.plot)) == drawing | {"figures"}
 
 
 # Where they are drawn

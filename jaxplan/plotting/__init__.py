@@ -8,38 +8,40 @@ Every figure takes a plan, but `compare` and `segments` several trajectories, `d
 studies, `constellation` satellites that are planned, `tuning` what tuning found. All take, with ``ax``, where
 to draw: axes (several for a figure of several panels), a figure to put them in, or None for a new one. They
 return the axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one
-colour and line style in all figures of plans, a planner one colour in all comparisons. `animate` returns a
-film. Axes are in degrees and seconds, torques in N m.
+colour and line style in all figures of plans, a planner one colour in all comparisons, and a limit has ticks
+on the side that is out of bounds. `animate` returns a film, `figures` goes through all figures of a plan.
+Axes are in degrees and seconds, torques in N m.
 """
 
-from jaxplan.plotting.comparison import comparison_figure, table4
+from jaxplan.plotting.comparison import comparison_figure as comparison_figure
+from jaxplan.plotting.comparison import table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.duration_panel import durations
 from jaxplan.plotting.film import animate
 from jaxplan.plotting.globe_map import globe
-from jaxplan.plotting.inline import inline_figures
+from jaxplan.plotting.inline import inline_figures as inline_figures
 from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sphere_map import sphere
-from jaxplan.plotting.study_figure import study, study_figure
+from jaxplan.plotting.study_figure import study
+from jaxplan.plotting.study_figure import study_figure as study_figure
 from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
 from jaxplan.plotting.tuning_panels import tuning
-from jaxplan.plotting.whole_plan import FIGURE_NAMES, figures, overview
+from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
+from jaxplan.plotting.whole_plan import figures, overview
 
+# What a user draws with; the names imported as themselves are for the command line and the report.
 __all__ = [
-    "FIGURE_NAMES",
     "accelerations",
     "angles",
     "animate",
     "compare",
-    "comparison_figure",
     "constellation",
     "distribution",
     "durations",
     "figures",
     "globe",
-    "inline_figures",
     "margins",
     "outcomes",
     "overview",
@@ -47,9 +49,12 @@ __all__ = [
     "segments",
     "sphere",
     "study",
-    "study_figure",
     "success_rates",
     "table4",
     "torque",
     "tuning",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
