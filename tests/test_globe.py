@@ -1,5 +1,11 @@
 """The globe and the film on it: where things stand in the picture, and what is in front."""
 
+import base64
+import gc
+import io
+import re
+import warnings
+import weakref
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -7,9 +13,12 @@ import numpy as np
 import pytest
 from exports import flown_plan, truth
 from matplotlib import pyplot
+from matplotlib.figure import Figure
+from PIL import Image
 
 import jaxplan as jp
 from jaxplan.planner import Plan
+from jaxplan.plotting import film as film_module
 from jaxplan.plotting.style import device_style
 from jaxplan.plotting.view import View, circle, insides
 from jaxplan.zones import KeepIn, KeepOut
@@ -137,6 +146,86 @@ def test_a_film_can_be_saved_and_needs_a_motion(plan, tmp_path):
         jp.plot.animate(replace(plan, trajectory=None))
     assert dict(mpl.rcParams) == before
     assert not pyplot.get_fignums()
+
+
+@pytest.fixture
+def no_ffmpeg(monkeypatch):
+    monkeypatch.setattr(film_module.FFMpegWriter, "isAvailable", lambda: False)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "words"),
+    [
+        ("new/slew.mp4", RuntimeError, r"as \.mp4 only where ffmpeg is installed.*or save as \.gif"),
+        ("new/slew.mpq", ValueError, r"ends in '\.mpq'.*must end in one of \.gif, .*\.mp4"),
+        ("new/slew", ValueError, r"has no ending.*must end in one of \.gif"),
+        ("folder.gif", IsADirectoryError, "is a folder"),
+        ("file.txt/slew.gif", NotADirectoryError, r"file\.txt is a file, not a folder"),
+    ],
+)
+def test_a_film_that_cannot_be_saved_says_what_to_do(plan, tmp_path, no_ffmpeg, name, error, words):
+    (tmp_path / "folder.gif").mkdir()
+    (tmp_path / "file.txt").touch()
+    with pytest.raises(error, match=words):
+        jp.plot.animate(plan, frames=2).save(tmp_path / name)
+    assert {file.name for file in tmp_path.iterdir()} == {"folder.gif", "file.txt"}, "no folder is left over"
+
+
+def test_a_film_makes_its_folder_and_needs_no_ffmpeg_for_a_gif(plan, tmp_path, no_ffmpeg):
+    jp.plot.animate(plan, frames=2).save(tmp_path / "new" / "slew.GIF", dpi=30)
+    assert (tmp_path / "new" / "slew.GIF").read_bytes().startswith(b"GIF8")
+
+
+def test_a_film_shows_itself_as_a_small_player(plan, monkeypatch):
+    monkeypatch.setattr(film_module, "_PLAYER", 2)
+    film = jp.plot.animate(plan, frames=5)
+    pages = film._repr_html_(), jp.plot.animate(plan, frames=2)._repr_html_()
+    for page in pages:
+        pictures = re.findall(r'"data:image/png;base64,([^"]+)"', page)
+        assert len(pictures) == 2
+        for picture in pictures:
+            assert Image.open(io.BytesIO(base64.b64decode(picture))).mode == "P", "a palette of few colours"
+            assert len(picture) < 1e5
+        assert "<script" in page
+
+
+def test_a_film_that_nobody_saw_is_dropped_without_a_warning(plan):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        film = weakref.ref(jp.plot.animate(plan, frames=2))
+        gc.collect()
+        assert film() is None
+    assert caught == []
+
+
+def test_a_film_lasts_as_long_as_its_figure(plan):
+    figure = Figure()
+    film = weakref.ref(jp.plot.animate(plan, ax=figure, frames=2))
+    gc.collect()
+    assert film() is not None
+
+
+def test_a_notebook_shows_the_player_and_not_the_figure_too(plan):
+    pytest.importorskip("matplotlib_inline")
+    backend = mpl.get_backend()
+    mpl.use("module://matplotlib_inline.backend_inline")
+    try:
+        jp.plot.animate(plan, frames=2)
+        assert pyplot.get_fignums() == []
+    finally:
+        mpl.use(backend)
+
+
+def test_the_clock_of_a_film_stands_above_the_globe(plan):
+    film = jp.plot.animate(plan, frames=2)
+    film.figure.draw_without_rendering()
+    (axes,) = film.figure.axes
+    clock = next(text for text in axes.texts if "smallest margin" in text.get_text())
+    top = axes.transData.transform((0, 1))[1]
+    assert clock.get_window_extent().y0 > top
+    assert {"start", "goal"} <= {text.get_text() for text in axes.get_legend().get_texts()}
+    with pytest.raises(ValueError, match="frames = 0: must be 1 or more"):
+        jp.plot.animate(plan, frames=0)
 
 
 def test_the_globe_of_a_failed_plan_shows_what_there_is(plan):

@@ -9,8 +9,10 @@ from moving_scenes import LOW_ORBIT, sampled
 
 import jaxplan as jp
 from jaxplan.plotting import samples, unfolded
-from jaxplan.plotting.marks import zone_ways, zones_at_start
-from jaxplan.scenario.moments import axis_at
+from jaxplan.plotting.globe_map import view_of
+from jaxplan.plotting.marks import zone_ways, zones_at
+from jaxplan.plotting.view import circle
+from jaxplan.scenario.moments import axis_at, is_moving
 from jaxplan.zones import KeepOut
 
 
@@ -52,7 +54,7 @@ def test_margins_over_time_are_to_zones_where_they_are_then(plan):
 def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan):
     scenario = plan.scenario
     axes = jp.plot.sphere(plan)
-    first = {zone.name: axis_at(zone) for zone in zones_at_start(scenario)}
+    first = {zone.name: axis_at(zone) for zone in zones_at(scenario, 0.0)}
     ways = {zone.name: (zone, way) for zone, way in zone_ways(plan)}
     assert set(ways) == {"earth", "link ahead"}
     lines = [line.get_xydata() for line in axes.lines]
@@ -92,13 +94,28 @@ def test_a_failed_plan_is_drawn_with_its_targets_where_they_are_at_first(failed)
 
 def test_a_film_says_the_smallest_margin_to_zones_where_they_are(plan):
     film = jp.plot.animate(plan, frames=2)
-    film._draw_was_started = True  # it need not be shown
-    picture = film._func
+    picture = film.picture
     zones = [*plan.scenario.keep_out, *plan.scenario.keep_in]
     least = sampled(plan.trajectory, plan.scenario.spacecraft, zones, samples.INSTANTS).min(axis=0)
     for number in (0, 700):
         picture(number)
         assert f"smallest margin {np.rad2deg(least[number]):.2f} deg" in picture.clock.get_text()
+
+
+def test_a_film_shows_zones_where_they_are(plan):
+    film = jp.plot.animate(plan, frames=2)
+    (axes,) = film.figure.axes
+    view = view_of(plan, None)
+    zones = [zone for zone in (*plan.scenario.keep_out, *plan.scenario.keep_in) if is_moving(zone)]
+    assert zones
+    for number, time in ((0, 0.0), (samples.INSTANTS - 1, 80.0)):
+        film.picture(number)
+        bold = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 1.1]
+        for zone in zones:
+            edge = view.sides(circle(axis_at(zone, time), zone.half_angle))[0]
+            same = [line for line in bold if line.shape == edge.shape]
+            assert sum(np.allclose(line, edge, atol=1e-9, equal_nan=True) for line in same) == 1
+        assert [text.get_text() for text in axes.texts].count("earth") == 1
 
 
 def test_a_page_says_what_moves_from_where_to_where(plan, failed, tmp_path):

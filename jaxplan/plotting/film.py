@@ -1,30 +1,42 @@
 """A manoeuvre as a film: the platform with its devices, whose beams move over the sphere of directions."""
 
+import base64
+import io
 import os
+import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation
+from matplotlib.animation import FFMpegWriter, FuncAnimation
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
 
 from jaxplan.files import replacing_file
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
-from jaxplan.plotting.globe_map import draw_line, draw_sphere, view_of
-from jaxplan.plotting.marks import end_marks, end_style, zone_entries
-from jaxplan.plotting.style import SMALL, device_entries, device_style, legend_beside
+from jaxplan.plotting.globe_map import draw_line, draw_sphere, draw_zones, view_of
+from jaxplan.plotting.marks import end_marks, end_style, zone_entries, zones_at
+from jaxplan.plotting.style import GREY, SMALL, Entries, device_entries, device_style, legend_beside
 from jaxplan.plotting.view import PALE, View
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
 
-SIZE = (6.6, 5.2)  # inches
+SIZE = (6.8, 5.6)  # inches
 
 _PLAY = 8.0  # s that a film lasts, however long the manoeuvre
+_PLAYER = 120  # pictures at most of the player that a notebook shows
+_COLOURS = 64  # of a picture in a player: a quarter of the bytes, and no difference to be seen
+_LARGEST = 200.0  # MB of pictures that are made small after they were drawn
+_STILLS, _VIDEOS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 _BODY = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
 _PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edgewise
 
@@ -38,8 +50,8 @@ def animate(
 ) -> "Film":
     """A film of a manoeuvre on the globe.
 
-    In a notebook ``HTML(jp.plot.animate(plan).to_jshtml())`` plays it; ``.save("slew.gif")`` writes a file,
-    as ``.mp4`` where ffmpeg is installed. The file appears whole or not at all.
+    As the last line of a notebook's cell it shows a player. ``.save("slew.gif")`` writes a file, as ``.mp4``
+    where ffmpeg is installed.
 
     Args:
         plan: with a trajectory.
@@ -48,53 +60,138 @@ def animate(
         frames: pictures, evenly over the manoeuvre.
 
     Returns:
-        The film; keep it until it is played or saved.
+        The film; its figure keeps it, so that it plays in a window.
 
     Raises:
-        ValueError: if the plan has no trajectory, or more than one axes is given.
+        ValueError: if the plan has no trajectory, frames is less than one, or more than one axes is given.
     """
+    if frames < 1:
+        raise ValueError(f"frames = {frames}: must be 1 or more")
     motion = samples.motion(plan)
+    if ax is None and "inline" in mpl.get_backend():  # a notebook would show the figure beside the player
+        ax = Figure(figsize=SIZE, layout="constrained")
     (axes,) = panels(ax, 1, SIZE)
     seen = view_of(plan, view)
-    draw_sphere(axes, plan, seen)
-    for look, _, directions in end_marks(plan):
+    draw_sphere(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
+    axes.set_ylim(-1.06, 1.3)  # with room for the clock above
+    ends: Entries = []
+    for look, name, directions in end_marks(plan):
         for device, point in enumerate(directions):
             axes.plot(*seen.project(point), **end_style(look, device), alpha=0.5)
+        ends.append((Line2D([], [], color=GREY, **look), name))
     for device, way in enumerate(np.moveaxis(motion.boresights, 1, 0)):
         draw_line(axes, seen, way, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]})
-    legend_beside(
-        axes, [*device_entries(plan.scenario.spacecraft.device_names), *zone_entries(plan.scenario)]
-    )
+    devices = device_entries(plan.scenario.spacecraft.device_names)
+    legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
     picture = _Picture(axes, plan, motion, seen)
     picture(0)
     shown = np.linspace(0, len(motion.times) - 1, frames).round().astype(int)
     figure = axes.get_figure(root=True)
     assert figure is not None
-    return Film(figure, picture, frames=shown, interval=1000 * _PLAY / frames, blit=True)
+    return Film(figure, picture, shown)
 
 
 class Film(FuncAnimation):
-    """An animation of matplotlib, with progress where it is saved."""
+    """An animation of matplotlib that a notebook plays, with progress where it is saved."""
 
-    def save(self, filename: str | os.PathLike[str], *arguments: Any, **settings: Any) -> None:
-        """Write a film as matplotlib does, with a bar on stderr once it takes longer than a second."""
+    def __init__(self, figure: Figure, picture: Callable[[int], Iterable[Artist]], shown: np.ndarray) -> None:
+        self.figure, self.picture, self.shown = figure, picture, shown
+        super().__init__(figure, picture, frames=shown, interval=1000 * _PLAY / len(shown), blit=True)
+        figure.film = self  # type: ignore[attr-defined]  # else it stops where nobody else keeps it
+
+    def __del__(self) -> None:
+        """Say nothing: a film that nobody looked at is no fault."""
+
+    def save(
+        self, filename: str | os.PathLike[str], writer: Any = None, *arguments: Any, **settings: Any
+    ) -> None:
+        """Write a film, with a bar on stderr once it takes longer than a second.
+
+        Args:
+            filename: ends in .gif, .png or .webp, or, where ffmpeg is installed, in .mp4, .m4v, .mov, .mkv,
+                .webm or .avi. The file appears whole or not at all, and its folder is made.
+            writer: of matplotlib, for any other ending.
+            *arguments: of matplotlib's ``Animation.save``.
+            **settings: likewise.
+
+        Raises:
+            ValueError: if the file's name has another ending.
+            RuntimeError: if ffmpeg is needed and not installed.
+            OSError: if there can be no file of that name, such as where it is a folder.
+        """
         from tqdm.auto import tqdm
 
         target = Path(filename)
+        writer = _writer(target) if writer is None else writer
+        _check_place(target)
         hidden = None if "progress_callback" not in settings else True  # None: where stderr is no terminal
         with (
-            tqdm(desc="film", unit=" pictures", delay=1, leave=False, disable=hidden) as bar,
+            tqdm(
+                desc="film", unit=" pictures", total=len(self.shown), delay=1, leave=False, disable=hidden
+            ) as bar,
             replacing_file(target, suffix=target.suffix) as fresh,
         ):
             settings.setdefault("progress_callback", lambda _number, _total: bar.update())
-            super().save(str(fresh), *arguments, **settings)
+            super().save(str(fresh), writer, *arguments, **settings)
+
+    def to_jshtml(self, *arguments: Any, **settings: Any) -> str:
+        """A player with buttons as HTML, with the pictures in it; arguments are those of matplotlib."""
+        with mpl.rc_context({"animation.embed_limit": _LARGEST}):
+            return re.sub(
+                r'(data:image/png;base64,)([^"]+)', _smaller, super().to_jshtml(*arguments, **settings)
+            )
+
+    def _repr_html_(self) -> str:
+        """The player; of a long film with every second picture, or every third, and so on."""
+        step = -(-len(self.shown) // _PLAYER)
+        if step == 1:
+            return self.to_jshtml()
+        return Film(self.figure, self.picture, self.shown[::step]).to_jshtml()
+
+
+def _writer(target: Path) -> str:
+    """The writer of matplotlib for a file."""
+    suffix = target.suffix.lower()
+    if suffix in _STILLS:
+        return "pillow"
+    if suffix not in _VIDEOS:
+        ending = f"ends in {suffix!r}" if suffix else "has no ending"
+        known = ", ".join((*_STILLS, *_VIDEOS))
+        raise ValueError(f"{target} {ending}: the name of a film must end in one of {known}")
+    if not FFMpegWriter.isAvailable():
+        raise RuntimeError(
+            f"{target}: a film can be saved as {suffix} only where ffmpeg is installed, and no program "
+            f"{mpl.rcParams['animation.ffmpeg_path']!r} was found: install it, or save as .gif"
+        )
+    return "ffmpeg"
+
+
+def _check_place(target: Path) -> None:
+    """See to it, before pictures are drawn for minutes, that a file can be written."""
+    if target.is_dir():
+        raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
+    folder = next(parent for parent in target.absolute().parents if parent.exists())
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{target} cannot be written: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{target} cannot be written: there is no permission to write to {folder}")
+
+
+def _smaller(found: re.Match[str]) -> str:
+    """A picture inside a page with fewer colours."""
+    picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
+    file = io.BytesIO()
+    picture.convert("RGB").quantize(_COLOURS).save(file, "png")
+    return found[1] + base64.b64encode(file.getvalue()).decode()
 
 
 class _Picture:
     """What moves: called with a number of an instant, it brings everything there."""
 
     def __init__(self, axes: Axes, plan: "Plan", motion: samples.Motion, view: View) -> None:
-        self.motion, self.view = motion, view
+        self.axes, self.motion, self.view = axes, motion, view
+        self.scenario = plan.scenario
+        self.moving: list[Artist] = []  # what is drawn of zones that move
         craft = plan.scenario.spacecraft
         self.margins = [m.values for m in samples.margins(plan.scenario, motion.boresights, motion.times)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
@@ -118,7 +215,7 @@ class _Picture:
                     [], [], "o", markersize=7, color=look["color"], markeredgecolor="white", zorder=4.5
                 )[0]
             )
-        self.clock = axes.text(-1.06, 1.0, "", fontsize=SMALL + 1, ha="left", va="top")
+        self.clock = axes.text(-1.06, 1.27, "", fontsize=SMALL + 1, ha="left", va="top")
 
     def __call__(self, number: int) -> list[Artist]:
         """Show an instant; returns what has changed."""
@@ -135,7 +232,14 @@ class _Picture:
             self.spots[device].set_data(*self.view.project(tip)[:, None])
             self.spots[device].set_alpha(1.0 if near else 0.45)
         self.clock.set_text(self._words(number))
-        return [self.faces, *self.trails, *self.beams, *self.spots, self.clock]
+        self._move_zones(float(self.motion.times[number]))
+        return [*self.moving, self.faces, *self.trails, *self.beams, *self.spots, self.clock]
+
+    def _move_zones(self, time: float) -> None:
+        """Draw the zones that move where they are at a time, s."""
+        for artist in self.moving:
+            artist.remove()
+        self.moving = draw_zones(self.axes, self.view, zones_at(self.scenario, time, moving=True))
 
     def _turn_platform(self, attitude: np.ndarray) -> None:
         """Draw the faces of the platform that the eye sees."""

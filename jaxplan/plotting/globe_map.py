@@ -1,8 +1,10 @@
 """The sphere of directions in space, with zones and boresights on it."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
@@ -22,7 +24,7 @@ from jaxplan.plotting.marks import (
     zone_fill,
     zone_outline,
     zone_ways,
-    zones_at_start,
+    zones_at,
 )
 from jaxplan.plotting.style import (
     GREY,
@@ -41,9 +43,10 @@ from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
 
 SIZE = (8.2, 6.4)  # inches
+_LETTER, _LINE = 0.032, 0.07  # radii that a letter of a name is wide and a line high
+_NOTHING = np.zeros((0, 2))
 _HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -73,7 +76,7 @@ def globe(
     """
     (axes,) = panels(ax, 1, SIZE)
     seen = view_of(plan, view)
-    draw_sphere(axes, plan, seen)
+    draw_sphere(axes, plan, seen, zones_at(plan.scenario, 0.0))
     entries = [*device_entries(plan.scenario.spacecraft.device_names), *_draw_ways(axes, plan, seen)]
     if legend:
         legend_beside(axes, [*entries, *zone_entries(plan.scenario)])
@@ -90,8 +93,8 @@ def view_of(plan: "Plan", angles: tuple[float, float] | None) -> View:
     return View.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
 
 
-def draw_sphere(axes: Axes, plan: "Plan", view: View) -> None:
-    """The empty globe with its zones, their names and the title."""
+def draw_sphere(axes: Axes, plan: "Plan", view: View, zones: Sequence[KeepOut | KeepIn]) -> None:
+    """The empty globe with some zones, their names, the ways of zones that move, and the title."""
     axes.set_aspect("equal")
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
@@ -102,18 +105,25 @@ def draw_sphere(axes: Axes, plan: "Plan", view: View) -> None:
     ]
     for line in [*meridians, *circle(poles, np.deg2rad(range(30, 180, 30)))]:
         draw_line(axes, view, line, {"color": "0.85", "linewidth": 0.5, "zorder": 0.7})
-    for zone in zones_at_start(plan.scenario):
-        _draw_zone(axes, view, zone)
     for last, way in zone_ways(plan):
         edge: Look = zone_outline(last) | {"linewidth": 0.6, "zorder": 1.6}
         draw_line(axes, view, circle(axis_at(last), last.half_angle), edge)
         draw_line(axes, view, way, {"color": edge["color"], **ZONE_WAY})
-    _name_zones(axes, view, plan.scenario)
+    ways = boresight_ways(plan)
+    draw_zones(axes, view, zones, _NOTHING if ways is None else view.project(ways.reshape(-1, 3)))
     outcome = "" if plan.ok else f": {plan.status.name}"
     plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
     eye = np.rad2deg([np.arctan2(*view.axes[2, 1::-1]), np.arcsin(view.axes[2, 2])])
     text = f"seen from azimuth {eye[0]:.0f}, elevation {eye[1]:.0f} deg (inertial); grid of 30 deg"
     axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
+
+
+def draw_zones(
+    axes: Axes, view: View, zones: Sequence[KeepOut | KeepIn], ways: np.ndarray = _NOTHING
+) -> list[Artist]:
+    """Zones at rest with their names, which should not cover ways (k, 2); returns all that was drawn."""
+    drawn = [artist for zone in zones for artist in _draw_zone(axes, view, zone)]
+    return [*drawn, *_name_zones(axes, view, zones, ways)]
 
 
 def draw_line(axes: Axes, view: View, line: np.ndarray, look: Look) -> list[Line2D]:
@@ -122,30 +132,32 @@ def draw_line(axes: Axes, view: View, line: np.ndarray, look: Look) -> list[Line
     return [axes.plot(*near.T, **look)[0], axes.plot(*far.T, **look, alpha=PALE)[0]]
 
 
-def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> None:
+def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> list[Artist]:
     right, up, inside = insides(view, axis_at(zone), zone.half_angle)
     fill = zone_fill(zone)
     colour, hatch = to_rgba(fill["facecolor"]), fill.get("hatch")
     limb = Circle((0, 0), 1, transform=axes.transData)
+    areas: list[Artist] = []
     for values, share in zip(inside, (1.3, PALE), strict=True):
         look: Look = {"colors": [(*colour[:3], share * colour[3])], "hatches": [hatch if share > 1 else None]}
         if np.any(values > 0):
             area = axes.contourf(right, up, values, levels=[0, 3], zorder=1, **look)
             area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
+            areas.append(area)
     edge: Look = zone_outline(zone) | {"linewidth": 1.1, "zorder": 1.6}
-    draw_line(axes, view, circle(axis_at(zone), zone.half_angle), edge)
+    return [*areas, *draw_line(axes, view, circle(axis_at(zone), zone.half_angle), edge)]
 
 
-def _name_zones(axes: Axes, view: View, scenario: "Scenario") -> None:
+def _name_zones(axes: Axes, view: View, zones: Sequence[KeepOut | KeepIn], ways: np.ndarray) -> list[Artist]:
     """Each zone's name in it, or above or below if a boresight must stay in; pale on the far side."""
-    labels = Labels(np.zeros((0, 2)))
-    for zone in sorted(zones_at_start(scenario), key=lambda zone: -float(view.depth(axis_at(zone)))):
+    labels = Labels(ways)
+    texts: list[Artist] = []
+    for zone in sorted(zones, key=lambda zone: -float(view.depth(axis_at(zone)))):
         centre = view.project(axis_at(zone))
         near = view.depth(axis_at(zone)) >= 0
-        size = (0.035 * len(zone.name), 0.07)
-        away = np.sin(min(zone.half_angle, np.pi / 2)) + 0.05
-        shifts = (away, -away) if isinstance(zone, KeepIn) else (0, 0.08, -0.08, 0.16, -0.16)
-        places = [spot for spot in centre + np.array([[0, s] for s in shifts]) if np.hypot(*spot) < 1]
+        size = np.array([_LETTER * len(zone.name), _LINE])
+        spots = centre + np.array(_places(zone, size))
+        places = [spot for spot in spots if np.hypot(*spot) < 1]
         spot = labels.place([*places, centre], size, must=True)
         assert spot is not None
         text = axes.text(
@@ -160,7 +172,18 @@ def _name_zones(axes: Axes, view: View, scenario: "Scenario") -> None:
             zorder=1.8,
             path_effects=_HALO if near else [],
         )
-        plain(text)
+        texts.append(plain(text))
+    return texts
+
+
+def _places(zone: KeepOut | KeepIn, size: np.ndarray) -> list[tuple[float, float]]:
+    """Where a zone's name may stand, from its centre in the picture; the best comes first."""
+    away = float(np.sin(min(zone.half_angle, np.pi / 2)))
+    if isinstance(zone, KeepIn):
+        beside = away + size[1] / 2 + 0.02
+        return [(0.0, beside), (0.0, -beside)]
+    steps = (0.0, 0.3, -0.3, 0.6, -0.6, 0.85, -0.85)
+    return [(away * across, away * up) for across in (0.0, 0.3, -0.3, 0.6, -0.6) for up in steps]
 
 
 def _draw_ways(axes: Axes, plan: "Plan", view: View) -> Entries:

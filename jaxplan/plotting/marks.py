@@ -49,10 +49,12 @@ def zone_fill(zone: KeepOut | KeepIn) -> Look:
     return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
 
 
-def zones_at_start(scenario: "Scenario") -> list[KeepOut | KeepIn]:
-    """All zones, those that move where they are at first."""
-    zones: list[KeepOut | KeepIn] = [zone_at(zone, 0.0) for zone in scenario.keep_out]
-    return zones + [zone_at(zone, 0.0) for zone in scenario.keep_in]
+def zones_at(scenario: "Scenario", time: float, *, moving: bool | None = None) -> list[KeepOut | KeepIn]:
+    """Zones where they are at a time, s: all of them, those that move, or those that do not."""
+    zones: list[KeepOut | KeepIn] = [
+        zone_at(zone, time) for zone in scenario.keep_out if moving in (None, is_moving(zone))
+    ]
+    return zones + [zone_at(zone, time) for zone in scenario.keep_in if moving in (None, is_moving(zone))]
 
 
 def zone_ways(plan: "Plan") -> list[tuple[KeepOut | KeepIn, np.ndarray]]:

@@ -20,7 +20,7 @@ from jaxplan.plotting.marks import (
     zone_fill,
     zone_outline,
     zone_ways,
-    zones_at_start,
+    zones_at,
 )
 from jaxplan.plotting.style import (
     GREY,
@@ -67,7 +67,7 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     """
     (axes,) = panels(ax, 1, SIZE)
     scenario = plan.scenario
-    for zone in zones_at_start(scenario):
+    for zone in zones_at(scenario, 0.0):
         _draw_zone(axes, zone)
     for last, way in zone_ways(plan):
         look = zone_outline(last)

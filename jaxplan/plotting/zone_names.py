@@ -8,7 +8,7 @@ from matplotlib.patheffects import withStroke
 
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.labels import Labels
-from jaxplan.plotting.marks import zones_at_start
+from jaxplan.plotting.marks import zones_at
 from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, SMALL, plain
 from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
@@ -29,7 +29,7 @@ def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray) -> None:
         scenario: whose zones are meant.
         ways: (k, 2) deg, points of what is drawn, which names should not cover.
     """
-    zones = zones_at_start(scenario)
+    zones = zones_at(scenario, 0.0)
     crowded = len(zones) > _CROWD
     labels = Labels(ways)
     for zone in zones:
