@@ -472,13 +472,13 @@ def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
     assert low < 0 < np.rad2deg(table.max()) < high, "no line leaves the panel"
 
 
-def _margins_of(*lines: np.ndarray) -> mpl.axes.Axes:
+def _margins_of(*lines: np.ndarray, ax: mpl.axes.Axes | None = None) -> mpl.axes.Axes:
     """The panel of given margins, deg, over the motion of a plan whose proved bound is not drawn."""
     plan = make_plan(len(lines), 0)
     made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in enumerate(lines)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(samples, "margins", lambda *_: made)
-        axes = jp.plot.margins(replace(plan, report=None))
+        axes = jp.plot.margins(replace(plan, report=None), ax=ax)
     axes.figure.draw_without_rendering()
     return axes
 
@@ -501,6 +501,17 @@ def test_half_a_degree_of_margin_is_seen_beside_a_hundred_and_thirty() -> None:
     assert all(float(text) == value for text, value in labels.items() if value >= 0)
     boxes = [label.get_window_extent() for label in axes.get_yticklabels()]
     assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+def test_panels_that_share_an_axis_hide_none_of_their_margins() -> None:
+    share = np.linspace(0, 1, samples.INSTANTS)
+    lines = 8 - 20 * share, 30 + 100 * share
+    for order in (lines, lines[::-1]):
+        panels = Figure().subplots(1, 2, sharey=True)
+        for axes, line in zip(panels, order, strict=True):
+            _margins_of(line, ax=axes)
+        low, high = panels[0].get_ylim()
+        assert low < -12 < 130 < high
 
 
 def test_margins_below_the_limit_are_drawn_on_red() -> None:

@@ -166,6 +166,36 @@ def test_the_curve_of_margins_counts_scenes_with_at_least_a_margin():
         assert share == pytest.approx(100 * np.sum(margins >= value - 1e-12) / 30)
 
 
+def test_small_margins_and_few_expansions_are_told_apart_from_none():
+    study = make_study(30)
+    rows = [row | {"min_margin_deg": 0.3, "expansions": 4000} for row in study.table[:1] + study.table[2:]]
+    rows.append(study.table[1] | {"min_margin_deg": 60.0, "expansions": 0})
+    study = replace(study, _held={TABLE: rows, TIMINGS: study.timings})
+    for quantity, small, large in (("min_margin_deg", 0.3, 60), ("expansions", 1, 4000)):
+        axes = jp.plot.distribution(study, quantity)
+        axes.figure.draw_without_rendering()
+        shares = axes.transAxes.inverted().transform(
+            axes.transData.transform([(v, 0) for v in (0, small, large)])
+        )
+        assert shares[0, 0] == pytest.approx(0, abs=1e-9)
+        assert shares[1, 0] > 0.05
+        assert shares[2, 0] < 1
+        labels = {
+            label.get_text(): x for x, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+        }
+        assert {"0", "1", "10"} <= set(labels)
+        assert all(float(text) == value for text, value in labels.items())
+
+
+def test_broken_lines_lie_over_unbroken_ones_that_coincide():
+    planners = ("mha", "mha-paper", "wastar", "rrt_star", "rrt_connect")
+    axes = jp.plot.distribution([make_study(12, planner) for planner in planners])
+    steps = [line for line in axes.lines if line.get_drawstyle().startswith("steps")]
+    unbroken = [line.get_zorder() for line in steps if not line.is_dashed()]
+    assert len(unbroken) == 2
+    assert max(unbroken) < min(line.get_zorder() for line in steps if line.is_dashed())
+
+
 def test_success_rates_stand_between_the_ends_of_their_intervals():
     axes = jp.plot.success_rates([make_study(30), make_study(30, "wastar", failing=30)])
     marks = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]

@@ -103,6 +103,16 @@ def test_near_limits_are_drawn_and_far_ones_told():
     assert [text.get_text() for text in panels[3].get_legend().get_texts()] == ["paper", "limit"]
 
 
+def test_a_joint_has_a_scale_of_its_own_beside_the_body_axes():
+    panels = jp.plot.compare({"paper": triangle(axis=2), "other": triangle(axis=0)}, make_spacecraft())
+    for row in range(3):
+        *platform, joint = panels[4 * row : 4 * row + 4]
+        assert len({axes.get_ylim() for axes in platform}) == 1
+        assert joint.get_ylim() != platform[0].get_ylim()
+        highest = max(np.abs(line).max() for line in (curve[:, 1] for curve in curves(joint)))
+        assert max(map(abs, joint.get_ylim())) < 1.2 * max(highest, *map(abs, levels(joint) or [0]))
+
+
 def test_joins_and_the_largest_jump_are_told():
     panels = jp.plot.segments({"2 segments": triangle(), "one spline": smooth()}, make_spacecraft())
     assert [axes.get_title() for axes in panels] == [

@@ -271,8 +271,9 @@ def test_the_figure_of_a_descent_has_a_line_a_number():
         [-2.5, -2.50001, -2.4],
         [1e-9],
         [4.0, 4.0],
+        [3.0, 25.0, 58.0],
     ],
-    ids=["tiny range", "large", "negative", "negative and near", "one step", "constant"],
+    ids=["tiny range", "large", "negative", "negative and near", "one step", "constant", "plain"],
 )
 def test_the_axes_of_a_descent_say_whole_numbers_and_what_they_are_of(values, count):
     names = [f"start.joint_rates_rad_s[{number}]" for number in range(count)]
@@ -284,7 +285,9 @@ def test_the_axes_of_a_descent_say_whole_numbers_and_what_they_are_of(values, co
     grid = jp.plot.tuning(result, Figure())
     grid[0].figure.draw_without_rendering()
     assert [axes.get_ylabel().replace("\n", "") for axes in grid] == ["objective", *names]
+    plain = 1e-3 < np.max(np.abs(values)) < 1e5
     for axes in grid:
+        assert not (plain and any("e" in label.get_text() for label in axes.get_yticklabels()))
         assert axes.yaxis.get_offset_text().get_text() == ""
         ticks = axes.get_yticks()
         told = [float(label.get_text().replace("\N{MINUS SIGN}", "-")) for label in axes.get_yticklabels()]

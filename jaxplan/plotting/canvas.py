@@ -37,6 +37,7 @@ def panels(
     *,
     columns: int = 1,
     heights: Sequence[float] | None = None,
+    alone: int = 0,
 ) -> list[Axes]:
     """The axes to draw on, from top to bottom, and of each row from left to right.
 
@@ -46,6 +47,7 @@ def panels(
         size: of a new figure, inches.
         columns: panels a row; new ones share their vertical axis.
         heights: of the rows, in proportion; equal if None.
+        alone: of the columns, so many last ones have a vertical axis of their own.
 
     Raises:
         ValueError: if another number of axes is given.
@@ -55,7 +57,11 @@ def panels(
     if isinstance(where, Figure | SubFigure):
         shape = (count // columns, columns)
         spread = {"height_ratios": heights, "wspace": None if columns == 1 else 0.04}
-        grid = where.subplots(*shape, sharex="col", sharey="row", squeeze=False, gridspec_kw=spread)
+        grid = where.subplots(*shape, sharex="col", squeeze=False, gridspec_kw=spread)
+        for row in grid:
+            for axes in row[1 : columns - alone]:
+                axes.sharey(row[0])
+                axes.tick_params(axis="y", labelleft=False)
         return list(grid.ravel())
     given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
     if len(given) != count:

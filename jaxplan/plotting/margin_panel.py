@@ -1,24 +1,19 @@
-"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
-
-The vertical scale is ``asinh(margin / width)``: linear within the width of the limit, where margins matter,
-and logarithmic beyond, so that half a degree and 130 deg are both read off one panel. The width is about the
-smallest margin, and at least a degree.
-"""
+"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, NullFormatter
 
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.labels import Labels
+from jaxplan.plotting.margin_scale import open_near_zero
 from jaxplan.plotting.style import (
     GREY,
     KEEP_OUT,
@@ -44,9 +39,6 @@ MARK_SIZE = 7  # points, of the triangle
 _OFFSETS = np.array(
     [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
 )
-_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the vertical scale may be linear
-_DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
-_TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
 _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
 _CROWD = 60  # curves, beyond which they are drawn fainter
 
@@ -130,44 +122,18 @@ class _Smallest:
 
 def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
     """Scale the vertical axis to all that is drawn, deg, and mark the limit and what lies below it."""
-    values = np.concatenate([np.ravel(one) for one in drawn])
+    before = (
+        [] if axes.get_autoscaley_on() else [np.array(axes.get_ylim())]
+    )  # of a panel that shares the axis
+    values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
-    width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
-    axes.set_yscale("asinh", linear_width=width)
-    axes.yaxis.set_major_locator(_DegreeLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(_degrees))
-    axes.yaxis.set_minor_locator(FixedLocator(_TICKS))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.tick_params(axis="y", which="minor", length=2, color=GREY)
-    low, high = np.arcsinh(np.array([min(0.0, lowest), max(0.0, highest)]) / width)
+    open_near_zero(axes, "y", lowest)
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(np.array([min(0.0, lowest), max(0.0, highest)]))
     pad = 0.06 * max(high - low, 1.0)
-    axes.set_ylim(width * np.sinh(low - pad), width * np.sinh(high + pad))
+    axes.set_ylim(*scale.inverted().transform(np.array([low - pad, high + pad])))
     axes.axhspan(-360, 0, **_BROKEN)
     axes.axhline(0, color=KEEP_OUT, zorder=1.5, **barrier(-1))
-
-
-class _DegreeLocator(Locator):
-    """Round numbers of degrees, decades before what lies between them, as many as there is room for."""
-
-    def __call__(self) -> Sequence[float]:
-        assert self.axis is not None
-        return self.tick_values(*self.axis.get_view_interval())
-
-    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
-        """The ticks of a view, so far apart that their labels do not touch."""
-        axis: Any = self.axis
-        place = axis.get_transform().transform
-        apart = abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
-        ticks: list[float] = []
-        for digit in (0, 1, 5, 2, 3):
-            for tick in sorted((tick for tick in _TICKS if f"{abs(tick):e}"[0] == str(digit)), key=abs):
-                if vmin <= tick <= vmax and all(abs(place(tick) - place(other)) >= apart for other in ticks):
-                    ticks.append(tick)
-        return sorted(ticks)
-
-
-def _degrees(value: float, _: int | None = None) -> str:
-    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _name_zones(

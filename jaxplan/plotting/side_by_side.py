@@ -49,8 +49,8 @@ def compare(
 ) -> list[Axes]:
     """Rates, accelerations and jerks of several trajectories, with limits.
 
-    There is a column for each body axis of the platform, and one for the joint that comes nearest to a limit
-    of its rate or acceleration in any of the trajectories.
+    There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
+    comes nearest to a limit of its rate or acceleration in any of the trajectories.
 
     Args:
         trajectories: by what they are called.
@@ -78,7 +78,7 @@ def compare(
         columns.append([found.joints[:, :, joint] for found in sampled.values()])
         limits = np.column_stack([limits, [*_joint_limits(spacecraft)[:, joint], np.inf]])
     across = len(columns)
-    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across)
+    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across, alone=across - 3)
     styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
     entries: Entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
     for row in range(3):
@@ -86,8 +86,9 @@ def compare(
         for axes, curves in zip(line, columns, strict=True):
             for found, values, look in zip(sampled.values(), curves, styles, strict=True):
                 curve(axes, found.times, np.rad2deg(values[row]), **look)
-        highest = max(float(np.max(np.abs(values[row]))) for curves in columns for values in curves)
-        shown = [_limit(axes, limit, highest) for axes, limit in zip(line, limits[row], strict=True)]
+        highest = [max(float(np.max(np.abs(values[row]))) for values in curves) for curves in columns]
+        highest[:3] = [max(highest[:3])] * 3  # the body axes share their scale
+        shown = [_limit(*of_panel) for of_panel in zip(line, limits[row], highest, strict=True)]
         entries += next((drawn for drawn in shown if drawn and len(entries) == len(sampled)), [])
         line[0].set_ylabel(_LABELS[row], fontsize=TEXT)
     _finish(every, titles, max(float(found.times[-1]) for found in sampled.values()))

@@ -80,13 +80,17 @@ def _names(studies: Sequence[Studied]) -> list[str]:
 
 
 def looks(studies: Sequence[Studied]) -> list[Look]:
-    """Colour and line style of each: the planner's colour, unless two are by the same."""
+    """Colour and line style of each: the planner's colour, unless two are by the same.
+
+    Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
+    """
     planners = [study.planner for study in studies]
     distinct = len(set(planners)) == len(planners)
     return [
         {
             "color": planner_colour(name) if distinct else COLOURS[place % len(COLOURS)],
             "linestyle": LINE_STYLES[place % len(LINE_STYLES)],
+            "zorder": 2 + 0.1 * (place % len(LINE_STYLES)),
         }
         for place, name in enumerate(planners)
     ]

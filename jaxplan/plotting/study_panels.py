@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.margin_scale import open_near_zero
 from jaxplan.plotting.studied import OK, Studied, Studies, looks, named, planned_values
 from jaxplan.plotting.style import GREY, SMALL, TEXT, Entries, Look, legend_beside, note, plain, tidy
 from jaxplan.proportions import success_interval
@@ -22,7 +23,8 @@ from jaxplan.status import Status
 _SIZE = (8.0, 4.2)  # inches
 _ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
 _BAR = 0.6  # of a line
-_FEW_DECADES = 50.0  # from the least to the largest value
+# Multiples of a power of ten that have a number, for the ratio from the least to the largest value.
+_SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
 _FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
 # Of scenes that nobody could plan in blue, of the planner's failures in red.
 _OUTCOMES = {
@@ -48,24 +50,25 @@ class Quantity:
     Attributes:
         label: of the axis, with its unit.
         decades: whether the axis is logarithmic.
-        at_least: whether the curve counts scenes with at least a value, not at most.
+        margin: whether more of it is better: the curve counts scenes with at least a value, not at most, and
+            the axis opens near zero.
     """
 
     label: str
     decades: bool = False
-    at_least: bool = False
+    margin: bool = False
 
 
 QUANTITIES = {
     "total_s": Quantity("time to plan (s)", decades=True),
     "search_s": Quantity("search time (s)", decades=True),
-    "expansions": Quantity("expansions"),
+    "expansions": Quantity("expansions", decades=True),
     "length_steps": Quantity("path length (steps)"),
     "interior_nodes": Quantity("path length (interior nodes)"),
     "duration_s": Quantity("duration (s)"),
     "slew_deg": Quantity("slew (deg)"),
     "peak": Quantity("largest share of a limit"),
-    "min_margin_deg": Quantity("smallest margin, proved (deg)", at_least=True),
+    "min_margin_deg": Quantity("smallest margin, proved (deg)", margin=True),
 }
 
 
@@ -172,6 +175,8 @@ def distribution(
         if what.decades:
             _use_decades(axes, low, high)
         else:
+            if what.margin:
+                open_near_zero(axes, "x", low)
             axes.set_xlim(min(0.0, 1.05 * low), 1.05 * high if high > 0 else 1.0)
         for study, values, look in zip(every.values(), curves, looks([*every.values()]), strict=True):
             if len(values):
@@ -181,7 +186,7 @@ def distribution(
     axes.set_ylim(0, 104)
     axes.set_yticks(range(0, 101, 25))
     axes.set_xlabel(what.label, fontsize=TEXT)
-    axes.set_ylabel(f"scenes with at {'least' if what.at_least else 'most'} that (%)", fontsize=TEXT)
+    axes.set_ylabel(f"scenes with at {'least' if what.margin else 'most'} that (%)", fontsize=TEXT)
     if legend:
         legend_beside(axes, study_entries(every, censored=any(_failures(study) for study in every.values())))
     return axes
@@ -201,7 +206,7 @@ def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quanti
     left, right = axes.get_xlim()
     shares = 100 * np.arange(len(values) + 1) / scenes
     top = shares[-1]
-    if what.at_least:
+    if what.margin:
         axes.step([left, *values, values[-1]], [top, *shares[::-1]], where="pre", linewidth=1.8, **look)
     else:
         axes.step([values[0], *values], shares, where="post", linewidth=1.8, **look)
@@ -210,11 +215,16 @@ def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quanti
 
 
 def _use_decades(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic axis on which at least two ticks have a number."""
-    axes.set_xscale("log")
-    axes.set_xlim(0.8 * low, 1.4 * high)
-    few = high < _FEW_DECADES * low
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
+    """A logarithmic axis on which at least two ticks have a number; with zeros it is linear up to one."""
+    if low > 0:
+        axes.set_xscale("log")
+        axes.set_xlim(0.8 * low, 1.4 * high)
+        subs = next(subs for ratio, subs in _SUBS.items() if high < ratio * low)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    else:
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xlim(0, 1.4 * max(high, 1.0))
+        axes.xaxis.set_major_locator(FixedLocator([0, *(10.0 ** np.arange(10))]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
 

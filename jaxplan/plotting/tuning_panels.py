@@ -136,7 +136,7 @@ class _WholeNumbers(ScalarFormatter):
     def format_ticks(self, values: Sequence[float]) -> list[str]:
         """The labels of some ticks."""
         ticks = np.asarray(values, dtype=float)
-        for digits in range(1, 17):
+        for digits in range(6, 17):
             texts = [f"{tick:.{digits}g}" for tick in ticks]
             wrong = np.abs(np.array(texts, dtype=float) - ticks)
             if np.all(wrong <= 1e-3 * np.min(np.diff(np.sort(ticks)), initial=np.inf)):
