@@ -684,18 +684,19 @@ def test_the_name_of_a_keep_in_zone_of_more_than_half_the_sphere_stands_in_it() 
 def test_zones_about_one_axis_are_all_named() -> None:
     plan = make_plan(0, 3, zones=0)
     names = plan.scenario.spacecraft.device_names
-    for elevation in (-80, 3):
+    for elevation, angles in ((-80, (40, 30, 25)), (3, (40, 30, 25)), (30, (45, 20, 10))):
         axis = _direction(np.array([[60, elevation]], dtype=float))[0]
         zones = tuple(
             KeepOut(name=f"zone {name}", direction=axis, half_angle=np.deg2rad(angle), devices=(name,))
-            for name, angle in zip(names, (40, 30, 25), strict=True)
+            for name, angle in zip(names, angles, strict=True)
         )
         axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_out=zones)))
         axes.figure.draw_without_rendering()
         boxes = [label.get_window_extent() for label in axes.texts]
         assert len(boxes) == 3
         assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
-        for label, zone in zip(axes.texts, zones, strict=True):
+        for label, zone in zip(axes.texts, reversed(zones), strict=True):  # the smallest comes first
+            assert label.get_text().startswith(zone.name)
             spot = _direction(np.array([label.get_position()], dtype=float))[0]
             assert _angle(spot, axis) < zone.half_angle
 

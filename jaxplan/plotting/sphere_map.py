@@ -76,7 +76,8 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     outlines = len(axes.lines)
     marks = [*_draw_ways(axes, plan), *_draw_ends(axes, plan)]
     drawn = [np.zeros((0, 2)), *(line.get_xydata() for line in axes.lines[outlines:])]
-    name_zones(axes, scenario, np.concatenate(drawn))
+    ends = [np.zeros((0, 2)), *(unfolded.unfold(directions) for _, _, directions in end_marks(plan))]
+    name_zones(axes, scenario, np.concatenate(drawn), np.concatenate(ends))
     _frame(axes, plan)
     if not scenario.spacecraft.device_names:
         note(axes, "no devices")

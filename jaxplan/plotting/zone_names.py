@@ -18,20 +18,23 @@ if TYPE_CHECKING:
 
 _CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
 _LETTER, _LINE = 3.0, 5.5  # deg of the map that a letter is wide and a line high
+_MARK = 8.0  # deg of the map that a start or a goal takes
 _HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
-def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray) -> None:
+def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray, marks: np.ndarray) -> None:
     """Write each zone's name in it, or beside it if a boresight must stay in.
 
     Args:
         axes: of the map.
         scenario: whose zones are meant.
         ways: (k, 2) deg, points of what is drawn, which names should not cover.
+        marks: (m, 2) deg, of starts and goals, which names cover only where there is no other place.
     """
-    zones = zones_at(scenario, 0.0)
+    # Small zones first, as they have the least room; of equals as they come.
+    zones = sorted(zones_at(scenario, 0.0), key=lambda zone: zone.half_angle)
     crowded = len(zones) > _CROWD
-    labels = Labels(ways)
+    labels = Labels(ways, [(mark, np.full(2, _MARK)) for mark in marks])
     for zone in zones:
         lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario), *_group(zone)]
         size = (_LETTER * max(len(line) for line in lines), _LINE * len(lines))
@@ -61,7 +64,9 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
     angle = float(np.rad2deg(zone.half_angle))
     wide = angle > 90
     inside = [(0.0, offset * min(angle, 90)) for offset in (0, 0.5, -0.5, 0.8, -0.8)]
-    aside = [(turn, height) for turn in (60.0, -60.0, 120.0, -120.0) for _, height in inside]
+    near = [0.6 * angle / np.cos(np.deg2rad(min(abs(elevation), 60.0)))] if not wide else []
+    turns = [side * turn for turn in (*near, 60.0, 120.0) for side in (1, -1)]
+    aside = [(turn, height) for turn in turns for _, height in inside]
     beside = (
         []
         if wide or not isinstance(zone, KeepIn)
