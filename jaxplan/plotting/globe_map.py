@@ -152,7 +152,8 @@ def _name_zones(axes: Axes, view: View, zones: Sequence[KeepOut | KeepIn], ways:
     """Each zone's name in it, or above or below if a boresight must stay in; pale on the far side."""
     labels = Labels(ways)
     texts: list[Artist] = []
-    for zone in sorted(zones, key=lambda zone: -float(view.depth(axis_at(zone)))):
+    # Those in front first, and of them the smallest, as they have the least room.
+    for zone in sorted(zones, key=lambda zone: (view.depth(axis_at(zone)) < 0, zone.half_angle)):
         centre = view.project(axis_at(zone))
         near = view.depth(axis_at(zone)) >= 0
         size = np.array([_LETTER * len(zone.name), _LINE])

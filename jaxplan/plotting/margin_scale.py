@@ -16,6 +16,7 @@ from jaxplan.plotting.style import GREY
 _WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
 _TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
+_FINEST = 0.1  # deg, of ticks without a number: finer ones would run into zero
 
 
 def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
@@ -32,7 +33,7 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
     getattr(axes, f"set_{which}scale")("asinh", linear_width=width)
     axis.set_major_locator(_DegreeLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
-    axis.set_minor_locator(FixedLocator(_TICKS))
+    axis.set_minor_locator(FixedLocator([tick for tick in _TICKS if abs(tick) >= _FINEST]))
     axis.set_minor_formatter(NullFormatter())
     axis.set_tick_params(which="minor", length=2, color=GREY)
 
