@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from exports import flown_plan, truth
 from matplotlib import pyplot
+from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -150,7 +151,7 @@ def test_a_film_can_be_saved_and_needs_a_motion(plan, tmp_path):
 
 @pytest.fixture
 def no_ffmpeg(monkeypatch):
-    monkeypatch.setattr(film_module.FFMpegWriter, "isAvailable", lambda: False)
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
 
 
 @pytest.mark.parametrize(
