@@ -26,6 +26,7 @@ from jaxplan.plotting.globe_map import draw_line, draw_sphere, draw_zones, view_
 from jaxplan.plotting.marks import end_marks, end_style, zone_entries, zones_at
 from jaxplan.plotting.style import GREY, SMALL, Entries, device_entries, device_style, legend_beside
 from jaxplan.plotting.view import PALE, View
+from jaxplan.progress import progress_bar
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -119,16 +120,12 @@ class Film(FuncAnimation):
             RuntimeError: if ffmpeg is needed and not installed.
             OSError: if there can be no file of that name, such as where it is a folder.
         """
-        from tqdm.auto import tqdm
-
         target = Path(filename)
         writer = _writer(target) if writer is None else writer
         _check_place(target)
-        hidden = None if "progress_callback" not in settings else True  # None: where stderr is no terminal
+        shown = "progress_callback" not in settings
         with (
-            tqdm(
-                desc="film", unit=" pictures", total=len(self.shown), delay=1, leave=False, disable=hidden
-            ) as bar,
+            progress_bar("film", "pictures", total=len(self.shown), shown=shown) as bar,
             replacing_file(target, suffix=target.suffix) as fresh,
         ):
             settings.setdefault("progress_callback", lambda _number, _total: bar.update())
