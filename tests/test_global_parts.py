@@ -95,6 +95,16 @@ def test_places_within_are_evenly_spread_on_each_interval(breaks):
     np.testing.assert_array_equal(rows, basis.rows(places))
 
 
+@BREAKS
+def test_of_places_up_to_the_end_only_those_of_the_last_interval_are_farther_apart(breaks):
+    basis = Basis.on(breaks)
+    places, rows = basis.within(4, to_end=True)
+    np.testing.assert_array_equal(places[:-4], basis.within(4)[0][:-4])
+    np.testing.assert_allclose(places[-4:], np.linspace(*breaks[-2:], 4), atol=1e-15)
+    assert places[-1] == breaks[-1]
+    np.testing.assert_array_equal(rows, basis.rows(places))
+
+
 def test_an_even_basis_is_that_of_breaks_at_equal_distances():
     basis = Basis.even(7)
     np.testing.assert_array_equal(basis.breaks, np.linspace(0, 1, 8))

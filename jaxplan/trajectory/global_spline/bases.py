@@ -28,7 +28,9 @@ class Basis:
 
     breaks: np.ndarray
     differences: tuple[np.ndarray, ...]
-    _found: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
+    _found: dict[tuple[int, bool], tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=dict, init=False, repr=False
+    )
     _ends: dict[bool, tuple[np.ndarray, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -80,18 +82,26 @@ class Basis:
                 np.matmul(own, self.differences[d], out=found[d])
         return found
 
-    def within(self, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Evenly spaced places, so many on each interval; the end is left out.
+    def within(self, points: int, *, to_end: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced places, so many on each interval.
+
+        Args:
+            points: on each interval, at least 2.
+            to_end: whether the last of them is the end, so that those of the last interval are a little
+                farther apart; else the end is left out.
 
         Returns:
             The places (K * points,) and the rows there.
         """
-        if points in self._found:
-            return self._found[points]
-        steps = np.arange(points) / points
-        places = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps).ravel()
-        self._found[points] = places, self.rows(places)
-        return self._found[points]
+        if (points, to_end) not in self._found:
+            steps = np.tile(np.arange(points) / points, (len(self.breaks) - 1, 1))
+            if to_end:
+                steps[-1] = np.arange(points) / (points - 1)
+            places = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps).ravel()
+            if to_end:
+                places[-1] = self.breaks[-1]  # to the last bit
+            self._found[points, to_end] = places, self.rows(places)
+        return self._found[points, to_end]
 
     @cached_property
     def energies(self) -> np.ndarray:

@@ -88,7 +88,8 @@ def build(
     if np.any(rates[1, :3]):
         rates[1, :3] = problem.chart.end_turn @ rates[1, :3]
     space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=request.rest))
-    places, rows = basis.within(request.points)
+    # At an end in rest with no acceleration only the jerk may be the largest there is.
+    places, rows = basis.within(request.points, to_end=problem.jerky or not request.rest)
     inner = slice(1, -1)
     tube = None
     if len(nodes) == 2:

@@ -75,8 +75,10 @@ class Loads:
         return Slopes(axes, self.rows[curve, :, place])
 
     def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """See `Family`; thinned."""
-        return wanted & _telling(room)
+        """See `Family`; thinned, with the last place: unlike a margin, a load may be the worst at the end."""
+        kept = _telling(room)
+        kept[:, -1] = True
+        return wanted & kept
 
 
 @dataclass(frozen=True, eq=False)
