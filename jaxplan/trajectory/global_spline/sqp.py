@@ -22,7 +22,8 @@ from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
 from jaxplan.trajectory.global_spline.stack import Point, Points, Stack, Task
 
 _TOGETHER = 32  # tasks of a stack; with more, memory is what takes the time
-_MOST_STEPS = 16
+_ENOUGH_STEPS, _MOST_STEPS = 16, 64  # beyond those that are enough only while the duration still falls
+_FALLING = 0.05  # of the duration, in a step
 _DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what
 _SMALL = 1e-3  # weight of the energy beside the duration
 _HASTE = 12.0  # of the duration: alone it would fall by 1 / 12 in a step
@@ -147,6 +148,7 @@ class _Search:
     damping: np.ndarray
     failed: np.ndarray
     dearer: np.ndarray
+    falling: np.ndarray
     held: Multipliers
 
     @classmethod
@@ -170,13 +172,14 @@ class _Search:
             damping=np.zeros(count),
             failed=np.zeros(count, dtype=int),
             dearer=np.zeros(count, dtype=int),
+            falling=np.zeros(count, dtype=bool),
             held={},
         )
 
     def some(self, which: np.ndarray) -> "_Search":
         """Those of (G,) bool."""
         stack = self.stack.some(which)
-        names = ("number", "until", "worth", "penalty", "value", "damping", "failed", "dearer")
+        names = ("number", "until", "worth", "penalty", "value", "damping", "failed", "dearer", "falling")
         return _Search(
             stack=stack,
             objective=self.objective.some(stack, which),
@@ -199,6 +202,7 @@ class _Search:
         gained = self.objective.energy(self.at) - self.objective.energy(ahead)
         little = self.at.is_sound & (gained <= self.worth * self.value)
         better = value < self.value
+        self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
         self.at = Points.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
         calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
@@ -239,7 +243,9 @@ def _improved(begins: Sequence[Begin]) -> list[Point]:
     done = ~(search.at.violations[:, LIMIT] <= np.array([begin.patience for begin in begins]))
     for steps in range(_MOST_STEPS + 1):
         if steps > 0:
-            done = search.step() | (steps == _MOST_STEPS)
+            done = search.step()
+            if steps >= _ENOUGH_STEPS:
+                done |= ~search.falling | (steps == _MOST_STEPS)
         for own in np.flatnonzero(done).tolist():
             answers[int(search.number[own])] = search.at.one(own, steps)
         if np.all(done):
