@@ -62,8 +62,8 @@ class Origin:
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
         if not self.stretched and (task.free_time or not task.limited):
             raise ValueError(
-                "in so little time only a shortest motion was found, which has no derivatives: raise "
-                "trajectory.duration_s"
+                f"for a duration of {asked:g} s a quicker motion was slowed, which has no derivatives: try "
+                "another trajectory.duration_s, above all a longer one"
             )
         first = sqp.Begin(task=task, coefficients=point.coefficients, duration=point.duration, worth=_WORTH)
         (point,) = sqp.improve([first])
