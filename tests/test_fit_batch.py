@@ -5,10 +5,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scenes import make_spacecraft
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
+from jaxplan.path import Path
 from jaxplan.scenario import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import FitQuery, fit_batch, fit_global, fit_paper, maxima
 from jaxplan.trajectory.global_spline import box_qp, sqp
 from jaxplan.zones import tabulate
@@ -77,6 +80,39 @@ def test_fits_made_together_are_those_made_alone(queries, method, duration):
         given = given[::3]
     for query, fit in zip(given, fit_batch(given), strict=True):
         expect_the_same(fit, alone(query))
+
+
+def bare(turn, **limits):
+    """A straight motion of a spacecraft without devices."""
+    attitudes = Rotation.from_rotvec(np.outer([0, 1], turn)).as_matrix()
+    path = Path(attitudes=attitudes, joints=np.zeros((2, 0)), edge_costs=np.ones(1))
+    usual = {"rate_limit": np.deg2rad(3), "acceleration_limit": np.deg2rad(2)}
+    craft = Spacecraft(terminals=(), instruments=(), **(usual | limits))
+    return FitQuery(path=path, spacecraft=craft, settings=TrajectorySettings())
+
+
+@pytest.mark.parametrize("duration", ["minimum", "stretched"])
+def test_free_end_accelerations_never_make_a_motion_longer(queries, duration):
+    sphere = {"rate_limit": 99.0, "acceleration_limit": 99.0, "inertia": np.eye(3), "torque_limit": 1.0}
+    given = [*(queries[number] for number in (0, 3, 4, 5, 8, 12, 17)), bare([0, 0, np.pi], **sphere)]
+    for number in (1, 6):  # where by themselves free ones end in a longer motion
+        loaded = replace(queries[number].spacecraft, inertia=np.diag([12.0, 18.0, 24.0]), torque_limit=0.1)
+        given.append(replace(queries[number], spacecraft=loaded))
+    given += [bare(np.pi * axis) for axis in np.eye(3)]
+    given += [bare([0.3, 0.5, 0.2], jerk_limit=np.deg2rad(limit)) for limit in (0.3, 0.03)]
+    zero, free = (
+        [
+            replace(query, settings=TrajectorySettings(duration=duration, end_acceleration=ends))
+            for query in given
+        ]
+        for ends in ("zero", "free")
+    )
+    found = fit_batch(free)
+    for resting, fit in zip(fit_batch(zero), found, strict=True):
+        assert fit.status is resting.status is jp.Status.OK
+        assert fit.trajectory.duration <= resting.trajectory.duration
+    for number in (0, 5, 10):
+        expect_the_same(found[number], alone(free[number]))
 
 
 def test_what_is_fitted_beside_it_changes_no_fit(queries):

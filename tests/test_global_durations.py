@@ -11,12 +11,15 @@ from manoeuvres import judge
 from node_paths import NAMES, load, wandering
 from relays import avoids, look, make_relay, sees
 from scenes import make_spacecraft
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, paper_case
 from jaxplan.certificate import EndState
+from jaxplan.path import Path
 from jaxplan.planner.check import prove
 from jaxplan.scenario import TrajectorySettings
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory import duration_bound, fit_global, fit_paper
 from jaxplan.zones import KeepOut, tabulate
@@ -59,6 +62,29 @@ def test_the_shortest_plans_of_the_paper_are_near_the_strict_bound(number, ends,
         assert np.all(np.abs(states[1]) <= 1e-8)
     else:
         assert np.any(np.abs(states[1]) > 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("ends", "limits_deg", "least"),
+    [
+        ("zero", (9.0, 9.0, 0.3), (32 * 5 / 0.3) ** (1 / 3)),  # the jerk at its limit, with three switches
+        ("zero", (9.0, 9.0, 0.03), (32 * 5 / 0.03) ** (1 / 3)),
+        ("free", (9.0, 9.0, 0.03), (12 * 5 / 0.03) ** (1 / 3)),  # with none
+        ("free", (9.0, 0.5, None), 2 * (5 / 0.5) ** 0.5),
+        ("free", (0.5, 0.5, None), 5 / 0.5 + 0.5 / 0.5),
+    ],
+)
+def test_a_turn_about_a_body_axis_takes_at_most_as_long_as_by_switches_at_the_limits(ends, limits_deg, least):
+    rate, acceleration, jerk = (None if limit is None else np.deg2rad(limit) for limit in limits_deg)
+    craft = Spacecraft(
+        terminals=(), instruments=(), rate_limit=rate, acceleration_limit=acceleration, jerk_limit=jerk
+    )
+    attitudes = Rotation.from_rotvec(np.deg2rad([[0, 0, 0], [0, 5, 0]])).as_matrix()
+    path = Path(attitudes=attitudes, joints=np.zeros((2, 0)), edge_costs=np.ones(1))
+    fit = fit_global(path, craft, TrajectorySettings(duration="minimum", end_acceleration=ends))
+    assert fit.status is Status.OK, fit.message
+    assert_kept(fit.trajectory, craft)
+    assert fit.trajectory.duration <= 1.005 * least
 
 
 @names

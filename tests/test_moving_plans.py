@@ -74,6 +74,14 @@ def test_every_beam_ends_on_its_target_and_turns_as_it_does(plans, duration):
     assert np.linalg.norm(rates, axis=1).max() > 9e-4  # they do turn
 
 
+@pytest.mark.parametrize("duration", ["minimum", "stretched"])
+def test_free_end_accelerations_do_not_make_it_longer(plans, scene, duration):
+    settings = replace(scene.trajectory, duration=duration, end_acceleration="free")
+    plan = jp.plan(replace(scene, trajectory=settings))
+    assert plan.report.certified
+    assert plan.trajectory.duration <= (1 + 1e-3) * plans[duration].trajectory.duration  # goals are others
+
+
 def test_a_given_duration_is_kept_and_the_shortest_is_near_its_bound(plans):
     assert plans[80.0].trajectory.duration == 80.0
     shortest = plans["minimum"].trajectory.duration

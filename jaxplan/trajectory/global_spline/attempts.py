@@ -14,6 +14,7 @@ BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
 TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
 LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
 LOOKS = 8
+_SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
 _DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
 _LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
@@ -76,7 +77,40 @@ def along(job: Job, radius: float, *, shortest: bool) -> Steps[Attempt | None]:
     )
 
 
-def quickest(job: Job, radius: float) -> Steps[Attempt | None]:
+def shortest(job: Job, radius: float) -> Steps[Attempt | None]:
+    """The shortest motion within all limits, or the one nearest to it; None beyond every chart."""
+    return (yield from (along(job, radius, shortest=True) if job.at_speed else _quickest(job, radius)))
+
+
+def stretched(job: Job, radius: float) -> Steps[Attempt | None]:
+    """A motion without limits, to be stretched to them; None beyond every chart."""
+    best = yield from along(job, radius, shortest=False)
+    if best is not None and best.sound and best.needed > _SLOW * job.bound and job.settings.node_tube is None:
+        guided = yield from along(job, np.inf, shortest=False)
+        if guided is not None and guided.sound and guided.needed < best.needed:
+            best = guided
+    return best
+
+
+def released(job: Job, attempt: Attempt) -> Steps[Attempt | None]:
+    """What the shortest motion with accelerations of zero at both ends becomes once they are free.
+
+    Found from the path itself the one with free ones may be the longer one: it begins farther away, since
+    close to a path such accelerations are large, and may end in another local minimum.
+    """
+    return (
+        yield from attempt_at(
+            job,
+            replace(attempt.request, rest=False),
+            attempt.point.duration,
+            limited=True,
+            free_time=True,
+            begin=attempt.point.coefficients,
+        )
+    )
+
+
+def _quickest(job: Job, radius: float) -> Steps[Attempt | None]:
     """The shortest motion, or where that is far above the bound perhaps one without limits, stretched."""
     best = yield from along(job, radius, shortest=True)
     if best is None or (best.sound and best.needed <= _DETOUR * job.bound):

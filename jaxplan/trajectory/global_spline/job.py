@@ -59,6 +59,16 @@ class Job:
         return bool(np.any(self.rates))
 
     @property
+    def rests(self) -> bool:
+        """Whether accelerations are zero at both ends; else they are free."""
+        return self.settings.end_acceleration == "zero"
+
+    @property
+    def resting(self) -> "Job":
+        """The same with accelerations of zero at both ends: what solves it solves this."""
+        return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
+
+    @property
     def weights(self) -> tuple[float, float, float]:
         """Of rate, acceleration and jerk."""
         settings = self.settings
@@ -138,7 +148,7 @@ class Job:
             basis=basis,
             points=_POINTS if intervals < _MANY else _FEW_POINTS,
             radius=radius,
-            rest=self.settings.end_acceleration == "zero",
+            rest=self.rests,
         )
 
 
@@ -237,9 +247,29 @@ def ladder(radius: float, *, in_time: bool = True) -> Iterator[tuple[int, float]
 
 
 def attempt_at(
-    job: Job, request: Request, duration: float, *, limited: bool, free_time: bool, tighter: float = 0.0
+    job: Job,
+    request: Request,
+    duration: float,
+    *,
+    limited: bool,
+    free_time: bool,
+    tighter: float = 0.0,
+    begin: np.ndarray | None = None,
 ) -> Steps[Attempt | None]:
-    """Fit a request; None if its nodes leave the chart or numbers overflow."""
+    """Fit a request.
+
+    Args:
+        job: what all attempts share.
+        request: what to fit.
+        duration: s, given or to begin with.
+        limited: whether limits are kept, or time will be stretched to them.
+        free_time: whether the shortest duration is looked for.
+        tighter: share of the limits that is left.
+        begin: (n, A) coefficients of the curve to begin with, the one nearest to the path by default.
+
+    Returns:
+        The attempt; None if the nodes leave the chart or numbers overflow.
+    """
     craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
     chart, b = yield in_turn(fitting, attitudes=request.attitudes, places=request.places)
     if not farthest(chart, b, request.places) <= REACH:
@@ -258,7 +288,8 @@ def attempt_at(
         free_time=free_time,
     )
     task = built.task
-    first = sqp.Begin(task=task, coefficients=built.coefficients, duration=duration)
+    begin = built.coefficients if begin is None else begin
+    first = sqp.Begin(task=task, coefficients=begin, duration=duration)
     point = yield from _nearby(job, first)
     if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite):
         return None

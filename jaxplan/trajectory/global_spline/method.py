@@ -17,11 +17,12 @@ from jaxplan.trajectory.global_spline.attempts import (
     LONGER,
     LOOKS,
     TIGHTER,
-    along,
     best_at,
     enough_time,
     hurried,
-    quickest,
+    released,
+    shortest,
+    stretched,
 )
 from jaxplan.trajectory.global_spline.bases import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.global_spline.chart import REACH
@@ -32,7 +33,6 @@ from jaxplan.zones import Cones, tabulate
 
 _MOST_LONGER = 1.1  # from one duration to the next
 _ROUNDING = 1e-9  # of a rate, beyond its limit
-_SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
 
 
 def fit_global(
@@ -141,13 +141,39 @@ def steps(query: FitQuery) -> Steps[Fit]:
 
 
 def _fit(job: Job) -> Steps[Fit]:
-    """The fit in the duration that the settings ask for."""
+    """The fit in the duration that the settings ask for.
+
+    What keeps everything with accelerations of zero at both ends does so where they are free. So a motion
+    with free ones is never longer, nor is none found where there is one with zero.
+    """
     duration = job.settings.duration
-    if duration == MINIMUM or (duration == STRETCHED and job.at_speed):
-        return (yield from _free(job, job.radius(free_time=duration == MINIMUM)))
-    if duration == STRETCHED:
-        return (yield from _stretched(job))
-    return (yield from _timed(job, float(duration)))
+    if not isinstance(duration, str):
+        fit = yield from _timed(job, float(duration))
+        if fit.status is Status.OK or job.rests:
+            return fit
+        return _better(fit, (yield from _timed(job.resting, float(duration))))
+    stretching = duration == STRETCHED and not job.at_speed
+    find, radius = stretched if stretching else shortest, job.radius(free_time=duration == MINIMUM)
+    best = yield from find(job.resting, radius)
+    fit = yield from _within_limits(job.resting, best, radius)
+    if job.rests:
+        return fit
+    if stretching or best is None or fit.status is not Status.OK:
+        best = yield from find(job, radius)
+    else:
+        best = yield from released(job, best)
+    return _better((yield from _within_limits(job, best, radius)), fit)
+
+
+def _better(fit: Fit, other: Fit) -> Fit:
+    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
+
+    def key(one: Fit) -> tuple[bool, bool, float]:
+        found, curve = one.status is Status.OK, one.trajectory
+        time = curve.duration if found and curve is not None else one.needed_duration
+        return not found, curve is None, np.inf if time is None else time
+
+    return min(fit, other, key=key)
 
 
 def _timed(job: Job, duration: float) -> Steps[Fit]:
@@ -157,16 +183,16 @@ def _timed(job: Job, duration: float) -> Steps[Fit]:
     if attempt is not None and attempt.peaks.stretch <= 1:
         return _success(job, attempt, radius)
     # The shortest motion says whether there is one at all, and what to ask for.
-    shortest = yield from (along(job, np.inf, shortest=True) if job.at_speed else quickest(job, np.inf))
-    if shortest is None:
+    best = yield from shortest(job, np.inf)
+    if best is None:
         return _beyond()
     if job.at_speed:
-        needed = yield from enough_time(job, max(BEGIN * shortest.trajectory.duration, LONGER * duration))
+        needed = yield from enough_time(job, max(BEGIN * best.trajectory.duration, LONGER * duration))
     else:  # slowing it keeps all limits
-        needed = shortest.needed * SAFETY if shortest.sound else None
+        needed = best.needed * SAFETY if best.sound else None
         if needed is not None and needed <= duration:
-            return _success(job, hurried(job, shortest, duration), radius)
-    closest = attempt if attempt is not None else hurried(job, shortest, duration)
+            return _success(job, hurried(job, best, duration), radius)
+    closest = attempt if attempt is not None else hurried(job, best, duration)
     else_try = "lower the rates at start and end" if job.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
@@ -176,22 +202,8 @@ def _timed(job: Job, duration: float) -> Steps[Fit]:
     )
 
 
-def _stretched(job: Job) -> Steps[Fit]:
-    """The fit at the quickest pace without limits, scaled in time to the limits."""
-    radius = job.radius(free_time=False)
-    best = yield from along(job, radius, shortest=False)
-    if best is None:
-        return _beyond()
-    if best.sound and best.needed > _SLOW * job.bound and job.settings.node_tube is None:
-        guided = yield from along(job, np.inf, shortest=False)
-        if guided is not None and guided.sound and guided.needed < best.needed:
-            best = guided
-    return _success(job, best, radius, stretch=True)
-
-
-def _free(job: Job, radius: float) -> Steps[Fit]:
-    """The shortest motion."""
-    best = yield from (along(job, radius, shortest=True) if job.at_speed else quickest(job, radius))
+def _within_limits(job: Job, best: Attempt | None, radius: float) -> Steps[Fit]:
+    """The fit of a motion in just the time that its limits allow."""
     if best is None:
         return _beyond()
     if not job.at_speed:
