@@ -1,6 +1,7 @@
 """Plans toward targets that move, among zones that move: held against the sky and against dense sampling."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -287,6 +288,15 @@ def test_studies_take_scenarios_in_which_something_moves(scene):
     study = jp.run_study([scene, jp.paper_case(4)], progress=False)
     assert [row["status"] for row in study.table] == ["OK", "OK"]
     assert study.table[0]["duration_s"] == 80.0
+
+
+@pytest.mark.parametrize("method", ["global", "paper"])
+def test_what_a_goal_that_moves_needs_is_said_to_be_a_guess(scene, method):
+    short = replace(scene, trajectory=replace(scene.trajectory, method=method, duration=14.0))
+    plan = jp.plan(short, throw=False)
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert re.search(r"about [\d.]+ s are needed: set trajectory.duration_s to about", plan.message)
+    assert ("stretched" in plan.message) is (method == "global")
 
 
 def test_the_papers_method_meets_moving_targets_in_a_given_duration(scene):

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from trust import flights, golden
 
 import jaxplan as jp
+from jaxplan.cases import RANDOM_KINDS
 from jaxplan.certificate import Report
 from jaxplan.planner import chain, messages
 from jaxplan.planner.check import certify
@@ -360,6 +362,7 @@ def test_advice_on_what_is_not_proved_follows_from_what_fails():
     fast = replace(fault, peaks={"yaw": 0.9, "angular_velocity": 1.2})
     assert "duration_s" in messages.uncertified(fast)
     assert "joint limits" not in messages.uncertified(fast)
+    assert "stretched" not in messages.uncertified(fast)  # which not every scenario may ask for
     near = replace(fault, peaks={"yaw": 1.0}, min_margin=-0.01)
     assert "clearance_deg" in messages.uncertified(near)
     assert "duration_s" not in messages.uncertified(near)
@@ -491,6 +494,41 @@ def test_a_duration_that_is_too_short_says_how_long_it_takes():
         jp.Status.GOAL_UNREACHABLE,
         jp.Status.LIMITS_TOO_TIGHT,
     )
+
+
+def test_a_duration_that_is_said_to_be_enough_is():
+    asked = []
+    for seed in range(4):
+        for kind in RANDOM_KINDS:
+            scenario = jp.random_scenario(seed, kind)
+            method = "paper" if seed == 3 else "global"
+            settings = replace(scenario.trajectory, method=method, duration=16.0)
+            if seed > 1:
+                at_speed = replace(scenario.start, angular_velocity=np.array([0.01, -0.005, 0.008]))
+                scenario = replace(scenario, start=at_speed)
+            asked.append(replace(scenario, trajectory=settings))
+    short = [plan for plan in jp.plan_batch(asked) if plan.status is jp.Status.LIMITS_TOO_TIGHT]
+    assert len(short) >= 16
+    longer = []
+    for plan in short:
+        said = re.search(
+            r"at most ([\d.]+) s are needed: set trajectory.duration_s to ([\d.]+)", plan.message
+        )
+        assert said.group(1) == said.group(2), plan.message
+        paper = plan.scenario.trajectory.method == "paper"  # which does not stretch what is at speed
+        assert ("stretched" in plan.message) is not paper
+        settings = replace(plan.scenario.trajectory, duration=float(said.group(1)))
+        longer.append(replace(plan.scenario, trajectory=settings))
+    assert all(plan.ok for plan in jp.plan_batch(longer))
+
+
+def test_a_goal_too_far_for_a_duration_is_not_to_be_stretched_by_the_papers_method():
+    scenario = jp.paper_case(2)
+    for method in METHODS:
+        settings = replace(scenario.trajectory, method=method, duration=2.0)
+        plan = jp.plan(replace(scenario, trajectory=settings), throw=False)
+        assert plan.status is jp.Status.GOAL_UNREACHABLE
+        assert ("stretched" in plan.message) is (method == "global")
 
 
 def test_what_is_not_proved_is_never_ok(monkeypatch):

@@ -44,10 +44,12 @@ def unreachable(scenario: Scenario, found: Decomposition) -> str:
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / (np.sqrt(3) * craft.rate_limit)
+    # The paper's method does not stretch what starts or ends with a rate, or moves.
+    otherwise = ', or set it to "stretched"' if scenario.trajectory.method == "global" else ""
     return (
         f"the nearest attitude that reaches the targets is {np.rad2deg(found.slew_angle):.4g} deg away, "
         f"which takes {least:.4g} s or more within spacecraft.rate_limit_deg_s: raise that, or "
-        f'trajectory.duration_s (now {scenario.trajectory.duration}), or set it to "stretched"'
+        f"trajectory.duration_s (now {scenario.trajectory.duration}){otherwise}"
     )
 
 
@@ -111,7 +113,7 @@ def uncertified(report: Report) -> str:
             "or try smaller search steps"
         )
     if beyond - {"yaw", "pitch"}:
-        advice.append('set a longer trajectory.duration_s, or "stretched"')
+        advice.append("set a longer trajectory.duration_s")
     if report.min_margin is not None and not report.min_margin >= -MARGIN_ALLOWANCE:
         advice.append("try a larger search.clearance_deg or smaller search steps")
     return (

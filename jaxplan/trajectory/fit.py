@@ -34,7 +34,8 @@ class Fit:
         note: what was asked for and is not given, of a fit that is OK.
         origin: how the trajectory came about, with a method ``hold`` from which its derivatives start; None
             where there is no trajectory, or nothing moves.
-        needed_duration: s, at which the same settings keep all limits; None if none was needed or found.
+        needed_duration: s, at which the same settings keep all limits, and a shorter one may, too; None if
+            none was needed or found.
     """
 
     trajectory: Trajectory | None
@@ -214,22 +215,39 @@ def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
     return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
 
 
-def too_tight(duration: float, peaks: Peaks, needed: float | None, else_try: str) -> str:
+@dataclass(frozen=True, kw_only=True)
+class Needed:
+    """A duration in which a motion keeps all limits. There may be a quicker one that was not found.
+
+    Attributes:
+        duration: s.
+        moving: whether goal or zones are others after another time, so that it is a guess.
+        scalable: whether "stretched" may be asked for.
+    """
+
+    duration: float
+    moving: bool
+    scalable: bool
+
+    def __str__(self) -> str:
+        """How long it takes, and what to write into the settings; the number is rounded up."""
+        number = f"{math.ceil(self.duration * 100) / 100:.2f}"
+        how, about = ("about", "about ") if self.moving else ("at most", "")
+        otherwise = ', or to "stretched"' if self.scalable else ""
+        return f"{how} {number} s are needed: set trajectory.duration_s to {about}{number} or more{otherwise}"
+
+
+def too_tight(duration: float, peaks: Peaks, needed: Needed | None, else_try: str) -> str:
     """Message of a trajectory that breaks a limit.
 
     Args:
         duration: s, asked for.
         peaks: of the trajectory.
-        needed: s, or None where no duration was found to do.
+        needed: None where no duration was found to do.
         else_try: what to change then.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
     if needed is None:
         return f"{excess}, and no longer trajectory.duration_s was found that keeps all limits: {else_try}"
-    return f"{excess}: {remedy(needed)}"
-
-
-def remedy(needed: float) -> str:
-    """What to write into the settings; the number is rounded up."""
-    return f'set trajectory.duration_s to {math.ceil(needed * 100) / 100:.2f} or more, or to "stretched"'
+    return f"{excess}; {needed}"

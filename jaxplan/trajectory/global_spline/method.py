@@ -11,7 +11,7 @@ from jaxplan.status import Status
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.asking import Steps, alone, in_turn
 from jaxplan.trajectory.bound import excess
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, too_tight
+from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.global_spline.attempts import (
     BEGIN,
     LONGER,
@@ -192,12 +192,15 @@ def _timed(job: Job, duration: float) -> Steps[Fit]:
         needed = best.needed * SAFETY if best.sound else None
         if needed is not None and needed <= duration:
             return _success(job, hurried(job, best, duration), radius)
+    enough = None
+    if needed is not None:
+        enough = Needed(duration=needed, moving=job.horizon > 0, scalable=True)
     closest = attempt if attempt is not None else hurried(job, best, duration)
     else_try = "lower the rates at start and end" if job.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
         status=Status.LIMITS_TOO_TIGHT,
-        message=too_tight(duration, closest.peaks, needed, else_try),
+        message=too_tight(duration, closest.peaks, enough, else_try),
         needed_duration=needed,
     )
 

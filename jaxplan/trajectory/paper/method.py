@@ -16,7 +16,7 @@ from jaxplan.status import Status
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.asking import Ask, Steps, alone, in_turn
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, remedy, too_tight, within_limits
+from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
 from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
 from jaxplan.trajectory.paper.holding import Origin
@@ -71,7 +71,8 @@ def fit_paper(
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.
         end_joint_rates: (2n,) rad/s.
-        horizon: s, of zones that move, which this method does not look at.
+        horizon: s, after which goal or zones that move are where they are, which this method does not look
+            at.
 
     Returns:
         The fit. A path without motion gives a trajectory of duration 0, unless it starts or ends with a rate.
@@ -116,7 +117,10 @@ def steps(query: FitQuery) -> Steps[Fit]:
         start=start,
         end=end,
     )
-    fit = yield from _fit(_Task(nodes=nodes, spacecraft=spacecraft, settings=settings), at_speed)
+    task = _Task(
+        nodes=nodes, spacecraft=spacecraft, settings=settings, at_speed=at_speed, moving=query.horizon > 0
+    )
+    fit = yield from _fit(task)
     if fit.trajectory is None:
         return fit
     return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
@@ -124,11 +128,21 @@ def steps(query: FitQuery) -> Steps[Fit]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Task:
-    """What all attempts of a fit share."""
+    """What all attempts of a fit share.
+
+    Attributes:
+        nodes: of the path.
+        spacecraft: its limits.
+        settings: of step 3.
+        at_speed: whether the motion starts or ends with a rate.
+        moving: whether goal or zones are others after another time.
+    """
 
     nodes: Nodes
     spacecraft: Spacecraft
     settings: TrajectorySettings
+    at_speed: bool
+    moving: bool
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -186,11 +200,11 @@ class _Attempt:
         return self.peaks.stretch < other.peaks.stretch
 
 
-def _fit(task: _Task, at_speed: bool) -> Steps[Fit]:
+def _fit(task: _Task) -> Steps[Fit]:
     """The fit at the duration that the settings ask for."""
     if task.settings.duration != "stretched":
         return (yield from _timed(task, float(task.settings.duration)))
-    if at_speed:
+    if task.at_speed:
         needed = yield from _needed_duration(task, task.nominal_duration)
         return (yield from _timed(task, needed or task.nominal_duration))
     return (yield from _stretched(task))
@@ -201,10 +215,10 @@ def _timed(task: _Task, duration: float) -> Steps[Fit]:
     attempt = yield from _best_at(task, duration)
     if attempt is None:
         needed = yield from _needed_duration(task, 2 * duration)
-        advice = remedy(needed) if needed else "raise trajectory.duration_s or trajectory.segments"
-        message = (
-            f"with any number of segments a quadratic program has no solution in {duration:g} s: {advice}"
+        advice = (
+            f"; {_enough(task, needed)}" if needed else ": raise trajectory.duration_s or trajectory.segments"
         )
+        message = f"with any number of segments a quadratic program has no solution in {duration:g} s{advice}"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
     trajectory, stretch = attempt.trajectory, attempt.peaks.stretch
     if stretch <= 1:
@@ -214,10 +228,15 @@ def _timed(task: _Task, duration: float) -> Steps[Fit]:
     message = too_tight(
         duration,
         attempt.peaks,
-        needed,
+        _enough(task, needed) if needed else None,
         "raise trajectory.segments, or lower the rates at start and end",
     )
     return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, needed_duration=needed)
+
+
+def _enough(task: _Task, duration: float) -> Needed:
+    """A duration that was found, for a message; "stretched" knows no rates at the ends, nor what moves."""
+    return Needed(duration=duration, moving=task.moving, scalable=not (task.at_speed or task.moving))
 
 
 def _best_at(task: _Task, duration: float) -> Steps[_Attempt | None]:
