@@ -16,6 +16,7 @@ from jaxplan.planner import chain, messages
 from jaxplan.planner.check import certify
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
+from jaxplan.report.results import trajectory_table
 from jaxplan.scenario import STRETCHED, Targets, parse_scenario, with_settings
 from jaxplan.search import make_scene
 from jaxplan.trajectory import METHODS
@@ -570,6 +571,17 @@ def test_a_plan_prints_itself_as_a_table(case_plans):
         assert word in text
         assert word in page
     assert page.count("<tr>") == page.count("</tr>") == len(case_plans[2].rows())
+
+
+def test_a_bound_of_the_time_is_said_to_be_of_the_goal_where_step_1_chose_that(case_plans):
+    plans = {True: case_plans[2], False: jp.plan(make_scenario(1))}
+    for chosen, plan in plans.items():
+        bound = f"above the strict bound of {plan.duration_bound:.2f} s"
+        for shown in (str(plan), plan._repr_html_()):
+            assert bound in shown
+            assert (f"{bound} for this goal" in shown) is chosen
+        assert ("No motion to this goal is quicker than" in str(trajectory_table(plan))) is chosen
+        assert plan.summary()["goal_chosen"] is chosen
 
 
 def test_actuator_limits_a_body_axis_are_kept():

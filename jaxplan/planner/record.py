@@ -10,7 +10,7 @@ import numpy as np
 from jaxplan.certificate import Report
 from jaxplan.display import as_table, shown
 from jaxplan.path import Goal, MovingGoal, Path
-from jaxplan.scenario import MovingTargets, Scenario
+from jaxplan.scenario import GivenState, MovingTargets, Scenario
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory, duration_bound, excess
@@ -86,8 +86,16 @@ class Plan:
         return self.status is Status.OK
 
     @property
+    def goal_chosen(self) -> bool:
+        """Whether step 1 chose the goal, as targets leave the attitude free: another may be met sooner."""
+        return not isinstance(self.scenario.goal, GivenState)
+
+    @property
     def duration_bound(self) -> float | None:
-        """No motion to the goal that keeps rates and accelerations is quicker, s; None without a path."""
+        """No motion to this goal that keeps rates and accelerations is quicker, s; None without a path.
+
+        Of another goal that meets the same targets it does not speak (`goal_chosen`).
+        """
         if self.path is None or self.goal is None:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
@@ -126,6 +134,7 @@ class Plan:
             above = None if bound is None else excess(duration, bound)
             if above is not None:
                 text += f"; {100 * above:.1f} % above the strict bound of {bound:.2f} s"
+                text += " for this goal" if self.goal_chosen else ""
             rows.append(("trajectory", text))
         if self.report is not None:
             rows += self.report.rows()
@@ -144,6 +153,7 @@ class Plan:
             "edges": None if self.path is None else self.path.edges,
             "duration_s": None if trajectory is None else trajectory.duration,
             "duration_bound_s": self.duration_bound,
+            "goal_chosen": self.goal_chosen,
             **report_summary(self.report),
             "timings_s": dict(self.timings),
         }

@@ -70,7 +70,8 @@ def trajectory_table(plan: "Plan") -> Markup:
     ]
     if bound is not None:
         above = excess(trajectory.duration, bound)
-        rows.append(("No motion is quicker than", f"{number(bound, 3)} s"))
+        there = " to this goal" if plan.goal_chosen else ""
+        rows.append((f"No motion{there} is quicker than", f"{number(bound, 3)} s"))
         if above is not None:
             rows.append(("Above that", f"{share(above)} %"))
     rows.append(("Continuous derivatives", str(trajectory.smoothness)))

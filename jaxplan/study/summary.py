@@ -119,7 +119,7 @@ def column_values(study: "Study", column: str, every: bool) -> np.ndarray:
 
     Args:
         study: any.
-        column: of its table or its times, or "over_bound" for a duration over the least that is possible.
+        column: of its table or its times, or "over_bound" for a duration over the least that the goal allows.
         every: whether scenes without a plan count.
     """
     chosen = [row for row in study.table if every or row["status"] == OK]
