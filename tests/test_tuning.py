@@ -257,6 +257,51 @@ def test_numbers_without_a_certified_plan_are_never_the_answer():
         assert f"-> {result.objective:.6g}" in str(result)
 
 
+DURATION = "trajectory.duration_s"
+
+
+def test_steps_far_too_large_lead_back_to_the_beginning_and_can_be_gone_on_from():
+    """Beyond the optimum, at 40 s, the first step is carried to the other end, at 60 s, and stays there."""
+
+    def off(trajectory, scenario):
+        return (jp.measures.duration(trajectory) - 40.0) ** 2
+
+    call = {"over": {DURATION: (20.0, 60.0)}, "optimizer": optax.sgd(1e3), "progress": False}
+    result = jp.tune(SMALL, off, steps=2, **call)
+    assert "are not the best ones, so these are those of step 0" in result.message
+    assert "nothing lower than at the beginning was found: try smaller steps" in result.message
+    assert result.numbers[DURATION] == pytest.approx(30.0)
+    assert result.scenario.trajectory.duration == result.plans[0].trajectory.duration
+    assert result.scenario.trajectory.duration == pytest.approx(30.0)
+    assert result.objective == pytest.approx(100.0)
+    assert [row["objective"] for row in result.history] == pytest.approx([100.0, 400.0, 400.0], abs=1e-3)
+    again = jp.tune(SMALL, off, steps=1, resume=result, **call)
+    assert again.history[:-1] == result.history  # the descent goes on from where it was, at 60 s
+    assert again.history[-1][DURATION] == pytest.approx(60.0)
+    assert again.objective == result.objective
+
+
+def test_the_best_numbers_on_the_way_are_the_answer_where_the_objective_misleads():
+    def uphill(trajectory, scenario):
+        duration = jp.measures.duration(trajectory)
+        return 2 * jax.lax.stop_gradient(duration) - duration  # the slope has the wrong sign
+
+    def rippled(trajectory, scenario):
+        duration = jp.measures.duration(trajectory)
+        return duration + 3 * jnp.sin(9 * duration)
+
+    call = {"over": {DURATION: (25.0, 60.0)}, "progress": False}
+    worse = jp.tune(SMALL, uphill, steps=3, **call)
+    assert worse.history[-1]["objective"] > 31
+    assert worse.objective == pytest.approx(30.0)
+    noisy = jp.tune(SMALL, rippled, steps=3, optimizer=optax.sgd(0.002), **call)
+    values = [row["objective"] for row in noisy.history]
+    assert values[1] < values[0] - 2 < values[3] - 4
+    assert noisy.objective == pytest.approx(values[1], rel=1e-6)
+    assert noisy.numbers[DURATION] == noisy.history[1][DURATION]
+    assert noisy.message == "the last numbers are not the best ones, so these are those of step 1"
+
+
 def test_only_the_same_call_is_gone_on_with():
     call = {"over": WEIGHTS, "steps": 1, "progress": False}
     first = jp.tune(SMALL, "effort", **call)

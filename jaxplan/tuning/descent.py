@@ -2,12 +2,13 @@
 
 From time to time the plans are made anew on their paths, so that what is held of them fits the numbers
 reached; between, each trajectory is followed from there. At the end the scenarios are planned from the
-beginning, and the last numbers whose plans are all certified are the answer.
+beginning: at the last numbers and, where plans fail there or others on the way promise less, at those. The
+best numbers whose plans are all certified are the answer; those to begin with are among them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ import optax
 from jaxplan.given import expect, several
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.asked import as_filed
+from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario, scenario_to_dict
 from jaxplan.scenario.moments import moves
 from jaxplan.scenario.numbers import find_number, with_numbers
@@ -26,7 +28,9 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.bundle import Bundle, bare
 from jaxplan.tuning.objectives import Objective, as_weights, make_objective, objective_label
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
-from jaxplan.tuning.result import Asked, State, Tuning
+from jaxplan.tuning.result import Asked, State, Stop, Tuning
+
+_ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from those that were followed
 
 RENEWED = 40  # steps until plans are made anew; at first a quarter and a half of that
 
@@ -57,7 +61,9 @@ def tune(
             call with such a result.
 
     Returns:
-        The tuned scenarios with certified plans, and the history. The same call gives the same result.
+        The tuned scenarios with certified plans, and the history. It is never worse than the beginning: where
+        the steps lead to nothing better that is the answer, and the message says so. The same call gives the
+        same result.
 
     Raises:
         KeyError: if a scenario has no such number.
@@ -113,16 +119,15 @@ def _descend(
     progress: bool,
     state: State,
 ) -> Tuning:
-    from tqdm.auto import tqdm
-
     def at(free: Any) -> tuple[Scenario, ...]:
         numbers = {one.place: float(one.value(z)) for one, z in zip(tuned, np.asarray(free), strict=True)}
         return tuple(with_numbers(scenario, numbers) for scenario in given)
 
     free, memory, history = state.free, state.memory, list(state.history)
-    plans = state.plans or _plans_to_begin_with(at(free), progress)
+    first = state.first or _plans_to_begin_with(at(free), progress)
+    plans = state.plans or first
     bundle = Bundle.of(((hold(plan), plan.scenario) for plan in plans), aim, tuned)
-    checkpoints, messages = list(state.checkpoints or [free]), []
+    messages: list[str] = []
     moved = np.zeros(len(tuned), dtype=bool)
 
     def look() -> tuple[dict[str, float], np.ndarray] | None:
@@ -137,19 +142,21 @@ def _descend(
     if seen is None:
         raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
     before = free, memory
-    hidden = not progress or None  # None: where stderr is no terminal
+    checkpoints = list(state.checkpoints or [_stop(free, seen[0])])
+    lowest = state.lowest or checkpoints[0]
     try:
-        with tqdm(total=steps, desc="tuning", unit=" steps", delay=1, leave=False, disable=hidden) as bar:
+        with progress_bar("tuning", "steps", total=steps, shown=progress) as bar:
             for step in range(len(history), len(history) + steps):
                 if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
                     renewed = _renewed(plans, at(free), aim, tuned)
                     if renewed is not None:
                         plans, bundle = renewed
-                        checkpoints.append(free)
                         seen = look() or seen
+                        checkpoints.append(_stop(free, seen[0]))
                 row, slope = seen
+                lowest = min(lowest, _stop(free, row), key=lambda stop: stop.objective)
                 moved |= slope != 0
-                bar.set_postfix_str(f"{row['objective']:.5g}", refresh=False)
+                bar.note(f"{row['objective']:.5g}")
                 history.append(row)
                 before = free, memory
                 free, memory = _stepped(optimizer, slope, row["objective"], *before)
@@ -169,16 +176,70 @@ def _descend(
         free=free,
         memory=memory,
         plans=plans,
+        first=first,
         history=tuple(history),
         checkpoints=tuple(checkpoints),
+        lowest=lowest,
     )
-    for answer in (free, *reversed(checkpoints)):
-        final = plan_batch(at(answer), progress=progress)
-        if all(plan.ok for plan in final):
+    end, start = _stop(free, seen[0]), checkpoints[0]
+    best, refused = _best(
+        end, [lowest, *checkpoints], _Planned(start, first, _mean(first, aim)), at, aim, progress
+    )
+    if not np.array_equal(best.stop.free, free):
+        why = "have no certified plans" if refused else "are not the best ones"
+        messages.append(f"the last numbers {why}, so these are those of step {best.stop.step}")
+        if best.stop is start:
+            messages.append(
+                "nothing lower than at the beginning was found: try smaller steps, or other numbers"
+            )
+    return _result(tuned, best, seen[0], reached, moved, messages)
+
+
+class _Planned(NamedTuple):
+    """Numbers with their plans, which are made from the beginning and certified, and the mean objective."""
+
+    stop: Stop
+    plans: Sequence[Plan]
+    objective: float
+
+
+def _best(
+    end: Stop,
+    others: Sequence[Stop],
+    start: _Planned,
+    at: Callable[[jax.Array], tuple[Scenario, ...]],
+    aim: Objective,
+    progress: bool,
+) -> tuple[_Planned, bool]:
+    """The best numbers with certified plans, and whether those at the end have none.
+
+    They are planned one after the other, the lowest first, until none of the rest promises less than what is
+    found.
+
+    Args:
+        end: of the descent; it goes before others that are hardly lower.
+        others: on the way there.
+        start: of the descent.
+        at: scenarios by parameters.
+        aim: the objective.
+        progress: whether to show bars.
+    """
+    alike, best, refused = _ALIKE * abs(start.objective), start, False
+    stops = {stop.step: stop for stop in (*others, end) if stop.step != start.stop.step}
+    for stop in sorted(stops.values(), key=lambda stop: stop.objective - alike * (stop is end)):
+        if stop.objective >= best.objective + (alike if best is start else -alike):
             break
-    if answer is not free:
-        messages.append("the last numbers have no certified plans, so these are earlier ones")
-    return _result(aim, tuned, final, as_dict(tuned, np.asarray(answer)), seen[0], reached, moved, messages)
+        plans = plan_batch(at(stop.free), progress=progress)
+        if not all(plan.ok for plan in plans):
+            refused |= stop is end
+        elif (value := _mean(plans, aim)) < best.objective:
+            best = _Planned(stop, plans, value)
+    return best, refused
+
+
+def _stop(free: jax.Array, row: Mapping[str, float]) -> Stop:
+    """The stop at a row of the history."""
+    return Stop(free=free, step=int(row["step"]), objective=row["objective"])
 
 
 def _stepped(
@@ -198,34 +259,31 @@ def _stepped(
 
 
 def _result(
-    aim: Objective,
     tuned: tuple[Parameter, ...],
-    plans: list[Plan],
-    numbers: dict[str, float],
+    best: _Planned,
     last: dict[str, float],
     reached: State,
     moved: np.ndarray,
     messages: list[str],
 ) -> Tuning:
     """The answer, and what there is to say about it."""
-    value = float(np.mean([_number(plan, aim) for plan in plans]))
-    history = (*reached.history, last)
-    if not value <= history[0]["objective"]:
-        messages.append(
-            "the objective is no lower than at the beginning: try smaller steps, or other numbers"
-        )
     still = [one.place.name for one, has in zip(tuned, moved, strict=True) if not has]
     if still and reached.history:
         messages.append(f"without influence on the objective: {', '.join(still)}")
     return Tuning(
-        scenarios=tuple(plan.scenario for plan in plans),
-        plans=tuple(plans),
-        numbers=numbers,
-        objective=value,
-        history=history,
+        scenarios=tuple(plan.scenario for plan in best.plans),
+        plans=tuple(best.plans),
+        numbers=as_dict(tuned, np.asarray(best.stop.free)),
+        objective=best.objective,
+        history=(*reached.history, last),
         message="; ".join(messages),
         state=reached,
     )
+
+
+def _mean(plans: Sequence[Plan], aim: Objective) -> float:
+    """The mean objective of plans."""
+    return float(np.mean([_number(plan, aim) for plan in plans]))
 
 
 def _number(plan: Plan, aim: Objective) -> float:

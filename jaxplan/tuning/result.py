@@ -37,26 +37,46 @@ class Asked:
             )
 
 
+@shown("step", "objective", "free")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stop:
+    """Numbers on the way of a descent.
+
+    Attributes:
+        free: parameters.
+        step: of the history.
+        objective: as its trajectories, which are followed, have it.
+    """
+
+    free: jax.Array
+    step: int
+    objective: float
+
+
 @shown("history", "plans", "checkpoints", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Where a descent is.
+    """Where a descent is, which need not be at the numbers of its result.
 
     Attributes:
         asked: of it.
         free: parameters.
         memory: of the optimiser.
         plans: that trajectories are followed from; none to begin with.
+        first: plans of the numbers to begin with, all certified.
         history: a row for each step that was made.
-        checkpoints: parameters at which plans were made anew, the first ones certified.
+        checkpoints: where plans were made anew, the beginning first.
+        lowest: the step with the lowest objective.
     """
 
     asked: Asked
     free: jax.Array
     memory: Any
     plans: tuple[Plan, ...] = ()
+    first: tuple[Plan, ...] = ()
     history: tuple[Mapping[str, float], ...] = ()
-    checkpoints: tuple[jax.Array, ...] = ()
+    checkpoints: tuple[Stop, ...] = ()
+    lowest: Stop | None = None
 
 
 @shown("objective", "numbers", "message", heading="{0.title}")
@@ -67,8 +87,9 @@ class Tuning:
     Attributes:
         scenarios: tuned, in the order given; planned anew and certified.
         plans: of them.
-        numbers: the tuned numbers by name, in the file's units.
-        objective: of these plans.
+        numbers: the tuned numbers by name, in the file's units: the last ones or, where those are worse or
+            have no certified plans, better ones on the way to them.
+        objective: of these plans; never above that of the plans to begin with.
         label: what was lowered, with its unit.
         history: a row a step: its number, the objective, the length of its gradient in the free parameters,
             and the numbers by name. Its trajectories are followed, not searched anew.
