@@ -69,6 +69,6 @@ def sampled_margins(scene: Scene, path: Path) -> np.ndarray:
     body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
     inertial = body @ np.swapaxes(attitudes, -1, -2)  # (samples, m, n, 3)
     cones = scene.cones
-    angles = np.arccos(np.clip(inertial @ cones.direction.T, -1, 1))  # (samples, m, n, Z)
+    angles = np.arccos(np.clip(inertial @ cones.axis.T, -1, 1))  # (samples, m, n, Z)
     margins = np.where(cones.bound.T, cones.side * (angles - cones.half_angle), np.inf)
     return np.min(margins, axis=(0, 2, 3), initial=np.inf)

@@ -27,7 +27,7 @@ _STRIDE = 8  # samples are taken far apart first, so that a motion that is not c
 def zone_table(scene: Scene) -> np.ndarray:
     """(Z, 5 + n): the zones that bind a terminal, without the scene's padding."""
     cones = scene.cones
-    rows = np.column_stack([cones.direction, np.cos(cones.half_angle), cones.side, cones.bound])
+    rows = np.column_stack([cones.axis, np.cos(cones.half_angle), cones.side, cones.bound])
     return np.ascontiguousarray(rows[np.any(cones.bound, axis=1)], dtype=float)
 
 

@@ -20,6 +20,7 @@ from _options import positive
 import jaxplan as jp
 from jaxplan import zones
 from jaxplan.certificate import Report
+from jaxplan.model import constraints
 from jaxplan.planner.check import prove
 
 
@@ -31,8 +32,8 @@ def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, fl
     for times in np.array_split(np.linspace(0, trajectory.duration, 100_001), 100):
         s = trajectory.sample(times)
         with jax.enable_x64(True):
-            devices = zones.device_margins(cones, craft.boresights(s.attitude, s.joints))
-            least = np.minimum(least, np.asarray(zones.constraint_margins(cones, devices)).min())
+            devices = constraints.pair_margins(cones, craft.boresights(s.attitude, s.joints), cones.axis)
+            least = np.minimum(least, np.asarray(constraints.constraint_margins(cones, devices)).min())
         for values, limit in (
             (s.angular_velocity, craft.rate_limit),
             (s.angular_acceleration, craft.acceleration_limit),

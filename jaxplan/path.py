@@ -2,8 +2,7 @@
 
 The motion along an edge is the geodesic of the platform and linear joints, both at constant speed:
 ``R(s) = R0 exp(s phi^)``, ``q(s) = q0 + s dq`` with ``s`` in [0, 1]. Its margins are bounded from below over
-the whole edge: the second derivative of each boresight ``p(s)`` is bounded (`direction_curvature`), so a
-few samples speak for the intervals between them.
+the whole edge, by the bounds of `jaxplan.model.constraints`: a few samples speak for the intervals between.
 
 The cost of an edge is counted in steps, ``max(rotation / attitude step, |dq_j| / joint step_j)``, which is
 also the time the move takes when every step takes the same.
@@ -17,9 +16,11 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import so3, spacecraft, zones
+from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, arrays
+from jaxplan.model import constraints
+from jaxplan.model.constraints import Constraints, Sights
 
 
 @shown("slew_angle deg", "joints deg", "attitude")
@@ -147,48 +148,20 @@ def motion(
     return attitudes, angles + s[:, None] * change
 
 
-def direction_curvature(rotation: ArrayLike, joint_change: ArrayLike, instruments: int) -> Array:
-    """Bound of ``|p''(s)|`` of every device's boresight along a motion.
-
-    With ``p = R v``, ``v`` in body axes, ``p'' = R (phi x (phi x v) + 2 phi x v' + v'')``. For ``u = |dyaw|``
-    and ``w = |dpitch|``, equation (13) gives ``|v'|^2 <= u^2 + w^2``, and ``|v''|^2`` is linear in
-    ``cos^2 pitch``: at most ``(u^2 + w^2)^2`` (pitch 0) or ``w^2 (w^2 + 4 u^2)`` (pitch 90 deg).
-
-    Args:
-        rotation: (...) rad.
-        joint_change: (..., 2n) rad.
-        instruments: number of body-fixed devices.
-
-    Returns:
-        (..., n + instruments) rad^2.
-    """
-    phi = jnp.asarray(rotation)[..., None]
-    change = jnp.abs(jnp.asarray(joint_change))
-    count = change.shape[-1] // 2
-    yaw, pitch = change[..., :count], change[..., count:]
-    rate = so3.length(jnp.stack([yaw, pitch], axis=-1))
-    bend = jnp.maximum(rate**2, pitch * so3.length(jnp.stack([pitch, 2 * yaw], axis=-1)))
-    moving = phi**2 + 2 * phi * rate + bend
-    still = jnp.broadcast_to(phi**2, (*moving.shape[:-1], instruments))
-    return jnp.concatenate([moving, still], axis=-1)
-
-
-def interval_cosines(
-    cones: zones.Cones,
-    mounts: ArrayLike,
-    fixed_boresights: ArrayLike,
+def interval_scores(
+    rows: Constraints,
+    sights: Sights,
     attitude: ArrayLike,
     joints: ArrayLike,
     turn: ArrayLike,
     joint_change: ArrayLike,
     intervals: int,
 ) -> Array:
-    """Upper bound of every zone's signed cosine on each interval of one edge, see `zones.swept_cosines`.
+    """Upper bound of every row's score on each interval of one edge, see `jaxplan.model.constraints`.
 
     Args:
-        cones: the zones.
-        mounts: (n,) rad.
-        fixed_boresights: (i, 3) body axes.
+        rows: the constraints, of which no axis moves.
+        sights: what they bind.
         attitude: (3, 3) at the edge's start.
         joints: (2n,) at the edge's start.
         turn: (3,) rotation vector ``phi`` of the edge, body axes.
@@ -196,35 +169,36 @@ def interval_cosines(
         intervals: number of equal intervals, static; more make the bound sharper.
 
     Returns:
-        (intervals, Z), of the worst device that each zone binds; -inf where it binds none.
+        (intervals, Z), of the worst sight that each row binds; -inf where it binds none.
     """
     turn_vector = jnp.asarray(turn)
     fraction = jnp.arange(intervals + 1) / intervals
     attitudes, angles = motion(attitude, joints, turn_vector, joint_change, fraction)
-    body = spacecraft.body_boresights(mounts, fixed_boresights, angles)
-    inertial = jnp.sum(attitudes[:, None] * body[:, :, None, :], axis=-1)  # (intervals + 1, D, 3)
-    dots = jnp.sum(inertial[:, :, None, :] * cones.direction, axis=-1)  # (intervals + 1, D, Z)
-    curvature = direction_curvature(so3.length(turn_vector), joint_change, jnp.shape(fixed_boresights)[0])
-    cosines = zones.swept_cosines(cones, dots[:-1], dots[1:], curvature[:, None] / (2 * intervals**2))
-    return jnp.max(jnp.where(cones.bound.T, cosines, -jnp.inf), axis=-2, initial=-jnp.inf)
+    seen = sights.in_body(angles)  # (intervals + 1, S, 3)
+    turned = jnp.sum(attitudes[:, None] * jnp.asarray(rows.axis)[:, :, None], axis=-2)
+    axes = constraints.axes_in_body(rows, turned, seen)
+    cosines = jnp.sum(seen[:, :, None] * axes[:, None], axis=-1)  # (intervals + 1, S, Z)
+    score = constraints.scores(rows, cosines, constraints.joint_values(rows, angles))
+    bend = constraints.score_curvature(rows, so3.length(turn_vector), *sights.bounds(joint_change))
+    bound = constraints.edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
+    return jnp.max(jnp.where(rows.bound.T, bound, -jnp.inf), axis=-2, initial=-jnp.inf)
 
 
 def edge_margins(
-    cones: zones.Cones,
-    mounts: ArrayLike,
-    fixed_boresights: ArrayLike,
+    rows: Constraints,
+    sights: Sights,
     attitude: ArrayLike,
     joints: ArrayLike,
     turn: ArrayLike,
     joint_change: ArrayLike,
     intervals: int,
 ) -> Array:
-    """Lower bound of every constraint's margin over one whole edge; arguments as for `interval_cosines`.
+    """Lower bound of every constraint's margin over one whole edge; arguments as for `interval_scores`.
 
     Returns:
-        (Z,) rad, +inf for padding and for zones that follow another of their group; exact to about
+        (Z,) rad, +inf for padding and for rows that follow another of their constraint; exact to about
         1e-8 rad at a cone's very axis, else to rounding.
     """
-    worst = interval_cosines(cones, mounts, fixed_boresights, attitude, joints, turn, joint_change, intervals)
-    zone_margin = jnp.where(worst == -jnp.inf, jnp.inf, zones.margins_from_cosines(cones, worst))
-    return jnp.min(zones.group_margins(cones, zone_margin), axis=0)
+    worst = interval_scores(rows, sights, attitude, joints, turn, joint_change, intervals)
+    margin = jnp.where(worst == -jnp.inf, jnp.inf, constraints.margins_of_scores(rows, worst))
+    return jnp.min(constraints.best_entries(rows, margin), axis=0)

@@ -11,9 +11,10 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from jaxplan.decomposition import Decomposition, decompose
+from jaxplan.model.constraints import Constraints
 from jaxplan.scenario import Targets
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import Cones, KeepIn, KeepOut, tabulate
+from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 PAPER_DIRECTIONS = np.array(
     [[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832], [0.4601, -0.7960, -0.3933]]
@@ -39,7 +40,7 @@ class Problem:
     spacecraft: Spacecraft
     start: np.ndarray
     targets: Targets
-    cones: Cones
+    cones: Constraints
 
     def decompose(self, **settings: float) -> Decomposition:
         return decompose(self.spacecraft, self.start, self.targets, self.cones, **settings)
@@ -169,7 +170,7 @@ class Printed:
         self.mounts, self.count, self.limits = craft.mounts, len(craft.terminals), problem.limits
         self.directions = problem.targets.directions @ problem.start
         self.boresights, self.cones = craft.fixed_boresights, problem.cones
-        self.cone_axes = problem.cones.direction @ problem.start
+        self.cone_axes = problem.cones.axis @ problem.start
         self.zones = [
             np.flatnonzero((self.cones.group == group) & np.any(self.cones.bound[:, self.count :], axis=1))
             for group in np.unique(self.cones.group)

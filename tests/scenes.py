@@ -102,7 +102,7 @@ def sampled_margin(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> n
     directions = boresights(scene, attitudes, joints)
     worst = np.full(len(joints), np.inf)
     for cones in (scene.cones, scene.grouped_cones):
-        cosines = np.clip(np.einsum("kdi,zi->kzd", directions, cones.direction), -1, 1)
+        cosines = np.clip(np.einsum("kdi,zi->kzd", directions, cones.axis), -1, 1)
         margin = cones.side[:, None] * (np.arccos(cosines) - cones.half_angle[:, None])
         zone = np.where(cones.bound, margin, np.inf).min(axis=-1, initial=np.inf)
         for group in np.unique(cones.group):

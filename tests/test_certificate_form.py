@@ -122,7 +122,7 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(value):
         for index in np.ndindex(array.shape):
             report = judge(replace(trajectory, **{name: with_entry(array, index, value)}))
             assert refused(report, f"trajectory.{name} is not finite"), (name, index)
-    for f in fields(CONES):
+    for f in (one for one in fields(CONES) if not one.metadata.get("static")):
         array = np.asarray(getattr(CONES, f.name))
         for index in np.ndindex(array.shape):
             report = judge(cones=replace(CONES, **{f.name: with_entry(array, index, value)}))
@@ -310,7 +310,7 @@ def test_lengths_of_directions_within_their_tolerance_do_not_matter():
     for trajectory, spacecraft, cones in (
         (replace(still, chart_attitude=still.chart_attitude * (1 + 4e-10)), SPACECRAFT, CONES),
         (still, replace(SPACECRAFT, instruments=(longer,)), CONES),
-        (still, SPACECRAFT, replace(CONES, direction=CONES.direction * (1 - 8e-7))),
+        (still, SPACECRAFT, replace(CONES, axis=CONES.axis * (1 - 8e-7))),
     ):
         report = judge(trajectory, spacecraft, cones, start=end, goal=end)
         assert report.certified
@@ -347,7 +347,7 @@ def test_a_trajectory_of_a_wrong_form_is_refused(changes, words):
         ({"half_angle": np.zeros(8)}, "not between 0 and 180 deg"),
         ({"half_angle": np.full(8, np.pi)}, "not between 0 and 180 deg"),
         ({"side": np.zeros(8)}, "neither +1 nor -1"),
-        ({"direction": np.ones((8, 3))}, "no unit vector"),
+        ({"axis": np.ones((8, 3))}, "no unit vector"),
         ({"bound": np.ones((8, 2), dtype=bool)}, "beyond the 3 that have a name"),
         ({"bound": np.ones((8, 3), dtype=bool)}, "cones.bound has the shape (8, 3) and not (8, 2)"),
         ({"group": np.zeros(3)}, "cones.group has the shape"),

@@ -22,6 +22,7 @@ from jaxplan.certificate import Claim, EndState, ProvedMargin
 from jaxplan.constellation import Constellation
 from jaxplan.decomposition import Decomposition
 from jaxplan.display import UNKNOWN, as_table, shown
+from jaxplan.model.constraints import Constraints
 from jaxplan.moving import DirectionPath
 from jaxplan.path import MovingGoal
 from jaxplan.planner.chain import fit
@@ -35,7 +36,7 @@ from jaxplan.trajectory.global_spline import held as global_spline
 from jaxplan.trajectory.paper import refit as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
-from jaxplan.zones import Cones, KeepIn, KeepOut
+from jaxplan.zones import KeepIn, KeepOut
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"
@@ -109,7 +110,8 @@ def types_in(annotation):
 def annotated(thing):
     """The types that the annotations of a class or function name."""
     later = {
-        cls.__name__: cls for cls in (jp.Plan, jp.Study, jp.Trajectory, Cones, Decomposition, Spacecraft)
+        cls.__name__: cls
+        for cls in (jp.Plan, jp.Study, jp.Trajectory, Constraints, Decomposition, Spacecraft)
     }
     later["pd"] = SimpleNamespace(DataFrame=object)  # which modules import for their annotations alone
     for annotation in typing.get_type_hints(thing, localns=later).values():

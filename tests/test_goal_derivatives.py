@@ -42,7 +42,7 @@ def inputs_of(problem: Problem) -> Inputs:
         "mounts": craft.mounts,
         "own limits": craft.joint_limits,
         "boresights": craft.fixed_boresights,
-        "cones": problem.cones.direction,
+        "cones": problem.cones.axis,
         "half-angles": problem.cones.half_angle,
     }
     if targets.yaw_limit is not None:

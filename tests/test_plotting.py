@@ -18,6 +18,7 @@ import jaxplan as jp
 from jaxplan import path as motions
 from jaxplan import zones as zone_margins
 from jaxplan.certificate import Report
+from jaxplan.model import constraints
 from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
 from jaxplan.plotting import samples, style, unfolded
@@ -281,7 +282,9 @@ def test_a_group_counts_as_its_best_zone() -> None:
 def test_the_smallest_margin_is_that_of_the_scene() -> None:
     scenario, ways = _mixed_scenario(), _mixed_ways()
     cones = zone_margins.tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names)
-    expected = zone_margins.constraint_margins(cones, zone_margins.device_margins(cones, ways)).min(axis=-1)
+    expected = constraints.constraint_margins(cones, constraints.pair_margins(cones, ways, cones.axis)).min(
+        axis=-1
+    )
     values = np.nanmin([margin.values for margin in samples.margins(scenario, ways)], axis=0)
     np.testing.assert_allclose(values, expected, atol=1e-9)
 

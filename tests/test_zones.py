@@ -7,6 +7,7 @@ from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 from jaxplan import zones
+from jaxplan.model import constraints
 from jaxplan.zones import KeepIn, KeepOut
 
 DEVICES = ("a", "b", "c")
@@ -43,10 +44,14 @@ def keep_in(half_angle, direction=Z, devices=("a",), any_of=None, name="in"):
     return KeepIn(name=name, direction=direction, half_angle=half_angle, devices=devices, any_of=any_of)
 
 
+def margins_of(cones, boresights):
+    """(..., Z) of every constraint."""
+    return constraints.constraint_margins(cones, constraints.pair_margins(cones, boresights, cones.axis))
+
+
 def margins(cones, boresights):
-    """(..., Z) of every constraint, by one jitted call."""
-    evaluate = quick_jit(lambda c, b: zones.constraint_margins(c, zones.device_margins(c, b)))
-    return np.asarray(evaluate(cones, boresights))
+    """The same by one jitted call."""
+    return np.asarray(quick_jit(margins_of)(cones, boresights))
 
 
 @PRECISIONS
@@ -56,7 +61,7 @@ def test_separation_keeps_all_digits_at_every_angle(dtype, eps):
     angles = np.array(ANGLES)[:, None]
     second = (np.cos(angles) * first + np.sin(angles) * sideways).astype(dtype)
     first = first.astype(dtype)
-    result = np.asarray(zones.separation(first, second))
+    result = np.asarray(constraints.angle_between(first, second))
     assert result.dtype == dtype
     np.testing.assert_allclose(result, np.broadcast_to(ANGLES, result.shape), rtol=0, atol=4 * eps)
     np.testing.assert_allclose(result, half_chord_angle(first, second), rtol=0, atol=4 * eps)
@@ -68,7 +73,9 @@ def test_separation_grows_along_the_great_circle_and_is_flat_at_its_ends(mode, d
     axis = Z.astype(dtype)
     directions = np.array([away_from_z(angle) for angle in ANGLES]).astype(dtype)
     directions[[0, -1]] = [Z, -Z]
-    gradients = np.asarray(quick_jit(jax.vmap(mode(zones.separation), in_axes=(0, None)))(directions, axis))
+    gradients = np.asarray(
+        quick_jit(jax.vmap(mode(constraints.angle_between), in_axes=(0, None)))(directions, axis)
+    )
     outward = np.array([away_from_z(angle + np.pi / 2) for angle in ANGLES])
     tangential = gradients - np.sum(gradients * directions, axis=-1, keepdims=True) * directions
     np.testing.assert_allclose(tangential[1:-1], outward[1:-1], rtol=0, atol=8 * eps)
@@ -94,7 +101,7 @@ def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
         DEVICES,
     )
     boresights = random_directions((500, 3), 6)
-    result = np.asarray(zones.device_margins(cones, boresights))
+    result = np.asarray(constraints.pair_margins(cones, boresights, cones.axis))
     assert result.shape == (500, 8, 3)
     sides = np.array([1, 1, 1, 1, -1, -1])
     angles = half_chord_angle(boresights[:, None], axes[:, None])
@@ -115,7 +122,7 @@ def test_a_zone_binds_the_named_devices_and_no_other():
     cones = zones.tabulate(
         [keep_out(0.3, devices=("a", "c")), keep_out(0.4)], [keep_in(0.5, devices=("b",))], DEVICES
     )
-    result = np.asarray(zones.device_margins(cones, np.tile(Z, (3, 1))))
+    result = np.asarray(constraints.pair_margins(cones, np.tile(Z, (3, 1)), cones.axis))
     np.testing.assert_allclose(result[:3], [[-0.3, np.inf, -0.3], [-0.4, -0.4, -0.4], [np.inf, 0.5, np.inf]])
     np.testing.assert_allclose(margins(cones, np.tile(Z, (3, 1)))[:3], [-0.3, -0.4, 0.5])
 
@@ -124,7 +131,7 @@ def test_a_zone_binds_the_named_devices_and_no_other():
 def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
     cones = zones.tabulate([keep_out(0.3, name=f"{i}") for i in range(count)], [], DEVICES)
     rows = len(cones.half_angle)
-    assert rows == zones.capacity(count)
+    assert rows == constraints.capacity(count)
     assert count <= rows < max(2 * count, 9)
     assert rows in (0, 8, 16, 32, 64)
     boresights = np.concatenate([random_directions((20, 3), 7), np.broadcast_to(Z, (1, 3, 3))])
@@ -191,7 +198,13 @@ def test_a_boresight_that_is_not_a_number_is_never_clear(kind):
 def test_margins_have_finite_derivatives_everywhere(mode):
     cones = zones.tabulate([keep_out(0.3)], [keep_in(0.4, devices=DEVICES)], DEVICES)
     boresights = np.array([[Z, -Z, away_from_z(1.0)], [away_from_z(0.3), away_from_z(1e-9), Z]])
-    gradients = jax.vmap(mode(lambda b: zones.constraint_margins(cones, zones.device_margins(cones, b))[:2]))
+    gradients = jax.vmap(
+        mode(
+            lambda b: constraints.constraint_margins(cones, constraints.pair_margins(cones, b, cones.axis))[
+                :2
+            ]
+        )
+    )
     assert np.all(np.isfinite(gradients(boresights)))
 
 
@@ -201,7 +214,7 @@ def test_edge_bound_is_never_passed_and_reached_by_the_parabola():
     curvature = np.abs(rng.normal(size=2000)) * rng.choice([0.0, 0.1, 3.0], 2000)  # C h^2 / 2
     fraction = np.linspace(0, 1, 4001)[:, None]
     parabola = start + (end - start) * fraction + curvature * fraction * (1 - fraction)
-    bound = np.asarray(zones.edge_bound(start, end, curvature))
+    bound = np.asarray(constraints.edge_bound(start, end, curvature))
     peak = np.max(parabola, axis=0)
     assert np.all(bound >= peak - 1e-14)
     np.testing.assert_allclose(bound, peak, rtol=0, atol=1e-6 * (1 + curvature.max()))
@@ -210,7 +223,7 @@ def test_edge_bound_is_never_passed_and_reached_by_the_parabola():
 def test_edge_bound_is_the_larger_end_where_the_curvature_cannot_turn_the_function():
     rng = np.random.default_rng(10)
     start, end = rng.normal(size=(2, 500))
-    bound = zones.edge_bound(start, end, 0.999 * np.abs(end - start))
+    bound = constraints.edge_bound(start, end, 0.999 * np.abs(end - start))
     np.testing.assert_array_equal(bound, np.maximum(start, end))
 
 
@@ -218,7 +231,7 @@ def test_edge_bound_is_the_larger_end_where_the_curvature_cannot_turn_the_functi
 def test_edge_bound_of_what_is_not_a_number_is_infinite(place):
     arguments = [0.1, 0.2, 0.3]
     arguments[place] = np.nan
-    assert zones.edge_bound(*arguments) == np.inf
+    assert constraints.edge_bound(*arguments) == np.inf
 
 
 def signed_cosines(cones, angles):
@@ -230,16 +243,16 @@ def test_margins_from_cosines_are_the_margins():
     cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.5), keep_in(2.0)], ("a",))
     angles = np.linspace(0.01, 3.13, 200)
     expected = cones.side * (angles[:, None] - cones.half_angle)
-    result = zones.margins_from_cosines(cones, signed_cosines(cones, angles))
+    result = constraints.margins_of_scores(cones, signed_cosines(cones, angles))
     np.testing.assert_allclose(result, expected, rtol=0, atol=1e-13)
-    past = zones.margins_from_cosines(cones, np.full(8, 1.5))  # beyond the worst: on the axis, or opposite
+    past = constraints.margins_of_scores(cones, np.full(8, 1.5))  # beyond the worst: on the axis, or opposite
     np.testing.assert_allclose(past[:4], [-0.7, -2.2, 0.5 - np.pi, 2.0 - np.pi], rtol=0, atol=1e-15)
 
 
 @MODES
 def test_margins_from_cosines_have_finite_derivatives_at_the_axis_and_beyond(mode):
     cones = zones.tabulate([keep_out(0.7)], [keep_in(0.5)], ("a",))
-    jacobian = jax.vmap(mode(lambda c: zones.margins_from_cosines(cones, c)[:2]))
+    jacobian = jax.vmap(mode(lambda c: constraints.margins_of_scores(cones, c)[:2]))
     assert np.all(np.isfinite(jacobian(np.linspace(-2, 2, 9)[:, None] * np.ones(8))))
 
 
@@ -247,7 +260,7 @@ def test_margins_from_cosines_have_finite_derivatives_at_the_axis_and_beyond(mod
 def test_the_cosine_threshold_is_where_the_margin_is_the_clearance(clearance):
     cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.7), keep_in(2.0)], ("a",))
     angles = np.linspace(0, np.pi, 1001)
-    slack = np.asarray(zones.cosine_threshold(cones, clearance)) - signed_cosines(cones, angles)
+    slack = np.asarray(constraints.thresholds(cones, clearance)) - signed_cosines(cones, angles)
     excess = cones.side * (angles[:, None] - cones.half_angle) - clearance
     decided = np.abs(excess) > 1e-9
     np.testing.assert_array_equal((slack >= 0)[decided], (excess >= 0)[decided])
@@ -260,7 +273,7 @@ def test_a_clearance_is_given_up_to_half_of_the_room_a_zone_leaves():
     for shift, clear in ((1e-6, True), (-1e-6, False)):
         cosines = np.full(8, -np.inf)
         cosines[:2] = cones.side[:2] * np.cos(angles + cones.side[:2] * shift)
-        slack = np.asarray(zones.cosine_threshold(cones, 1.0)) - cosines
+        slack = np.asarray(constraints.thresholds(cones, 1.0)) - cosines
         assert np.all((slack[:2] >= 0) == clear)
         assert np.all(slack[2:] == np.inf)
 

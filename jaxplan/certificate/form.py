@@ -12,21 +12,21 @@ import numpy as np
 from jaxplan.certificate.report import EndState
 
 if TYPE_CHECKING:
+    from jaxplan.model.constraints import Constraints
     from jaxplan.moving import DirectionPath
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
-    from jaxplan.zones import Cones
 
 _ORTHONORMAL = 1e-9
 _UNIT = 1e-6  # directions are normalised before use
 _SAME_TIME = 1e-12
 
-Container = TypeVar("Container", "Trajectory", "Cones")
+Container = TypeVar("Container", "Trajectory", "Constraints")
 
 
 def _arrays(container: Any) -> dict[str, np.ndarray]:
     fields = (f.name for f in dataclasses.fields(container) if not f.metadata.get("static"))
-    fields = (name for name in fields if name != "paths")  # of zones: `axes` reads them
+    fields = (name for name in fields if name != "paths")  # of constraints: `axes` reads them
     return {name: np.asarray(getattr(container, name), np.float64) for name in fields}
 
 
@@ -37,7 +37,11 @@ def plain(container: Container) -> Container:
 
 
 def faults(
-    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Cones", zones: int, ends: dict[str, EndState]
+    trajectory: "Trajectory",
+    spacecraft: "Spacecraft",
+    cones: "Constraints",
+    zones: int,
+    ends: dict[str, EndState],
 ) -> list[str]:
     """All faults of form; where shapes are wrong, only those.
 
@@ -138,25 +142,28 @@ def _trajectory_numbers(trajectory: "Trajectory") -> Iterator[str]:
             yield f"trajectory.{name} do not rise"
 
 
-def _cone_shapes(cones: "Cones", devices: int) -> Iterator[str]:
+def _cone_shapes(cones: "Constraints", devices: int) -> Iterator[str]:
     zones = cones.half_angle.size
     for name, tail in (
-        ("direction", (3,)),
+        ("axis", (3,)),
+        ("frame", ()),
+        ("partner", ()),
         ("half_angle", ()),
         ("side", ()),
         ("bound", (devices,)),
+        ("entry", ()),
         ("group", ()),
     ):
         yield from _shape(f"cones.{name}", getattr(cones, name), (zones, *tail))
 
 
-def _cone_numbers(cones: "Cones", zones: int) -> Iterator[str]:
+def _cone_numbers(cones: "Constraints", zones: int) -> Iterator[str]:
     stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
-    still = np.ones(len(cones.direction), bool)
+    still = np.ones(len(cones.axis), bool)
     still[: len(stands)] = stands
     for name, array in _arrays(cones).items():
-        yield from _finite(f"cones.{name}", array[still] if name == "direction" else array)
-    yield from _unit("cones.direction", cones.direction[still])
+        yield from _finite(f"cones.{name}", array[still] if name == "axis" else array)
+    yield from _unit("cones.axis", cones.axis[still])
     if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi)):
         yield "cones.half_angle is not between 0 and 180 deg"
     if not np.all(np.abs(cones.side) == 1):

@@ -30,7 +30,9 @@ from jaxplan.certificate.motion import DEGREE, Motion, places
 from jaxplan.certificate.pieces import ROUNDING
 
 if TYPE_CHECKING:
-    from jaxplan.zones import Cones
+    from jaxplan.model.constraints import Constraints
+
+    pass
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -63,7 +65,7 @@ class Bindings:
     layout: Layout
 
     @classmethod
-    def of(cls, cones: "Cones") -> Self:
+    def of(cls, cones: "Constraints") -> Self:
         """From cones of arrays in float64 whose form has been checked."""
         zone, device = np.nonzero(cones.bound)
         order = np.lexsort((device, zone, cones.group[zone]))
@@ -82,7 +84,7 @@ class Bindings:
         )
         wide = (cones.half_angle > np.pi / 2)[zone]
         flip = np.where(wide, -1.0, 1.0)
-        direction = cones.direction / np.linalg.norm(cones.direction, axis=-1, keepdims=True)
+        direction = cones.axis / np.linalg.norm(cones.axis, axis=-1, keepdims=True)
         return cls(
             zone=zone,
             device=device,

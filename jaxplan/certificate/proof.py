@@ -14,9 +14,9 @@ from jaxplan.certificate.motion import Motion
 from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
 
 if TYPE_CHECKING:
+    from jaxplan.model.constraints import Constraints
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
-    from jaxplan.zones import Cones
 
 _TOGETHER, _PIECES = 16, 1024  # trajectories that are proved at once, and about their pieces
 
@@ -24,7 +24,7 @@ _TOGETHER, _PIECES = 16, 1024  # trajectories that are proved at once, and about
 def certify(
     trajectory: "Trajectory",
     spacecraft: "Spacecraft",
-    cones: "Cones",
+    cones: "Constraints",
     *,
     zone_names: Sequence[str],
     start: EndState,
@@ -91,7 +91,7 @@ def _parts(stack: Sequence[tuple[int, Case]]) -> Iterator[list[tuple[int, Case]]
 
 
 def prove_margins(
-    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Cones", *, zone_names: Sequence[str]
+    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Constraints", *, zone_names: Sequence[str]
 ) -> tuple[ProvedMargin, ...]:
     """Bounds the margin of every device to every zone that binds it, each as closely as the smallest of all.
 

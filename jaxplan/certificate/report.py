@@ -9,9 +9,9 @@ import numpy as np
 from jaxplan.display import as_table, shown
 
 if TYPE_CHECKING:
+    from jaxplan.model.constraints import Constraints
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
-    from jaxplan.zones import Cones
 
 
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
@@ -48,7 +48,7 @@ class Claim:
 
     trajectory: "Trajectory"
     spacecraft: "Spacecraft"
-    cones: "Cones"
+    cones: "Constraints"
     zone_names: Sequence[str]
     start: EndState
     goal: EndState

@@ -18,10 +18,11 @@ from jaxplan import quaternion
 from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import Cones, tabulate
+from jaxplan.zones import tabulate
 
 
 @shown(
@@ -66,7 +67,7 @@ def decompose(
     spacecraft: Spacecraft,
     start_attitude: np.ndarray,
     targets: Targets,
-    cones: Cones,
+    cones: Constraints,
     *,
     max_slew: float = np.pi,
     max_goals: int = 3,
@@ -122,7 +123,7 @@ def _least_broken(
     start: np.ndarray,
     directions: np.ndarray,
     limits: np.ndarray,
-    cones: Cones,
+    cones: Constraints,
     seed: int,
 ) -> np.ndarray:
     """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""

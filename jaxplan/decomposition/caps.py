@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan import zones
+from jaxplan.model.constraints import Constraints, angle_between, capacity
 from jaxplan.spacecraft import Spacecraft
 
 HAIR = 1e-12
@@ -60,7 +60,7 @@ def assemble(
     start_attitude: np.ndarray,
     directions: np.ndarray,
     joint_limits: np.ndarray,
-    cones: zones.Cones,
+    cones: Constraints,
     widening: float = 0.0,
 ) -> Caps:
     """The caps of a goal at which the terminals point along given directions.
@@ -83,7 +83,7 @@ def assemble(
     zone_half_angle = np.where(side > 0, 0, np.pi) + side * cones.half_angle[zone] - widening
 
     joints, used = len(joint_group), len(joint_group) + len(zone)
-    size = max(8, zones.capacity(used))
+    size = max(8, capacity(used))
     rest = np.arange(used, size)
 
     def padded(of_joints: np.ndarray | int, of_zones: np.ndarray, of_rest: np.ndarray | int) -> np.ndarray:
@@ -95,7 +95,7 @@ def assemble(
     there = half_angle > EMPTY
     return Caps(
         axis=np.where(there[:, None], padded(joint_axis, zone_axis, 0), 0),
-        direction=padded(np.repeat(directions, 5, axis=0), cones.direction[zone], 0) @ start_attitude,
+        direction=padded(np.repeat(directions, 5, axis=0), cones.axis[zone], 0) @ start_attitude,
         half_angle=np.where(there, half_angle + HAIR, -1),
         member=padded(np.arange(joints), joints + _runs(zone), rest),
         group=padded(joint_group, joints + _runs(cones.group[zone]), rest),
@@ -126,7 +126,7 @@ def _of_joints(mounts: np.ndarray, joint_limits: np.ndarray) -> tuple[np.ndarray
     return axis.reshape(-1, 3), half_angle.reshape(-1), group.reshape(-1)
 
 
-def _zones_at_goal(directions: np.ndarray, cones: zones.Cones) -> tuple[np.ndarray, np.ndarray]:
+def _zones_at_goal(directions: np.ndarray, cones: Constraints) -> tuple[np.ndarray, np.ndarray]:
     """Zone and instrument of each pair that the attitude decides on, sorted by group, then by zone."""
     count = len(directions)
     terminals, instruments = cones.bound[:, :count], cones.bound[:, count:]
@@ -139,11 +139,10 @@ def _zones_at_goal(directions: np.ndarray, cones: zones.Cones) -> tuple[np.ndarr
     return zone[order], instrument[order]
 
 
-def _terminal_margins(directions: np.ndarray, cones: zones.Cones) -> np.ndarray:
+def _terminal_margins(directions: np.ndarray, cones: Constraints) -> np.ndarray:
     """Margin (Z, n) to every zone of every terminal that points along its direction, rad."""
-    cross = np.cross(cones.direction[:, None], directions[None])
-    angle = np.arctan2(np.linalg.norm(cross, axis=-1), cones.direction @ directions.T)
-    return cones.side[:, None] * (angle - cones.half_angle[:, None])
+    angle = angle_between(cones.axis[:, None], directions[None])
+    return np.asarray(cones.side[:, None] * (angle - cones.half_angle[:, None]))
 
 
 def _runs(keys: np.ndarray) -> np.ndarray:

@@ -21,11 +21,12 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, so3, zones
+from jaxplan import quaternion, so3
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
 from jaxplan.decomposition.quadratic import MET
 from jaxplan.first_order import first_derivatives_only
+from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft, joints_toward, stacked
@@ -36,7 +37,7 @@ def differentiable_goal(
     spacecraft: Spacecraft,
     start_attitude: ArrayLike,
     targets: Targets,
-    cones: zones.Cones,
+    cones: Constraints,
 ) -> Goal:
     """A goal of step 1 as a function of the problem that it solves.
 
@@ -137,7 +138,7 @@ def _inverse(derivative: Array) -> Array:
     return jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
 
 
-def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.Cones) -> _Caps:
+def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: Constraints) -> _Caps:
     dtype = start.dtype
     mounts = jnp.asarray(spacecraft.mounts, dtype)
     boresights = jnp.asarray(spacecraft.fixed_boresights, dtype)
@@ -153,7 +154,7 @@ def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.C
     of_zones = side[:, None] * _unit(boresights)
     zone_half_angle = jnp.where(side > 0, 0, jnp.pi) + side * jnp.asarray(cones.half_angle, dtype)[:, None]
     towards = jnp.tile(_unit(jnp.asarray(targets.directions, dtype)), (4, 1))
-    to_zones = jnp.repeat(_unit(jnp.asarray(cones.direction, dtype)), len(boresights), axis=0)
+    to_zones = jnp.repeat(_unit(jnp.asarray(cones.axis, dtype)), len(boresights), axis=0)
     end = jnp.zeros((1, 3), dtype)
     half_angles = [
         joint_half_angle,
@@ -168,7 +169,7 @@ def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: zones.C
     )
 
 
-def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: zones.Cones) -> Array:
+def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: Constraints) -> Array:
     """Which caps (m,) must be kept: of a joint's two limits the nearer, of a group its best zone."""
     boresights = jnp.asarray(spacecraft.fixed_boresights, attitude.dtype)
     directions = jnp.asarray(targets.directions, attitude.dtype)
@@ -176,7 +177,7 @@ def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: zo
     limited = _limits(spacecraft, targets, attitude.dtype) < jnp.pi
 
     seen = jnp.concatenate([directions, boresights @ attitude.T])
-    worst = jnp.min(zones.device_margins(cones, seen), axis=-1, initial=jnp.inf)
+    worst = jnp.min(pair_margins(cones, seen, cones.axis), axis=-1, initial=jnp.inf)
     same_group = jnp.asarray(cones.group)[:, None] == cones.group
     as_good_before = (worst == worst[:, None]) & jnp.tri(len(worst), k=-1, dtype=bool)
     beaten = jnp.any(same_group & ((worst > worst[:, None]) | as_good_before), axis=-1)

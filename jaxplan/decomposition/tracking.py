@@ -14,10 +14,10 @@ from jax import Array
 
 from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft, joints_toward
-from jaxplan.zones import Cones
 
 
 def tracking_rates(
@@ -25,7 +25,7 @@ def tracking_rates(
     spacecraft: Spacecraft,
     start_attitude: np.ndarray,
     targets: Targets,
-    cones: Cones,
+    cones: Constraints,
     *,
     target_rates: np.ndarray,
     axis_rates: np.ndarray,
@@ -59,16 +59,16 @@ def _rates(
     spacecraft: Spacecraft,
     start_attitude: Array,
     targets: Targets,
-    cones: Cones,
+    cones: Constraints,
     target_rates: Array,
     axis_rates: Array,
 ) -> tuple[Array, Array]:
     def attitude(directions: Array, axes: Array) -> Array:
         moved: Targets = replace(targets, directions=directions)  # type: ignore[arg-type]
-        zones: Cones = replace(cones, direction=axes)  # type: ignore[arg-type]
+        zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
         return jnp.asarray(differentiable_goal(goal, spacecraft, start_attitude, moved, zones).attitude)
 
-    directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.direction)
+    directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
     _, turning = jax.jvp(attitude, (directions, axes), (target_rates, axis_rates))
     found = jnp.asarray(goal.attitude)
     spin = so3.vee(found.T @ turning)

@@ -78,7 +78,7 @@ def _arriving(
     if isinstance(asked, MovingTargets):
         assert isinstance(then.goal, Targets)
         cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-        axis_rates = np.zeros(cones.direction.shape)
+        axis_rates = np.zeros(cones.axis.shape)
         for row, path in enumerate(cones.paths):
             if isinstance(path, DirectionPath):
                 axis_rates[row] = path.rate(time)

@@ -2,23 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-import jax
 import numpy as np
 
 from jaxplan import zones
+from jaxplan.model.constraints import state_margins
 from jaxplan.scenario import Scenario
-from jaxplan.spacecraft import body_boresights
 
 # What rounding may cost at the very limit, rad; the certificate allows the same.
 ROUNDING = 1e-9
-
-
-@jax.jit
-def _margins(
-    cones: zones.Cones, mounts: jax.Array, fixed: jax.Array, attitude: jax.Array, joints: jax.Array
-) -> jax.Array:
-    boresights = body_boresights(mounts, fixed, joints) @ attitude.T
-    return zones.device_margins(cones, boresights)
 
 
 def breaches(
@@ -90,8 +81,8 @@ def _overruns(
 def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> list[str]:
     craft = scenario.spacecraft
     cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-    with jax.enable_x64(True):
-        table = np.asarray(_margins(cones, craft.mounts, craft.fixed_boresights, attitude, joints))
+    sights = cones.sights(craft.mounts, craft.fixed_boresights)
+    table = state_margins(cones, sights, np.asarray(attitude), np.asarray(joints))
     every: Sequence[zones.KeepOut | zones.KeepIn] = [*scenario.keep_out, *scenario.keep_in]
     found = []
     for row, zone in enumerate(every):

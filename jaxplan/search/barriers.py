@@ -22,17 +22,18 @@ shrunk by `TOLERANCE`, and count as overlapping when they still do so by as much
 1e-15 rad. What is proved is thus a little more: no motion exists even if margins may fall to -4e-9 rad,
 which is beyond the -1e-9 rad that a certificate allows.
 
-A keep-in zone of an ``any_of`` group of several need not hold by itself, so that no proof may use it: it is
-left out.
+A row of a constraint with several entries need not hold by itself, and one whose axis turns with the body is
+no cap of the sphere: no proof may use either, and both are left out.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.model.constraints import INERTIAL, Constraints, constraint_margins, state_margins
 from jaxplan.search.problem import Scene
-from jaxplan.zones import Cones
 
 # By how much each cap is shrunk before anything is decided, rad.
 TOLERANCE = 4e-9
@@ -69,8 +70,8 @@ def find_barrier(scene: Scene) -> Barrier | None:
         The first such device with the fewest zones that are enough to stop it. None where every device by
         itself could pass, or where start or goal break a zone: that tells nothing of the devices together.
     """
-    starts = _boresights(scene, scene.start_attitude, scene.start_joints)
-    goals = _boresights(scene, scene.goal_attitude, scene.goal_joints)
+    starts = scene.seen(scene.start_attitude, scene.start_joints)
+    goals = scene.seen(scene.goal_attitude, scene.goal_joints)
     for device, (start, goal) in enumerate(zip(starts, goals, strict=True)):
         rows = separating_zones(scene.cones, device, start, goal)
         if rows is not None:
@@ -78,7 +79,7 @@ def find_barrier(scene: Scene) -> Barrier | None:
     return None
 
 
-def most_obstructive(scene: Scene) -> tuple[Cones, int] | None:
+def most_obstructive(scene: Scene) -> tuple[Constraints, int] | None:
     """The zone or group that the straight motion from start to goal breaks most.
 
     Args:
@@ -88,40 +89,19 @@ def most_obstructive(scene: Scene) -> tuple[Cones, int] | None:
         Which of the scene's two tables it is in, and its row there, a group's first; None where the straight
         motion breaks nothing.
     """
-    fraction = np.linspace(0, 1, 201)[:, None]
-    angle = np.linalg.norm(scene.goal_coordinates)
-    axis = scene.goal_coordinates / max(angle, 1e-300)
+    share = np.linspace(0, 1, 201)[:, None]
+    attitudes = scene.start_attitude @ so3.exp(share * scene.goal_coordinates)
+    joints = scene.start_joints + share * (scene.goal_joints - scene.start_joints)
     deepest, found = 0.0, None
-    for s in fraction:
-        turned = _turn(axis, float(s[0] * angle))
-        joints = scene.start_joints + s * (scene.goal_joints - scene.start_joints)
-        seen = _boresights(scene, scene.start_attitude @ turned, joints)
-        for cones in (scene.cones, scene.grouped_cones):
-            margins = _constraint_margins(cones, seen)
-            if margins.size and margins.min() < deepest:
-                deepest, found = float(margins.min()), (cones, int(margins.argmin()))
+    for rows in (scene.cones, scene.grouped_cones):
+        margins = constraint_margins(rows, state_margins(rows, scene.sights, attitudes, joints))
+        if margins.size and margins.min() < deepest:
+            deepest, found = float(margins.min()), (rows, int(margins.min(axis=0).argmin()))
     return found
 
 
-def _constraint_margins(cones: Cones, seen: np.ndarray) -> np.ndarray:
-    """(Z,) rad, a group's in the row of its first zone, where devices look along (D, 3)."""
-    angles = _angle(seen[None], cones.direction[:, None])
-    margins = cones.side[:, None] * (angles - cones.half_angle[:, None])
-    zone = np.min(np.where(cones.bound, margins, np.inf), axis=1, initial=np.inf)
-    best = np.full(len(zone), -np.inf)
-    np.maximum.at(best, cones.group, zone)
-    return np.where(np.isneginf(best), np.inf, best)
-
-
-def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    """(3, 3) rotation about a unit axis."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def separating_zones(
-    cones: Cones, device: int, start: np.ndarray, goal: np.ndarray
+    cones: Constraints, device: int, start: np.ndarray, goal: np.ndarray
 ) -> tuple[int, ...] | None:
     """The fewest zones that part two directions of a device, see `separating_caps`.
 
@@ -134,11 +114,10 @@ def separating_zones(
     Returns:
         Rows of the cones, ascending; None where the two are connected, or one of them breaks a zone.
     """
-    alone = np.bincount(cones.group)[cones.group] == 1
-    rows = np.flatnonzero(alone & cones.bound[:, device])
+    rows = np.flatnonzero(cones.single & (cones.frame == INERTIAL) & cones.bound[:, device])
     side, half_angle = cones.side[rows], cones.half_angle[rows]
     ring = separating_caps(
-        side[:, None] * cones.direction[rows],
+        side[:, None] * cones.axis[rows],
         np.where(side > 0, half_angle, np.pi - half_angle),
         start,
         goal,
@@ -239,14 +218,6 @@ def _shortest_ring(
                     if best is None or len(found) < len(best):
                         best = tuple(sorted(found))
     return best
-
-
-def _boresights(scene: Scene, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """(devices, 3) inertial directions at one state, by equation (13)."""
-    yaw, pitch = joints.reshape(2, -1)
-    azimuth = yaw + scene.mounts
-    terminals = np.array([np.cos(pitch) * np.cos(azimuth), np.cos(pitch) * np.sin(azimuth), np.sin(pitch)])
-    return np.concatenate([terminals.T, scene.fixed_boresights]) @ attitude.T
 
 
 def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:

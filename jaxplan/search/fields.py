@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.model.constraints import INERTIAL, scores, thresholds
 from jaxplan.search.problem import Scene
 
 SIZE = 20
@@ -76,8 +77,9 @@ def distance_fields(scene: Scene) -> Fields:
 
     directions, neighbours, angles = _grid()
     cells, cones = len(directions), scene.cones
-    side = cones.side * (directions @ cones.direction.T) > cones.side * np.cos(cones.half_angle)  # (cells, z)
-    blocked = (side[:, :, None] & cones.bound).any(axis=1).T  # (devices, cells)
+    within = scores(cones, directions @ cones.axis.T, 0.0) > thresholds(cones, 0.0)  # (cells, z)
+    within &= cones.frame == INERTIAL  # what turns with the body is no place on the sphere
+    blocked = (within[:, :, None] & cones.bound).any(axis=1).T  # (devices, cells)
     price = np.where(blocked, WALL, 1.0)
     devices = len(price)
     weights = angles * (price[:, :, None] + price[:, neighbours]) / 2
@@ -85,7 +87,7 @@ def distance_fields(scene: Scene) -> Fields:
     rows = np.arange(devices * cells + 1) * _NEIGHBOURS
     graph = csr_array((weights.ravel(), columns.ravel(), rows), shape=(devices * cells, devices * cells))
     begin, end = (
-        np.argmax(_device_directions(scene, *state) @ directions.T, axis=1)
+        np.argmax(scene.seen(*state) @ directions.T, axis=1)
         for state in (
             (scene.start_attitude, scene.start_joints),
             (scene.goal_attitude, scene.goal_joints),
@@ -95,14 +97,6 @@ def distance_fields(scene: Scene) -> Fields:
     # the graph is symmetric in price, so distances from the goal are those to it
     distances = dijkstra(graph, indices=end + cells * every, min_only=True).reshape(devices, cells)
     return Fields(table=distances.reshape(devices, SIZE, SIZE), start=distances[every, begin])
-
-
-def _device_directions(scene: Scene, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """(devices, 3) where every device looks in a state, inertial."""
-    count = len(scene.mounts)
-    yaw, pitch = joints[:count] + scene.mounts, joints[count:]
-    moving = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]  # (13)
-    return np.concatenate([np.stack(moving, axis=-1), scene.fixed_boresights]) @ attitude.T
 
 
 def look_up(fields: Array, directions: Array) -> Array:

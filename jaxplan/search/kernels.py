@@ -18,7 +18,9 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, zones
+from jaxplan import quaternion
+from jaxplan.model import constraints
+from jaxplan.model.constraints import SIGHT, Constraints
 from jaxplan.search.fields import look_up
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import (
@@ -68,16 +70,16 @@ def _fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, em
     return reduce(combine, parts)
 
 
-def _signed_cosines(cones: zones.Cones, zone_axes: ArrayLike, sight: Sight, edges: bool) -> Array:
-    """Each device's signed cosines, worst of each interval, or at the end alone: (a, o, k or 1, d, z)."""
+def _scores(cones: Constraints, zone_axes: ArrayLike, sight: Sight, edges: bool) -> Array:
+    """Score of each sight, the worst on each interval, or at the end alone: (a, o, k or 1, d, z)."""
     axes, body = jnp.asarray(zone_axes), jnp.asarray(sight.body)
     dots = dot(axes[:, :, None, :, None, :], body[..., None])
+    score = constraints.scores(cones, dots, constraints.joint_values(cones, sight.joints))
     if edges:
-        sag = jnp.asarray(sight.sag)[:, :, None, :, None]
-        cosines = zones.swept_cosines(cones, dots[:, :, :-1], dots[:, :, 1:], sag)
+        score = constraints.edge_bound(score[:, :, :-1], score[:, :, 1:], sight.sag(cones)[:, :, None])
     else:
-        cosines = jnp.asarray(cones.side) * dots[:, :, -1:]
-    return jnp.where(cones.bound.T, cosines, -jnp.inf)
+        score = score[:, :, -1:]
+    return jnp.where(cones.bound.T, score, -jnp.inf)
 
 
 def _child_slacks(
@@ -93,24 +95,58 @@ def _child_slacks(
         edges: whether the whole motion counts.
     """
     devices = range(choice.shape[1])
-    slacks = wanted[0][:, None] - _signed_cosines(scene.cones, sight.axes, sight, edges)
+    slacks = wanted[0][:, None] - _scores(scene.cones, sight.axes, sight, edges)
     worst = _fold(jnp.minimum, _fold(jnp.minimum, slacks, 2, jnp.inf), 3, jnp.inf)  # (a, o, d)
     total = jnp.full((worst.shape[0], choice.shape[0]), jnp.inf)
     for device in devices:
         total = jnp.minimum(total, worst[:, choice[:, device], device])
     if scene.grouped_cones.half_angle.shape[0]:  # a group's zone couples its devices at each instant
-        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges)
+        grouped = _scores(scene.grouped_cones, sight.grouped_axes, sight, edges)
+        between = _scores_between(scene.grouped_cones, sight, choice, edges)
         threshold = jnp.broadcast_to(wanted[1], (grouped.shape[2], grouped.shape[4]))
         for interval in range(grouped.shape[2]):
             seen = [grouped[:, choice[:, device], interval, device] for device in devices]  # (a, m, z)
             held = reduce(jnp.maximum, seen)
+            if between is not None:
+                held = jnp.where(scene.grouped_cones.frame == SIGHT, between[:, :, interval], held)
             total = jnp.minimum(total, _group_slacks(scene, threshold[interval] - held))
     return total
 
 
+def _scores_between(rows: Constraints, sight: Sight, choice: Array, edges: bool) -> Array | None:
+    """Scores of sights to each other, which depend on the joints of two devices: (a or 1, m, k or 1, z).
+
+    Args:
+        rows: the constraints; only of those whose axis is a sight the answer means anything.
+        sight: lines of sight along the motions.
+        choice: (m, d) the option pair of each sight's joints.
+        edges: whether the whole motion counts, or its end alone.
+
+    Returns:
+        Those of the worst sight that each row binds; None where there are no such rows.
+    """
+    if not rows.inner:
+        return None
+    devices = range(choice.shape[1])
+
+    def chosen(values: Array) -> Array:
+        """Of the options (..., o, ..., d) at axis 1 of the batch those of each child, (..., m, ..., d)."""
+        return jnp.stack([values[..., device][:, choice[:, device]] for device in devices], axis=-1)
+
+    body = jnp.stack([chosen(component) for component in jnp.asarray(sight.body)])  # (3, a or 1, m, k, d)
+    score = constraints.scores(rows, dot(body[..., None], body[..., None, rows.partner]), 0.0)
+    if edges:
+        turn = jnp.zeros(())  # two sights are seen alike from wherever the platform turns
+        sag = constraints.score_curvature(rows, turn, chosen(sight.rate), chosen(sight.bend)) / 2
+        score = constraints.edge_bound(score[:, :, :-1], score[:, :, 1:], sag[:, :, None])
+    else:
+        score = score[:, :, -1:]
+    return _fold(jnp.maximum, jnp.where(rows.bound.T, score, -jnp.inf), 3, -jnp.inf)
+
+
 def _group_slacks(scene: Scene, slacks: Array) -> Array:
     """Smallest slack over all groups, (...), each group's best zone counting; slacks are (..., z)."""
-    return jnp.min(zones.group_margins(scene.grouped_cones, slacks), axis=-1)
+    return jnp.min(constraints.best_entries(scene.grouped_cones, slacks), axis=-1)
 
 
 def _field_values(scene: Scene, made: Motions, fields: Array, choice: Array) -> list[Array]:
@@ -144,8 +180,9 @@ def _expand(
     made = motions(scene, node, turns, options, choice, clearance, gate, onward=edges)
     terminals = scene.mounts.shape[0]
     pairs = 3 * choice[:, :terminals] + choice[:, terminals:]
-    still = jnp.zeros((choice.shape[0], scene.fixed_boresights.shape[0]), pairs.dtype)
-    device_choice = jnp.concatenate([pairs, still], axis=-1)
+    sights = scene.sights
+    still = jnp.zeros((choice.shape[0], sights.fixed.shape[0]), pairs.dtype)
+    device_choice = jnp.concatenate([pairs, still, pairs[:, sights.carrier]], axis=-1)
     moving, onward = slice(0 if edges else EDGE_INTERVALS - 1, EDGE_INTERVALS), slice(EDGE_INTERVALS, None)
     turn_steps, angle, euclidean, manhattan = made.reach[:, :, None]
     joint_steps, steps_left, manhattan_left, euclidean_left = made.ways
@@ -212,13 +249,18 @@ def interval_slacks(scene: Scene, sight: Sight, clearance: Array) -> Array:
         sight: of `motions.sight_between`.
         clearance: (a or 1, k or 1) rad wanted.
     """
-    wanted = zones.cosine_threshold(scene.cones, clearance)  # (a or 1, k or 1, z)
-    cosines = _signed_cosines(scene.cones, sight.axes, sight, edges=True)[:, 0]  # (a, k, d, z)
+    wanted = constraints.thresholds(scene.cones, clearance)  # (a or 1, k or 1, z)
+    cosines = _scores(scene.cones, sight.axes, sight, edges=True)[:, 0]  # (a, k, d, z)
     total = _fold(jnp.minimum, wanted - _fold(jnp.maximum, cosines, 2, -jnp.inf), 2, jnp.inf)
     if scene.grouped_cones.half_angle.shape[0]:
-        asked = zones.cosine_threshold(scene.grouped_cones, clearance)
-        grouped = _signed_cosines(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[:, 0]
-        total = jnp.minimum(total, _group_slacks(scene, asked - _fold(jnp.maximum, grouped, 2, -jnp.inf)))
+        asked = constraints.thresholds(scene.grouped_cones, clearance)
+        grouped = _scores(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[:, 0]
+        held = _fold(jnp.maximum, grouped, 2, -jnp.inf)  # (a, k, z)
+        alone = jnp.zeros((1, sight.body.shape[-1]), int)  # there is one option
+        between = _scores_between(scene.grouped_cones, sight, alone, edges=True)
+        if between is not None:
+            held = jnp.where(scene.grouped_cones.frame == SIGHT, between[:, 0], held)
+        total = jnp.minimum(total, _group_slacks(scene, asked - held))
     return total
 
 

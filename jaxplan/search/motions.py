@@ -16,12 +16,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, spacecraft, zones
-from jaxplan.path import direction_curvature
+from jaxplan import quaternion
+from jaxplan.model.constraints import INERTIAL, Constraints, score_curvature, thresholds
 from jaxplan.search.problem import Scene
 
 EDGE_INTERVALS = 8
@@ -35,16 +34,27 @@ class Sight:
     """What is needed to tell the angles between boresights and zones along motions.
 
     Attributes:
-        axes: (3, a, k + 1, z) axes of the zones in body coordinates.
-        grouped_axes: likewise for the zones of groups.
-        body: (3, a or 1, o, k + 1, d) boresights in body coordinates.
-        sag: (a, o, d) of each interval, ``C h^2 / 2`` of `zones.edge_bound`.
+        axes: (3, a, k + 1, z) axes of the rows in body coordinates; anything where a sight is the axis.
+        grouped_axes: likewise for the rows that are looked at together.
+        body: (3, a or 1, o, k + 1, d) sights in body coordinates.
+        joints: (a or 1, o, k + 1, 2n) rad.
+        turn: (a,) rad, angle of the turn on each interval.
+        rate: (a or 1, o, d) of `Sights.bounds` on each interval.
+        bend: (a or 1, o, d) likewise.
     """
 
     axes: Array
     grouped_axes: Array
     body: Array
-    sag: Array
+    joints: Array
+    turn: Array
+    rate: Array
+    bend: Array
+
+    def sag(self, rows: Constraints) -> Array:
+        """(a, o, d, z or 1) of each interval, ``C h^2 / 2`` of `edge_bound`."""
+        half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
+        return half
 
 
 def computed_once(gate: ArrayLike, values: Any) -> Any:
@@ -69,9 +79,9 @@ def dot(first: ArrayLike, second: ArrayLike) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _body_axes(cones: zones.Cones, start: Array, since: Array) -> Array:
-    """(3, a, z) axes of the zones in body coordinates at attitudes (a, 4) relative to the start."""
-    inertial = jnp.asarray(cones.direction).T[:, None]
+def _body_axes(cones: Constraints, start: Array, since: Array) -> Array:
+    """(3, a, z) axes of the rows, all taken for inertial, in body coordinates at attitudes (a, 4)."""
+    inertial = jnp.asarray(cones.axis).T[:, None]
     at_start = dot(start[:, :, None], inertial)
     return dot(jnp.moveaxis(quaternion.to_matrix(since), 0, -1)[..., None], at_start[:, None, None])
 
@@ -93,6 +103,13 @@ def _turned(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
         + rest[:, :, None, :] * cosine[None, :, :, None]
         - across[:, :, None, :] * sine[None, :, :, None]
     )
+
+
+def _own_axes(rows: Constraints, turned: Array) -> Array:
+    """Axes (3, a, k, z) of the rows, those of the body as they are, from all taken for inertial."""
+    if not rows.inner:
+        return turned
+    return jnp.where(rows.frame == INERTIAL, turned, jnp.asarray(rows.axis).T[:, None, None])
 
 
 def _sight(
@@ -125,15 +142,20 @@ def _sight(
     axis = vectors / jnp.where(angle > 0, angle, 1)
     angles = jnp.concatenate([angle[:, None] * fraction, angle[:, None] / 2], axis=-1)
     cosines, sines = computed_once(gate, (jnp.cos(angles), jnp.sin(angles)))
-    tables = [_turned(vector, axis, cosines[:, :-1], sines[:, :-1]) for vector in axes]
+    tables = [
+        _own_axes(rows, _turned(vector, axis, cosines[:, :-1], sines[:, :-1]))
+        for rows, vector in zip((scene.cones, scene.grouped_cones), axes, strict=True)
+    ]
     path = joints[:, :, None, :] + fraction[:, None] * changes[:, :, None, :]
-    body = spacecraft.body_boresights(scene.mounts, scene.fixed_boresights, path)
-    curvature = direction_curvature(angle[:, None], changes, np.shape(scene.fixed_boresights)[0])
+    rate, bend = scene.sights.bounds(changes / intervals)
     sight = Sight(
         axes=tables[0],
         grouped_axes=tables[1],
-        body=jnp.moveaxis(body, -1, 0),
-        sag=curvature / (2 * intervals**2),
+        body=jnp.moveaxis(scene.sights.in_body(path), -1, 0),
+        joints=path,
+        turn=angle / intervals,
+        rate=rate,
+        bend=bend,
     )
     return sight, jnp.concatenate([cosines[None, :, -1], axis * sines[:, -1]])
 
@@ -175,8 +197,8 @@ def _zone_axes(scene: Scene, since: Array) -> tuple[Array, Array]:
 def _thresholds(scene: Scene, clearance: Array) -> tuple[Array, Array]:
     """(k, z) cosines that the zones, and those of groups, ask for at clearances (k,)."""
     return (
-        zones.cosine_threshold(scene.cones, clearance),
-        zones.cosine_threshold(scene.grouped_cones, clearance),
+        thresholds(scene.cones, clearance),
+        thresholds(scene.grouped_cones, clearance),
     )
 
 

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints, Sights
 from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
 from jaxplan.search.holding import held_axes
 from jaxplan.status import Status
-from jaxplan.zones import Cones, KeepIn, tabulate
+from jaxplan.zones import KeepIn, tabulate
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -57,8 +58,8 @@ class Scene:
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
 
-    cones: Cones
-    grouped_cones: Cones
+    cones: Constraints
+    grouped_cones: Constraints
     mounts: np.ndarray
     fixed_boresights: np.ndarray
     joint_limits: np.ndarray
@@ -72,6 +73,15 @@ class Scene:
     held_axes: np.ndarray
     goal_quaternion: np.ndarray
     goal_coordinates: np.ndarray
+
+    @property
+    def sights(self) -> Sights:
+        """What the constraints bind."""
+        return self.cones.sights(self.mounts, self.fixed_boresights)
+
+    def seen(self, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """Inertial directions (..., S, 3) of all sights at attitudes (..., 3, 3) and joints (..., 2n)."""
+        return np.asarray(self.sights.in_body(joints) @ np.swapaxes(attitude, -1, -2))
 
     @cached_property
     def straight_steps(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.cases import random_scenario
+from jaxplan.model.constraints import capacity
 from jaxplan.path import Path, edge_margins
 from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
@@ -16,7 +17,6 @@ from jaxplan.planner.record import Plan
 from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
 from jaxplan.table4.rows import Row
-from jaxplan.zones import capacity
 
 TOLERANCE = 1e-9  # rad, by which a margin may be below zero: rounding
 _INTERVALS = 32  # an edge is cut into, for the check
@@ -106,8 +106,8 @@ def _edges(
 ) -> jax.Array:
     def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:
         turn = so3.log(start.T @ end)
-        motion = (scene.mounts, scene.fixed_boresights, start, q, turn, dq, _INTERVALS)
-        return [edge_margins(cones, *motion) for cones in (scene.cones, scene.grouped_cones)]
+        motion = (scene.sights, start, q, turn, dq, _INTERVALS)
+        return [edge_margins(rows, *motion) for rows in (scene.cones, scene.grouped_cones)]
 
     single, grouped = jax.vmap(margins)(first, last, joints, change)
     return jax.numpy.concatenate([single, grouped], axis=-1)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.status import Status
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.scaling import Peaks
-from jaxplan.zones import Cones
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
@@ -80,7 +80,7 @@ class FitQuery:
     path: Path
     spacecraft: Spacecraft
     settings: TrajectorySettings
-    cones: Cones | None = None
+    cones: Constraints | None = None
     node_fractions: np.ndarray | None = None
     start_angular_velocity: np.ndarray | None = None
     start_joint_rates: np.ndarray | None = None

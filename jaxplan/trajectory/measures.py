@@ -15,10 +15,10 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.scaling import SAFETY
-from jaxplan.zones import Cones, constraint_margins, device_margins
 
 Quantity = Callable[[Samples], Array]
 
@@ -177,7 +177,7 @@ def duration(trajectory: Trajectory) -> Array:
     return jnp.asarray(trajectory.breaks)[-1]
 
 
-def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Cones) -> Array:
+def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) -> Array:
     """Smallest margin of any device to any zone over all time, rad; infinite without zones.
 
     Args:
@@ -191,10 +191,10 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Cones) -> Arr
     if cones.paths:
         raise ValueError("cones: zones that move have no margin here; plan.report has it")
 
+    sights = cones.sights(craft.mounts, craft.fixed_boresights)
+
     def short(samples: Samples) -> Array:
-        margins = constraint_margins(
-            cones, device_margins(cones, craft.boresights(samples.attitude, samples.joints))
-        )
+        margins = constraint_margins(cones, state_margins(cones, sights, samples.attitude, samples.joints))
         least = jnp.min(margins, axis=-1, initial=jnp.inf)
         return -jnp.where(jnp.any(jnp.isnan(margins), axis=-1), jnp.nan, least)
 

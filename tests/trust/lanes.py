@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.cases import random_scenario
+from jaxplan.model import constraints
 from jaxplan.path import edge_margins
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import Scene, search_batch
 from jaxplan.spacecraft import body_boresights
 from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut, constraint_margins, device_margins, tabulate
+from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 LANES = 1000
 CRAFT = make_spacecraft(2, 1)
@@ -31,14 +32,16 @@ CONES = tabulate(
     CRAFT.device_names,
 )
 
+SIGHTS = CONES.sights(CRAFT.mounts, CRAFT.fixed_boresights)
+
 
 def _state(attitude, joints):
     seen = body_boresights(CRAFT.mounts, CRAFT.fixed_boresights, joints) @ attitude.T
-    return constraint_margins(CONES, device_margins(CONES, seen))
+    return constraints.constraint_margins(CONES, constraints.pair_margins(CONES, seen, CONES.axis))
 
 
 def _edge(attitude, joints, turn, change):
-    return edge_margins(CONES, CRAFT.mounts, CRAFT.fixed_boresights, attitude, joints, turn, change, 4)
+    return edge_margins(CONES, SIGHTS, attitude, joints, turn, change, 4)
 
 
 def _motion(attitude, turn):

@@ -15,16 +15,20 @@ zone z and device d, then f of bands tried at once, last the node s along the ba
 quaternions relative to the start, neighbours of the same sign.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
-from jaxplan import zones
+from jaxplan.model.constraints import JOINTS, SIGHT, Constraints, Sights, scores, thresholds
 from jaxplan.search.motions import computed_once, dot
 from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread, total
+from jaxplan.search.smoothing.sweeps import row_axes, row_values, sights_of
 
 PIECES = 24
 TRAVEL = 0.2
@@ -41,60 +45,83 @@ class Problem:
     """What the energy needs to know of the scene.
 
     Attributes:
-        mounts: (n,) rad.
-        fixed: (3, i) boresights of the instruments, body axes.
+        sights: what is bound.
+        rows: all constraints; where two sights must keep apart, each is the axis of a row.
+        grouped: whether any constraint has several entries.
         steps: (C,) rad a step, of rotation (3 times) and joints.
         limits: (2n,) rad, bound of each joint's angle.
-        axes: (3, z) of all zones, in the body axes of the start.
-        side: (z,) +1 for keep-out, -1 for keep-in.
-        bound: (z, d) bool.
-        group: (z,) int, as in `zones.Cones`; None where every zone holds by itself.
-        scale: (z,) rad for a unit of the cosine, near the zone's edge.
-        wanted: (z, s) signed cosine at which a zone is as far as wanted from each node.
+        axes: (3, z) of all rows, taken for inertial, in the body axes of the start.
+        scale: (z,) rad for a unit of the score, near the row's edge.
+        wanted: (z, s) score at which a row is as far as wanted from each node.
         unit: () what turns steps on a piece into the unit of the energy.
     """
 
-    mounts: Array
-    fixed: Array
+    sights: Sights
+    rows: Constraints
     steps: Array
     limits: Array
     axes: Array
-    side: Array
-    bound: Array
-    group: Array | None
     scale: Array
     wanted: Array
     unit: Array
+    grouped: bool = field(metadata={"static": True})
 
 
 def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
     """The scene as a band of `length` steps takes it, with `clearance` (rad) wanted off both ends."""
-    pair = (scene.cones, scene.grouped_cones)
+    rows = _all_rows(scene)
     at = jnp.arange(PIECES + 1) / PIECES
     taper = jnp.minimum(jnp.minimum(at, 1 - at) * length / TAPER_STEPS, 1)
-    wanted = [zones.cosine_threshold(cones, (clearance + BUFFER) * taper).T for cones in pair]
-    half_angle = jnp.concatenate([jnp.asarray(cones.half_angle) for cones in pair])
-    direction = jnp.concatenate([jnp.asarray(cones.direction) for cones in pair])
-    group = None
-    if pair[1].half_angle.shape[0]:
-        alone = pair[0].half_angle.shape[0]
-        group = jnp.concatenate([jnp.asarray(pair[0].group), alone + jnp.asarray(pair[1].group)])
+    # at most ten: near the axis of a narrow cone the cosine tells little
+    scale = 1 / jnp.maximum(jnp.sin(jnp.asarray(rows.half_angle)), 0.1)
     ends = jnp.maximum(jnp.abs(scene.start_joints), jnp.abs(scene.goal_joints))
     limits = jnp.asarray(scene.joint_limits) - JOINT_RESERVE * jnp.asarray(scene.joint_steps)
     return Problem(
-        mounts=jnp.asarray(scene.mounts),
-        fixed=jnp.asarray(scene.fixed_boresights).T,
+        sights=scene.sights,
+        rows=rows,
+        grouped=scene.grouped_cones.half_angle.shape[0] > 0,
         steps=jnp.concatenate([jnp.full(3, scene.attitude_step), jnp.asarray(scene.joint_steps)]),
         limits=jnp.maximum(limits, ends),
-        axes=jnp.asarray(scene.start_attitude).T @ direction.T,
-        side=jnp.concatenate([jnp.asarray(cones.side) for cones in pair]),
-        bound=jnp.concatenate([jnp.asarray(cones.bound) for cones in pair]),
-        group=group,
-        # at most ten: near the axis of a narrow cone the cosine tells little
-        scale=1 / jnp.maximum(jnp.sin(half_angle), 0.1),
-        wanted=jnp.concatenate(wanted),
+        axes=jnp.asarray(scene.start_attitude).T @ jnp.asarray(rows.axis).T,
+        scale=jnp.where(rows.frame == JOINTS, 1, scale) if rows.inner else scale,
+        wanted=thresholds(rows, (clearance + BUFFER) * taper).T,
         unit=PIECES / length,
     )
+
+
+def _all_rows(scene: Scene) -> Constraints:
+    """The rows of both tables, and those between two sights once more with the two exchanged."""
+    tables = [scene.cones, scene.grouped_cones]
+    if scene.grouped_cones.inner:
+        tables.append(_exchanged(scene.grouped_cones))
+    before = np.cumsum([0, tables[0].half_angle.shape[0], 0])  # what is exchanged joins its constraint
+
+    def joined(name: str) -> Array:
+        return jnp.concatenate([jnp.asarray(getattr(table, name)) for table in tables])
+
+    def numbered(name: str) -> Array:
+        parts = zip(tables, before, strict=False)
+        return jnp.concatenate([jnp.asarray(getattr(table, name)) + first for table, first in parts])
+
+    names = ("axis", "frame", "partner", "half_angle", "side", "bound")
+    arrays: dict[str, Any] = {name: joined(name) for name in names}
+    arrays |= {name: numbered(name) for name in ("entry", "group")}
+    return replace(
+        scene.cones,
+        **arrays,
+        paths=(),
+        inner=any(table.inner for table in tables),
+        nested=any(table.nested for table in tables),
+    )
+
+
+def _exchanged(rows: Constraints) -> Constraints:
+    """Rows between two sights with axis and sight exchanged; the others bind nothing."""
+    bound = jnp.asarray(rows.bound)
+    between = (jnp.asarray(rows.frame) == SIGHT) & jnp.any(bound, axis=1)
+    axis = jnp.arange(bound.shape[1]) == jnp.asarray(rows.partner)[:, None]
+    exchanged: dict[str, Any] = {"partner": jnp.argmax(bound, axis=1), "bound": axis & between[:, None]}
+    return replace(rows, **exchanged)
 
 
 def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
@@ -112,39 +139,40 @@ def squares_of(motion: Array) -> Array:
     return jnp.concatenate([dot(motion[:3], motion[:3])[None], motion[3:] * motion[3:]])
 
 
-def sight(
-    problem: Problem, quaternions: Array, joints: Array, gate: Array
-) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
-    """Zones and boresights at the nodes.
+def sight(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> tuple[Array, Array, Array]:
+    """Rows and sights at the nodes.
 
     Returns:
-        (3, z, f, s) axes of the zones and (3, d, f, s) boresights, in body axes; (n, f, s) each of cosine and
-        sine of the azimuth, cosine and sine of the elevation.
+        (3, z, f, s) axes of the rows and (3, d, f, s) sights, in body axes; (2, n, f, s) cosine and sine of
+        the azimuths.
     """
-    count = problem.mounts.shape[0]
-    offsets = jnp.concatenate([problem.mounts, jnp.zeros_like(problem.mounts)])
-    angles = joints + spread(offsets, 2)
+    mounts = jnp.asarray(problem.sights.mounts)
+    angles = joints + spread(jnp.concatenate([mounts, jnp.zeros_like(mounts)]), 2)
     cosines, sines = computed_once(gate, (jnp.cos(angles), jnp.sin(angles)))
-    ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
-    boresights = jnp.stack([ce * ca, ce * sa, se])
-    if problem.fixed.shape[1]:
-        still = jnp.broadcast_to(spread(problem.fixed, 2), (*problem.fixed.shape, *joints.shape[1:]))
-        boresights = jnp.concatenate([boresights, still], axis=1)
-    return in_body(quaternions, problem.axes), boresights, (ca, sa, ce, se)
+    body = sights_of(problem.sights, cosines, sines)
+    axes = row_axes(problem.rows, in_body(quaternions, problem.axes), body)
+    return axes, body, jnp.stack([cosines, sines])[:, : len(mounts)]
 
 
-def zone_slacks(problem: Problem, axes: Array, boresights: Array) -> Array:
-    """(z, d, f, s) how much nearer each device might be to each zone, about rad; FAR where it is free."""
-    cosines = dot(axes[:, :, None], boresights[:, None])
-    slacks = problem.wanted[:, None, None] - spread(problem.side, 3) * cosines
-    slacks *= spread(problem.scale, 3)
-    counts = jnp.broadcast_to(spread(problem.bound, 2), slacks.shape)
-    if problem.group is not None:  # of a group only the zone that is best held counts
+def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
+    """(z, d, f, s) how much nearer each sight might be to each row, about rad; FAR where it is free."""
+    rows = problem.rows
+    score = scores(rows.spread(3), dot(axes[:, :, None], body[:, None]), row_values(rows, joints))
+    slacks = (problem.wanted[:, None, None] - score) * spread(problem.scale, 3)
+    counts = jnp.broadcast_to(spread(jnp.asarray(rows.bound), 2), slacks.shape)
+    if problem.grouped:  # of a constraint only the entry that holds best counts
         held = jnp.min(jnp.where(counts, slacks, jnp.inf), axis=1, initial=jnp.inf)
-        same = spread(problem.group[:, None] == problem.group, 2)
-        best = jnp.max(jnp.where(same, held, -jnp.inf), axis=1)
+        if rows.nested:
+            held = jnp.min(jnp.where(_same(rows.entry), held, jnp.inf), axis=1)
+        best = jnp.max(jnp.where(_same(rows.group), held, -jnp.inf), axis=1)
         counts &= (held >= best)[:, None]
     return jnp.where(counts, slacks, FAR)
+
+
+def _same(number: ArrayLike) -> Array:
+    """(z, z, 1, 1) whether rows have the same number."""
+    own = jnp.asarray(number)
+    return spread(own[:, None] == own, 2)
 
 
 def beyond_limits(problem: Problem, joints: Array) -> Array:
@@ -156,8 +184,8 @@ def energy(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> 
     """(f,) the energy of bands (4, f, s) and (2n, f, s)."""
     squares = squares_of(pieces(problem, quaternions, joints))
     tension = jnp.mean(jnp.sqrt(total(squares * squares)) + TRAVEL * total(squares), axis=-1)
-    axes, boresights, _ = sight(problem, quaternions, joints, gate)
-    short = jnp.minimum(zone_slacks(problem, axes, boresights), 0)
+    axes, body, _ = sight(problem, quaternions, joints, gate)
+    short = jnp.minimum(zone_slacks(problem, axes, body, joints), 0)
     beyond = beyond_limits(problem, joints)
     lacking = total(total(short * short)) + total(beyond * beyond)
     return tension + PENALTY * jnp.sum(lacking, axis=-1)

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan import quaternion, zones
+from jaxplan import quaternion
+from jaxplan.model.constraints import capacity
 from jaxplan.path import Path
 from jaxplan.search.corners import ARRIVED, make_path
 from jaxplan.search.lockstep import Call, Kernel, Steps
@@ -64,7 +65,7 @@ def score(length: float, travel: float) -> float:
 def edges_for(length: float, scene: Scene) -> int:
     """Size of the kernels that take a path of some length, steps."""
     longest = min(length, LONGEST * scene.straight_steps)
-    return max(EDGES, zones.capacity(math.ceil(longest)))
+    return max(EDGES, capacity(math.ceil(longest)))
 
 
 def bend(attitudes: np.ndarray, joints: np.ndarray, clearance: float, edges: int) -> Steps[Bend | None]:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.model.constraints import INERTIAL, JOINTS, Sights
 from jaxplan.search.motions import computed_once, dot
 from jaxplan.search.smoothing import band
 from jaxplan.search.smoothing.band import FAR, PENALTY, PIECES, TRAVEL, Problem
@@ -66,21 +67,25 @@ def _zone_terms(
         (5, d, s) and (5, 5, d, s) first and second ones through the zones, by rotation (3), yaw and pitch of
         each device; (2n, s) both through the joint limits.
     """
-    axes, boresights, angles = band.sight(problem, quaternions[:, None], joints[:, None], gate)
-    slacks = band.zone_slacks(problem, axes, boresights)[:, :, 0]
-    zone, seen = axes[:, :, None, 0], boresights[:, None, :, 0]
-    ca, sa, ce, se = (part[:, 0] for part in angles)
-    still = [(0, 0), (0, seen.shape[2] - len(ca)), (0, 0)]  # instruments have no joints
-    by_yaw = jnp.pad(jnp.stack([-ce * sa, ce * ca, jnp.zeros_like(ca)]), still)[:, None]
-    by_pitch = jnp.pad(jnp.stack([-se * ca, -se * sa, ce]), still)[:, None]
-    rows = jnp.stack([
+    constraints = problem.rows
+    axes, body, angles = band.sight(problem, quaternions[:, None], joints[:, None], gate)
+    slacks = band.zone_slacks(problem, axes, body, joints[:, None])[:, :, 0]
+    zone, seen = axes[:, :, None, 0], body[:, None, :, 0]
+    by_yaw, by_pitch = _by_joints(problem.sights, body[:, :, 0], angles[:, :, 0])
+    turned = jnp.stack([
         seen[1] * zone[2] - seen[2] * zone[1],
         seen[2] * zone[0] - seen[0] * zone[2],
         seen[0] * zone[1] - seen[1] * zone[0],
-        dot(by_yaw, zone),
-        dot(by_pitch, zone),
     ])  # fmt: skip
-    rows *= spread(-problem.side * problem.scale, 2)
+    moved = jnp.stack([dot(by_yaw[:, None], zone), dot(by_pitch[:, None], zone)])
+    factor = -jnp.asarray(constraints.side)
+    if constraints.inner:  # of these the platform's turn changes nothing
+        frame, normal = spread(jnp.asarray(constraints.frame), 2), jnp.asarray(constraints.axis)
+        turned = jnp.where(frame == INERTIAL, turned, 0)
+        moved = jnp.where(frame == JOINTS, spread(normal.T[:2], 2), moved)
+        factor = jnp.where(constraints.frame == JOINTS, 1.0, factor)
+    rows = jnp.concatenate([turned, moved])
+    rows *= spread(factor * problem.scale, 2)
     near = NEAR_DAMPING * jnp.clip(1 - slacks / FAR, 0, 1)
     weight = 2 * PENALTY * jnp.where(slacks < 0, 1, near)
     rows, weight, force = computed_once(gate, (rows, weight, 2 * PENALTY * jnp.minimum(slacks, 0)))
@@ -89,8 +94,42 @@ def _zone_terms(
     for z in range(rows.shape[1]):
         first += force[z] * rows[:, z]
         second += weight[z] * rows[:, None, z] * rows[None, :, z]
+    first, second = (_of_devices(problem.sights, part) for part in (first, second))
     beyond = band.beyond_limits(problem, joints[:, None])[:, 0]
     return first, second, 2 * PENALTY * jnp.sign(joints) * beyond, 2 * PENALTY * (beyond > 0)
+
+
+def _by_joints(sights: Sights, body: Array, angles: Array) -> tuple[Array, Array]:
+    """Derivatives (3, d, s) of sights in yaw and in pitch.
+
+    A vector of the moving part turns about z with the yaw, and about the opposite of its left with the pitch.
+
+    Args:
+        sights: what is bound.
+        body: (3, d, s) where they are.
+        angles: (2, n, s) cosine and sine of the azimuths.
+    """
+    count, fixed = sights.mounts.shape[0], sights.fixed.shape[0]
+    parts = []
+    for own, (ca, sa) in (
+        (body[:, :count], angles),
+        (body[:, count + fixed :], angles[:, sights.carrier]),
+    ):
+        x, y, z = own
+        across = jnp.stack([-y, x, jnp.zeros_like(x)]), jnp.stack([-z * ca, -z * sa, x * ca + y * sa])
+        parts.append(across)
+    still = jnp.zeros((3, fixed, body.shape[2]))
+    first, last = parts
+    return tuple(jnp.concatenate([first[i], still, last[i]], axis=1) for i in range(2))  # type: ignore[return-value]
+
+
+def _of_devices(sights: Sights, terms: Array) -> Array:
+    """Terms (..., d, s) of sights, those of vectors that a terminal carries added to its own."""
+    if not sights.carried.shape[0]:
+        return terms
+    count = sights.mounts.shape[0] + sights.fixed.shape[0]
+    own, carried = terms[..., :count, :], terms[..., count:, :]
+    return own.at[..., sights.carrier, :].add(carried)
 
 
 def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
@@ -142,7 +181,8 @@ def _places(terminals: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _step(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> Array:
     """The displacement (C, s) that would end the descent if the energy were what it looks like."""
-    terminals, devices = problem.mounts.shape[0], problem.bound.shape[1]
+    terminals = problem.sights.mounts.shape[0]
+    devices = terminals + problem.sights.fixed.shape[0]
     push, bend, limit_push, limit_bend = _zone_terms(problem, quaternions, joints, gate)
     pull, stiff = _piece_terms(problem, quaternions, joints)
     joint_push = jnp.concatenate([push[3, :terminals], push[4, :terminals]]) + limit_push

@@ -9,8 +9,21 @@ from functools import reduce
 import jax.numpy as jnp
 from jax import Array
 
-from jaxplan import quaternion, zones
-from jaxplan.path import direction_curvature, step_cost
+from jaxplan import quaternion
+from jaxplan.model.constraints import (
+    INERTIAL,
+    SIGHT,
+    Constraints,
+    Sights,
+    best_entries,
+    edge_bound,
+    joint_values,
+    margins_of_scores,
+    room,
+    score_curvature,
+    scores,
+)
+from jaxplan.path import step_cost
 from jaxplan.search.motions import computed_once, dot
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, conjugate, in_body, spread, times, unit
@@ -135,41 +148,78 @@ def motion_margins(
     Returns:
         (m,) smallest margin, and smallest margin less what is wanted, rad; +inf without zones.
     """
-    count, parts = scene.mounts.shape[0], 2**halvings
+    parts = 2**halvings
     attitudes, cosines, sines = _positions(scene, quaternions, turns, joints, changes, gate, halvings)
-    ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
-    fixed = spread(jnp.asarray(scene.fixed_boresights).T, 2)
-    still = jnp.broadcast_to(fixed, (*fixed.shape[:2], *attitudes.shape[1:]))
-    body = jnp.concatenate([jnp.stack([ce * ca, ce * sa, se]), still], axis=1)  # (3, d, parts + 1, m)
-    curvature = direction_curvature(rotation(turns), changes.T, fixed.shape[1]).T
-    sag = curvature[:, None] / (2 * parts**2)
+    body = sights_of(scene.sights, cosines, sines)  # (3, d, parts + 1, m)
+    rate, bend = scene.sights.bounds(changes.T / parts)
     least = [jnp.full_like(wanted, jnp.inf)] * 2  # margin and slack
     for cones in (scene.cones, scene.grouped_cones):
         if not cones.bound.size:
             continue
-        axes = in_body(attitudes, jnp.asarray(scene.start_attitude).T @ jnp.asarray(cones.direction).T)
-        signed = spread(jnp.asarray(cones.side), 3) * dot(axes[:, :, None], body[:, None])
-        signed = computed_once(gate, signed)  # (z, d, parts + 1, m)
-        over = zones.edge_bound(signed[:, :, :-1], signed[:, :, 1:], sag)  # +inf for what is not a number
+        axes = row_axes(
+            cones, in_body(attitudes, jnp.asarray(scene.start_attitude).T @ jnp.asarray(cones.axis).T), body
+        )
+        places = joints[:, None] + changes[:, None] * (jnp.arange(parts + 1) / parts)[:, None]
+        values = row_values(cones, places)
+        score = scores(cones.spread(3), dot(axes[:, :, None], body[:, None]), values)
+        score = computed_once(gate, score)  # (z, d, parts + 1, m)
+        curvature = score_curvature(cones, rotation(turns) / parts, rate, bend).T  # (z or 1, d, m)
+        over = edge_bound(score[:, :, :-1], score[:, :, 1:], curvature[:, :, None] / 2)  # +inf for a NaN
         over = jnp.where(spread(jnp.asarray(cones.bound), 2), over, -jnp.inf)
         worst = reduce(jnp.maximum, [over[:, d] for d in range(over.shape[1])])  # (z, parts, m)
         if cones is scene.cones:  # the worst interval counts: one arc cosine for all
             worst = jnp.max(worst, axis=1, keepdims=True)
         worst = jnp.moveaxis(worst, 0, -1)
-        margins = zones.margins_from_cosines(cones, worst)
+        margins = margins_of_scores(cones, worst)
         margins = jnp.where(jnp.isneginf(worst), jnp.inf, margins)
-        both = [margins, margins - jnp.minimum(wanted[:, None], _room(cones))]
+        both = [margins, margins - jnp.minimum(wanted[:, None], room(cones))]
         if cones is scene.grouped_cones:
-            both = [zones.group_margins(cones, part) for part in both]
+            both = [best_entries(cones, part) for part in both]
         new = [jnp.min(part, axis=(0, -1)) for part in both]
         least = [jnp.minimum(first, second) for first, second in zip(least, new, strict=True)]
     return least[0], least[1]
 
 
-def _room(cones: zones.Cones) -> Array:
-    """(z,) rad, half of the room that each zone leaves."""
-    half_angle = jnp.asarray(cones.half_angle)
-    return jnp.where(jnp.asarray(cones.side) > 0, jnp.pi - half_angle, half_angle) / 2
+def sights_of(sights: Sights, cosines: Array, sines: Array) -> Array:
+    """Sights (3, d, ...) in body axes, from cosines and sines (2n, ...) of azimuths and then elevations."""
+    count = sights.mounts.shape[0]
+    ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
+    seen = [jnp.stack([ce * ca, ce * sa, se])]
+    if sights.fixed.shape[0]:
+        fixed = spread(jnp.asarray(sights.fixed).T, ca.ndim - 1)
+        seen.append(jnp.broadcast_to(fixed, (*fixed.shape[:2], *ca.shape[1:])))
+    if sights.carried.shape[0]:
+        ca, ce, sa, se = (part[sights.carrier] for part in (ca, ce, sa, se))
+        ahead, aside, above = (spread(part, ca.ndim - 1) for part in jnp.asarray(sights.carried).T)
+        own = [
+            jnp.stack([ce * ca, ce * sa, se]),
+            jnp.stack([-sa, ca, 0 * sa]),
+            jnp.stack([-se * ca, -se * sa, ce]),
+        ]
+        seen.append(ahead * own[0] + aside * own[1] + above * own[2])
+    return jnp.concatenate(seen, axis=1)
+
+
+def row_axes(rows: Constraints, turned: Array, body: Array) -> Array:
+    """Axes (3, z, ...) of the rows in body axes.
+
+    Args:
+        rows: the constraints.
+        turned: (3, z, ...) the axes, all taken for inertial, in body axes.
+        body: (3, d, ...) sights.
+    """
+    if not rows.inner:
+        return turned
+    behind = turned.ndim - 2
+    frame, still = spread(jnp.asarray(rows.frame), behind), spread(jnp.asarray(rows.axis).T, behind)
+    return jnp.where(frame == INERTIAL, turned, jnp.where(frame == SIGHT, body[:, rows.partner], still))
+
+
+def row_values(rows: Constraints, joints: Array) -> Array | None:
+    """What rows of joints hold against their bound, (z, d, ...), at joints (2n, ...)."""
+    if not rows.inner:
+        return None
+    return jnp.moveaxis(joint_values(rows, jnp.moveaxis(joints, 0, -1)), (-1, -2), (0, 1))
 
 
 def _positions(

@@ -235,7 +235,7 @@ def _gathered(
     counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
     if not len(flat[1]):
         counts[1] = 0  # loads are seldom near, and their slopes are dear
-    if not len(problem.cones.direction):
+    if not len(problem.cones.axis):
         counts[2] = 0
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     of_linear = LinearRows(

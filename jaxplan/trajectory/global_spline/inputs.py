@@ -10,13 +10,13 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints, angle_between
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
 from jaxplan.trajectory.global_spline.build import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.global_spline.held import Held, Traced
 from jaxplan.trajectory.global_spline.job import TUBE_RADIUS
-from jaxplan.zones import Cones, separation
 
 
 @shown()
@@ -53,7 +53,7 @@ class Inputs:
     inertia: Traced
     mounts: Traced
     fixed: Traced
-    cones: Cones
+    cones: Constraints
     dynamic: bool = field(metadata={"static": True})
     jerky: bool = field(metadata={"static": True})
 
@@ -63,7 +63,7 @@ def gather_inputs(
     path: Path,
     craft: Spacecraft,
     settings: TrajectorySettings,
-    cones: Cones,
+    cones: Constraints,
     rates: ArrayLike,
     duration: Traced,
 ) -> Inputs:
@@ -124,9 +124,9 @@ def gather_inputs(
     )
 
 
-def _angles(boresights: Array, cones: Cones) -> Traced:
+def _angles(boresights: Array, cones: Constraints) -> Traced:
     """(..., D, Z) between devices (..., D, 3) and zones' axes."""
-    return separation(boresights[..., :, None, :], jnp.asarray(cones.direction))
+    return angle_between(boresights[..., :, None, :], jnp.asarray(cones.axis))
 
 
 def _positive(length: Array) -> Traced:

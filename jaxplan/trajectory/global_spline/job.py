@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxplan.model.constraints import Constraints
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
@@ -21,7 +22,6 @@ from jaxplan.trajectory.global_spline.rows import TUBE
 from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
 from jaxplan.trajectory.scaling import Peaks, all_peaks
-from jaxplan.zones import Cones
 
 # About the nodes, unless the settings have one; a shortest motion has none.
 TUBE_RADIUS = float(np.deg2rad(1.0))
@@ -49,7 +49,7 @@ class Job:
     fractions: np.ndarray | None
     rates: np.ndarray
     spacecraft: Spacecraft
-    cones: Cones
+    cones: Constraints
     settings: TrajectorySettings
     horizon: float = 0.0
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Path
 from jaxplan.scenario.model import MINIMUM, STRETCHED, TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -29,7 +30,7 @@ from jaxplan.trajectory.global_spline.chart import REACH
 from jaxplan.trajectory.global_spline.holding import Origin
 from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at
 from jaxplan.trajectory.scaling import SAFETY
-from jaxplan.zones import Cones, tabulate
+from jaxplan.zones import tabulate
 
 _MOST_LONGER = 1.1  # from one duration to the next
 _ROUNDING = 1e-9  # of a rate, beyond its limit
@@ -40,7 +41,7 @@ def fit_global(
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
     *,
-    cones: Cones | None = None,
+    cones: Constraints | None = None,
     node_fractions: np.ndarray | None = None,
     start_angular_velocity: np.ndarray | None = None,
     start_joint_rates: np.ndarray | None = None,

@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxplan.model.constraints import Constraints
 from jaxplan.trajectory.global_spline import kernels
 from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.zones import Cones
 
 _NEAR_AXIS = 1e-6  # least sine of an angle to a zone's axis, where the margin has no slope
 
@@ -66,7 +66,7 @@ class Motion:
         sides = np.stack([own.side for own in cones])
         if cones[0].paths:
             return sides, _moving_axes(self.problems, self.places)
-        axes = np.stack([own.direction for own in cones])[:, None]
+        axes = np.stack([own.axis for own in cones])[:, None]
         return sides, np.broadcast_to(axes, (*self.places.shape, *axes.shape[2:]))
 
     @cached_property
@@ -182,7 +182,7 @@ def cosines(
     return _cosines(problems, places, attitudes, _body(problems, joints)[0])
 
 
-def margins(cones: Sequence[Cones], angle_cosines: np.ndarray) -> np.ndarray:
+def margins(cones: Sequence[Constraints], angle_cosines: np.ndarray) -> np.ndarray:
     """Margins (G, S, D, Z) as `Motion` has them, from the cosines (G, S, D, Z)."""
     side, half, bound = (
         np.stack(parts)[:, None]
@@ -205,7 +205,7 @@ def _cosines(
     seen = body @ np.swapaxes(attitudes, -1, -2)
     if problems[0].cones.paths:
         return np.asarray(seen @ np.swapaxes(_moving_axes(problems, places), -1, -2))
-    directions = np.stack([problem.cones.direction.T for problem in problems])
+    directions = np.stack([problem.cones.axis.T for problem in problems])
     return np.asarray(seen @ directions[:, None])
 
 

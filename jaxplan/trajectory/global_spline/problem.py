@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jax.typing import ArrayLike
 
+from jaxplan.model.constraints import Constraints
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.chart import Chart
-from jaxplan.zones import Cones
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class Problem:
 
     chart: Chart
     spacecraft: Spacecraft
-    cones: Cones
+    cones: Constraints
     horizon: float
     limits: np.ndarray
     powers: np.ndarray
@@ -47,7 +47,7 @@ class Problem:
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
     @classmethod
-    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Cones, horizon: float = 0.0) -> "Problem":
+    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Constraints, horizon: float = 0.0) -> "Problem":
         """The problem of a spacecraft among zones; what has no limit is not looked at."""
         loads: list[tuple[str, ArrayLike, int]] = [
             ("rate", spacecraft.rate_limit, 1),

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.first_order import first_derivatives_only
+from jaxplan.model.constraints import Constraints, angle_between
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft, body_boresights
@@ -25,7 +26,6 @@ from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRo
 from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs
 from jaxplan.trajectory.global_spline.kernels import loads_at
 from jaxplan.trajectory.measures import to_limits
-from jaxplan.zones import Cones, separation
 
 _STEPS, _LEFT = 5, 1e-9  # at most so many of Newton's steps, to such a residual, before the last one
 _SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
@@ -36,7 +36,7 @@ def refit(
     path: Path,
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
-    cones: Cones,
+    cones: Constraints,
     rates: ArrayLike,
 ) -> Trajectory:
     """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
@@ -179,7 +179,7 @@ def _zone_row(inputs: Inputs, row: ZoneRows, z: Traced) -> Traced:
     attitude = inputs.attitude @ half @ so3.exp(z[:3] - row.place * inputs.turn) @ half
     body = body_boresights(inputs.mounts, inputs.fixed, z[3:])[row.device]
     cones, zone = inputs.cones, row.zone
-    angle = separation(attitude @ body, jnp.asarray(cones.direction)[zone])
+    angle = angle_between(attitude @ body, jnp.asarray(cones.axis)[zone])
     margin = jnp.asarray(cones.side)[zone] * (angle - jnp.asarray(cones.half_angle)[zone])
     return inputs.wanted[row.device, zone] - margin
 

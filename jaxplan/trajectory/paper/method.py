@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -21,7 +22,6 @@ from jaxplan.trajectory.paper import counting
 from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
 from jaxplan.trajectory.paper.holding import Origin
 from jaxplan.trajectory.scaling import SAFETY, Peaks, all_peaks
-from jaxplan.zones import Cones
 
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
@@ -35,7 +35,7 @@ def fit_paper(
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
     *,
-    cones: Cones | None = None,
+    cones: Constraints | None = None,
     node_fractions: np.ndarray | None = None,
     start_angular_velocity: np.ndarray | None = None,
     start_joint_rates: np.ndarray | None = None,

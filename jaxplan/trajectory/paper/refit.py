@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -23,7 +24,6 @@ from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.paper.assembly import assembled
 from jaxplan.trajectory.scaling import SAFETY
-from jaxplan.zones import Cones
 
 
 @shown()
@@ -71,7 +71,7 @@ def refit(
     path: Path,
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
-    cones: Cones,
+    cones: Constraints,
     rates: ArrayLike,
 ) -> Trajectory:
     """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.

@@ -1,0 +1,1 @@
+"""What is planned for, as data and geometry: no files, no solvers."""

@@ -1,0 +1,173 @@
+"""Margins and bounds of every kind of pair, against plain numpy and dense sampling."""
+
+import jax
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxplan.model.constraints import (
+    BODY,
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    Sights,
+    axes_in_body,
+    best_entries,
+    constraint_margins,
+    edge_bound,
+    joint_values,
+    margins_of_scores,
+    room,
+    score_curvature,
+    scores,
+    state_margins,
+    thresholds,
+)
+
+RNG = np.random.default_rng(5)
+TERMINALS = 2
+
+
+def unit(*shape):
+    vectors = RNG.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def craft_sights():
+    """Two terminals, an instrument and an axis of the body, and two more vectors of the second terminal."""
+    return Sights(mounts=np.array([0.3, -2.0]), fixed=unit(2), carrier=np.array([1, 1]), carried=unit(2))
+
+
+def every_kind():
+    """A row of every kind that binds all sights it may, some of them in entries and groups."""
+    own = craft_sights()
+    frame = np.array([INERTIAL, INERTIAL, BODY, SIGHT, SIGHT, JOINTS, JOINTS, BODY])
+    bound = np.ones((8, own.count), bool)
+    bound[frame == JOINTS] = np.arange(own.count) < TERMINALS
+    bound[3, 1] = bound[4, 4] = False  # a sight is no constraint on itself
+    normal = np.append(unit(8)[:, :2], np.zeros((8, 1)), axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    rows = Constraints(
+        axis=np.where((frame == JOINTS)[:, None], normal, unit(8)),
+        frame=frame,
+        partner=np.array([0, 0, 0, 1, 4, 0, 0, 0]),
+        half_angle=RNG.uniform(0.2, 1.2, 8),
+        side=np.array([1.0, -1, 1, 1, -1, 1, 1, -1]),
+        bound=bound,
+        entry=np.array([0, 1, 2, 2, 4, 5, 6, 7]),
+        group=np.array([0, 1, 1, 1, 4, 5, 5, 7]),
+        body=own.fixed[1:],
+        carrier=own.carrier,
+        carried=own.carried,
+        inner=True,
+        nested=True,
+    )
+    return rows, rows.sights(own.mounts, own.fixed[:1])
+
+
+def vectors_by_rotations(sights, joints):
+    """(S, 3) sights in body axes, by turning the mounted device about its joints' axes."""
+    seen = []
+    for terminal in range(TERMINALS):
+        azimuth, elevation = joints[terminal] + sights.mounts[terminal], joints[TERMINALS + terminal]
+        seen.append(Rotation.from_euler("ZY", [azimuth, -elevation]))
+    boresights = [turn.apply([1.0, 0, 0]) for turn in seen]
+    carried = [seen[of].apply(vector) for of, vector in zip(sights.carrier, sights.carried, strict=True)]
+    return np.array([*boresights, *sights.fixed, *carried])
+
+
+def margins_one_by_one(attitude, joints):
+    """(Z, S) rad, each by itself."""
+    seen = vectors_by_rotations(SIGHTS, joints)
+    found = np.full(ROWS.bound.shape, np.inf)
+    for row, sight in np.argwhere(ROWS.bound):
+        kind = ROWS.frame[row]
+        if kind == JOINTS:
+            own = ROWS.axis[row, :2] @ joints[[sight, TERMINALS + sight]]
+            found[row, sight] = own - ROWS.half_angle[row]
+            continue
+        if kind == INERTIAL:
+            axis = attitude.T @ ROWS.axis[row]
+        else:
+            axis = ROWS.axis[row] if kind == BODY else seen[ROWS.partner[row]]
+        angle = np.arctan2(np.linalg.norm(np.cross(axis, seen[sight])), axis @ seen[sight])
+        found[row, sight] = ROWS.side[row] * (angle - ROWS.half_angle[row])
+    return found
+
+
+ROWS, SIGHTS = every_kind()
+
+
+def random_joints():
+    return np.concatenate([RNG.uniform(-3, 3, TERMINALS), RNG.uniform(-1.5, 1.5, TERMINALS)])
+
+
+def test_margins_of_every_kind_are_those_of_rotations():
+    for _ in range(20):
+        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints()
+        wanted = margins_one_by_one(attitude, joints)
+        np.testing.assert_allclose(state_margins(ROWS, SIGHTS, attitude, joints), wanted, atol=1e-14)
+    traced = jax.jit(state_margins)(ROWS, SIGHTS, attitude, joints)
+    np.testing.assert_allclose(traced, wanted, atol=1e-14)
+
+
+def test_scores_are_below_thresholds_just_where_margins_keep_the_clearance():
+    for clearance in (0.0, 0.1, 3.0):
+        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints()
+        sights = SIGHTS.in_body(joints)
+        axes = axes_in_body(ROWS, ROWS.axis @ attitude, sights)
+        score = scores(ROWS, sights @ axes.T, joint_values(ROWS, joints))  # (S, Z)
+        margin = np.where(ROWS.bound.T, margins_of_scores(ROWS, score), np.inf)
+        np.testing.assert_allclose(margin.T, state_margins(ROWS, SIGHTS, attitude, joints), atol=1e-7)
+        asked = np.minimum(clearance, room(ROWS))
+        kept = score <= thresholds(ROWS, clearance)
+        np.testing.assert_array_equal(kept[ROWS.bound.T], (margin >= asked)[ROWS.bound.T])
+
+
+def test_bounds_over_a_motion_hold_between_its_ends_for_every_kind_of_pair():
+    share = np.linspace(0, 1, 201)
+    closest = np.full(ROWS.bound.shape[::-1], np.inf)
+    for size in np.geomspace(0.01, 3, 150):
+        attitude, turn = Rotation.random(rng=RNG), size * unit() * RNG.uniform(0, 1)
+        change = size * RNG.uniform(-1, 1, 2 * TERMINALS) * RNG.integers(0, 2, 2 * TERMINALS)
+        joints = random_joints() + share[:, None] * change
+        turned = (attitude * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
+        sights = SIGHTS.in_body(joints)
+        axes = axes_in_body(ROWS, ROWS.axis @ turned, sights)
+        score = scores(ROWS, sights @ np.swapaxes(axes, 1, 2), joint_values(ROWS, joints))
+        bend = score_curvature(ROWS, np.linalg.norm(turn), *SIGHTS.bounds(change))
+        bound = edge_bound(score[0], score[-1], bend / 2)
+        above = bound - score.max(axis=0)
+        assert np.all(above >= -1e-12)
+        second = np.abs(score[2:] - 2 * score[1:-1] + score[:-2]).max(axis=0) * 200**2
+        assert np.all(second <= bend * (1 + 1e-6) + 1e-9)
+        closest = np.minimum(closest, np.where(second > 1e-6, bend / np.maximum(second, 1e-9), np.inf))
+    cones = ROWS.bound.T & (ROWS.frame != JOINTS)
+    assert np.all(closest[cones & (closest < np.inf)] < 4)  # and none is far too large
+
+
+def test_a_constraint_holds_as_its_best_entry_does_of_which_all_rows_must():
+    margin = RNG.normal(size=(7, 8))
+    found = best_entries(ROWS, margin)
+    np.testing.assert_array_equal(found[:, 0], margin[:, 0])
+    np.testing.assert_array_equal(
+        found[:, 1], np.maximum(margin[:, 1], np.minimum(margin[:, 2], margin[:, 3]))
+    )
+    np.testing.assert_array_equal(found[:, 5], np.maximum(margin[:, 5], margin[:, 6]))
+    assert np.all(np.isinf(found[:, [2, 3, 6]]))
+    pairs = np.where(ROWS.bound, margin[0][:, None] + np.arange(SIGHTS.count), np.inf)
+    np.testing.assert_array_equal(constraint_margins(ROWS, pairs), best_entries(ROWS, pairs.min(axis=1)))
+
+
+def test_what_is_not_a_number_counts_as_broken():
+    joints = np.full(2 * TERMINALS, np.nan)
+    found = state_margins(ROWS, SIGHTS, np.eye(3), joints)
+    assert np.all(found[:, :TERMINALS][ROWS.bound[:, :TERMINALS]] == -np.inf)
+    assert np.all(state_margins(ROWS, SIGHTS, np.full((3, 3), np.nan), random_joints())[0] == -np.inf)
+
+
+def test_edges_with_numbers_that_are_none_are_out_of_bounds():
+    for place in range(3):
+        numbers = np.array([0.1, 0.2, 0.3])
+        numbers[place] = np.nan
+        assert edge_bound(*numbers) == np.inf
