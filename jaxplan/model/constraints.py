@@ -38,6 +38,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, arrays
 from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import pointing
@@ -46,6 +47,7 @@ INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""
 
 
+@shown("mounts deg", "fixed", "carrier", "carried")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sights:
@@ -110,6 +112,7 @@ class Sights:
         return xp.concatenate(rates, axis=-1), xp.concatenate(bends, axis=-1)
 
 
+@shown("side", "half_angle deg", "bound", "entry", "group", "axis", "frame", "paths")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Constraints:
