@@ -69,7 +69,7 @@ def changed(problem: Problem, inputs: Inputs, exp: Callable = so3.exp) -> Proble
         spacecraft=replace(craft, terminals=terminals, instruments=instruments),
         start=problem.start @ exp(inputs["turn"]),
         targets=targets,
-        cones=replace(problem.cones, direction=inputs["cones"], half_angle=inputs["half-angles"]),
+        cones=replace(problem.cones, axis=inputs["cones"], half_angle=inputs["half-angles"]),
     )
 
 

@@ -1,12 +1,14 @@
 """Step 1: the attitudes from which all terminals can point at their targets, the nearest first.
 
 Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
-``|eta| <= pi`` at which every joint is within its limits and every zone that binds a body-fixed instrument is
-clear. It has up to a dozen local minima; the first goal is the global one, the others are the next best.
+``|eta| <= pi`` at which every joint is within its limits and every constraint holds that the attitude decides
+on, such as a zone that binds a body-fixed instrument. It has up to a dozen local minima; the first goal is
+the global one, the others are the next best.
 
-`caps` writes the constraints in one form, `covering` rules out where there is no solution, `descent` finds
-local minima from many starts at once, `multistart` makes the global one of it. Attitudes are body to
-inertial, angles in radians, joints all yaws and then all pitches. `sensitivity` has the goals' derivatives.
+`pairs` tells what the attitude decides on, `caps` writes that in one form, `covering` rules out where there
+is no solution, `descent` finds local minima from many starts at once, `multistart` makes the global one of
+it. `sensitivity` has the goals' derivatives. Attitudes are body to inertial, angles in radians, joints all
+yaws and then all pitches.
 """
 
 from dataclasses import dataclass
@@ -16,9 +18,9 @@ import numpy as np
 
 from jaxplan import quaternion
 from jaxplan.decomposition import multistart
-from jaxplan.decomposition.caps import Caps, assemble, deepest_zone
+from jaxplan.decomposition.caps import Caps, assemble, deepest_row
 from jaxplan.display import shown
-from jaxplan.model.constraints import Constraints
+from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft
@@ -41,7 +43,7 @@ class Decomposition:
     All but the goals tells of one attitude, the best there is. Where the joints' ranges and the zones can be
     met, it is the nearest at which they are, if need be beyond the bound of the slew. Where some joint must
     leave its range, it is the one at which the worst joint does so least, zones left aside; else the one
-    within the joints' ranges at which the worst instrument is least deep in a zone.
+    within the joints' ranges at which the worst sight is least deep in a zone.
 
     Attributes:
         goals: distinct local minima of the slew, nearest first and none beyond its bound.
@@ -49,9 +51,9 @@ class Decomposition:
             excess is above zero, it is the slew that would be needed.
         joint_excess: rad, how far the worst joint is beyond its limit at the goal; -inf without terminals.
         worst_joint: its number in the joint vector; None without terminals.
-        zone_excess: rad, how deep the worst instrument is in a zone; -inf where no zone matters.
+        zone_excess: rad, how deep the worst sight is in a zone; -inf where no zone matters.
         worst_zone: row of that zone among the cones; None where no zone matters.
-        worst_device: number of that instrument among the devices, likewise.
+        worst_device: number of that sight: of a device, or beyond these of an axis of the body, likewise.
     """
 
     goals: tuple[Goal, ...]
@@ -75,19 +77,21 @@ def decompose(
 ) -> Decomposition:
     """Solve problem (7), corrected, for its global minimum and the next-best local ones.
 
-    Zones that only bind terminals are left to the caller: these point at their targets whatever the attitude.
+    What the targets settle is left to the caller, such as zones that only bind terminals: these point at
+    their targets whatever the attitude. So is what depends on joints in another way than by a boresight's
+    direction or a bound of one joint (`pairs.leaves_open`).
 
     Args:
         spacecraft: its terminals and instruments, any number of either.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: a direction for each terminal, and limits at the goal where those are tighter.
-        cones: all zones, for the devices of the spacecraft.
+        cones: all constraints, for the devices of the spacecraft.
         max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
         max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
         seed: turns the set of starts; the same seed gives the same goals to the last bit.
 
     Returns:
-        The goals, stationary to 1e-10 and within all constraints, or why there are none.
+        The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
     start = np.asarray(start_attitude, dtype=np.float64)
     directions = np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3)
@@ -106,7 +110,9 @@ def decompose(
     ]
     attitude, joints, slew = states[0]
     joint_excess = np.abs(joints) - limits
-    zone_excess, worst_zone, worst_instrument = deepest_zone(caps, start.T @ attitude)
+    sights = cones.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    margins = state_margins(cones, sights, attitude, joints)
+    zone_excess, worst_zone, worst_device = deepest_row(caps, cones, margins)
     return Decomposition(
         goals=tuple(goals),
         slew_angle=slew,
@@ -114,7 +120,7 @@ def decompose(
         worst_joint=int(np.argmax(joint_excess)) if len(limits) else None,
         zone_excess=zone_excess,
         worst_zone=worst_zone,
-        worst_device=None if worst_instrument is None else len(spacecraft.terminals) + worst_instrument,
+        worst_device=worst_device,
     )
 
 
@@ -135,7 +141,7 @@ def _least_broken(
     def easier_zones(by: float) -> Caps:
         return assemble(spacecraft, start, directions, limits, cones, widening=by)
 
-    has_zones = np.any(easier_zones(0).zone >= 0)
+    has_zones = np.any(easier_zones(0).row >= 0)
     can_point = has_zones and len(multistart.minima(wider_joints(0), 1, seed)) > 0
     return multistart.least_widening(easier_zones if can_point else wider_joints, np.pi, seed)[None]
 

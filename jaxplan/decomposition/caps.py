@@ -5,25 +5,36 @@ goal keeps one such vector out of a cap of the unit sphere in body axes, of axis
 
     yaw <= Y         half the sphere, beyond the plane at the yaw Y; likewise for the lower limit (equation 4)
     pitch <= P       around the body's z axis, ``h = pi / 2 - P``; around -z for the lower limit
-    keep-out zone    around an instrument's boresight, for the zone's direction; ``h`` is its half-angle
-    keep-in zone     around the opposite of the boresight; ``h`` is pi less its half-angle
+    keep-out cone    around what is fixed to the body, for what is inertial: an instrument or an axis of the
+                     body for a zone's direction or a target, or a cone's axis in the body for a target;
+                     ``h`` is its half-angle
+    keep-in cone     around the opposite; ``h`` is pi less its half-angle
 
 So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is missing is the excess, in rad.
-Constraints of which one is enough (a yaw range wider than half a turn, zones of one group) are members of
-a group; a member may have several caps, all of which must be clear.
+Constraints of which one is enough (a yaw range wider than half a turn, entries of one constraint) are members
+of a group; a member may have several caps, all of which must be clear.
+
+What the attitude does not decide gives no cap (`pairs`): an entry is held against what is settled, and where
+a constraint has an entry that nothing of a cap stands against, it gives none at all.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, product
+from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.model.constraints import Constraints, angle_between, capacity
+from jaxplan.decomposition.pairs import Pairs, pairs_at_goal, single_yaws
+from jaxplan.model.constraints import JOINTS, Constraints, Sights, best_entries, capacity, chosen_entries
 from jaxplan.spacecraft import Spacecraft
 
 HAIR = 1e-12
 """rad; caps are wider than the constraints by this, so that rounding breaks none."""
 EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
+ALTERNATIVES = 16
+"""Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,8 +47,8 @@ class Caps:
         half_angle: (m,) rad, -1 for an empty cap.
         member: (m,) number of the member that the cap belongs to, ascending.
         group: (m,) number of the group that the member belongs to.
-        zone: (m,) row of the zone that the cap is of; -1 for those of joints and empty ones.
-        instrument: (m,) number of the instrument, likewise.
+        row: (m,) the row of the constraints that the cap is of; -1 for limits of joints and empty ones.
+        sight: (m,) number of the sight, likewise.
     """
 
     axis: np.ndarray
@@ -45,14 +56,28 @@ class Caps:
     half_angle: np.ndarray
     member: np.ndarray
     group: np.ndarray
-    zone: np.ndarray
-    instrument: np.ndarray
+    row: np.ndarray
+    sight: np.ndarray
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
         """How deep (m,) the directions are inside the caps after a rotation ``E`` (3, 3), rad."""
         body = self.direction @ rotation
         sine = np.linalg.norm(np.cross(self.axis, body), axis=-1)
         return self.half_angle - np.arctan2(sine, np.sum(self.axis * body, axis=-1))
+
+
+class _Cap(NamedTuple):
+    """One cap of a row, its direction inertial."""
+
+    row: int
+    sight: int
+    axis: np.ndarray
+    direction: np.ndarray
+    half_angle: float
+
+
+_Member = list[_Cap]
+_Group = list[_Member]
 
 
 def assemble(
@@ -65,43 +90,119 @@ def assemble(
 ) -> Caps:
     """The caps of a goal at which the terminals point along given directions.
 
-    Terminals point there whatever the attitude, so zones that bind them alone give no cap. A group
-    gives none either when one of its zones holds for that reason, or when none can.
+    Pairs that are settled or open, see `pairs`, give no cap. A constraint of several entries gives none
+    either when one of these holds for that reason or may hold, or when none can.
 
     Args:
         spacecraft: its mounts and instruments.
         start_attitude: (3, 3) body to inertial, ``R0``.
         directions: (n, 3) inertial unit vectors, one a terminal.
         joint_limits: (2n,) rad; from pi for a yaw and from pi / 2 for a pitch there is no limit.
-        cones: all zones.
-        widening: rad by which every zone is made easier.
+        cones: all constraints.
+        widening: rad by which every row is made easier.
     """
     joint_axis, joint_half_angle, joint_group = _of_joints(spacecraft.mounts, joint_limits)
-    zone, instrument = _zones_at_goal(directions, cones)
-    side = cones.side[zone]
-    zone_axis = side[:, None] * spacecraft.fixed_boresights[instrument]
-    zone_half_angle = np.where(side > 0, 0, np.pi) + side * cones.half_angle[zone] - widening
-
-    joints, used = len(joint_group), len(joint_group) + len(zone)
+    groups = list(_of_rows(spacecraft, directions, joint_limits, cones, widening))
+    members = [(number, member) for number, group in enumerate(groups) for member in group]
+    found = [(group, number, cap) for number, (group, member) in enumerate(members) for cap in member]
+    joints, used = len(joint_group), len(joint_group) + len(found)
     size = max(8, capacity(used))
     rest = np.arange(used, size)
 
-    def padded(of_joints: np.ndarray | int, of_zones: np.ndarray, of_rest: np.ndarray | int) -> np.ndarray:
-        rows = np.empty((size, *of_zones.shape[1:]), dtype=of_zones.dtype)
-        rows[:joints], rows[joints:used], rows[used:] = of_joints, of_zones, of_rest
-        return rows
+    def padded(of_joints: np.ndarray, of_rows: list, of_rest: np.ndarray | int) -> np.ndarray:
+        shape = of_joints.shape[1:]
+        own = np.reshape(np.array(of_rows, of_joints.dtype), (-1, *shape))
+        return np.concatenate([of_joints, own, np.broadcast_to(of_rest, (size - used, *shape))])
 
-    half_angle = padded(joint_half_angle, zone_half_angle, 0)
+    caps = [cap for *_, cap in found]
+    half_angle = padded(joint_half_angle, [cap.half_angle for cap in caps], 0)
     there = half_angle > EMPTY
+    axis = padded(joint_axis, [cap.axis for cap in caps], 0)
+    toward = padded(np.repeat(directions, 5, axis=0), [cap.direction for cap in caps], 0)
+    none = np.full(joints, -1)
     return Caps(
-        axis=np.where(there[:, None], padded(joint_axis, zone_axis, 0), 0),
-        direction=padded(np.repeat(directions, 5, axis=0), cones.axis[zone], 0) @ start_attitude,
+        axis=np.where(there[:, None], axis, 0),
+        direction=toward @ start_attitude,
         half_angle=np.where(there, half_angle + HAIR, -1),
-        member=padded(np.arange(joints), joints + _runs(zone), rest),
-        group=padded(joint_group, joints + _runs(cones.group[zone]), rest),
-        zone=padded(-1, zone, -1),
-        instrument=padded(-1, instrument, -1),
+        member=padded(np.arange(joints), [joints + number for _, number, _ in found], rest),
+        group=padded(joint_group, [joints + group for group, _, _ in found], rest),
+        row=padded(none, [cap.row for cap in caps], -1),
+        sight=padded(none, [cap.sight for cap in caps], -1),
     )
+
+
+def _of_rows(
+    spacecraft: Spacecraft,
+    directions: np.ndarray,
+    joint_limits: np.ndarray,
+    cones: Constraints,
+    widening: float,
+) -> Iterator[_Group]:
+    """The groups of caps that all rows give, in the order of their constraints."""
+    sights = cones.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    pairs = pairs_at_goal(cones, sights, directions)
+    fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
+    if widening:
+        away = np.where(cones.frame == JOINTS, 1, cones.side)
+        cones = replace(cones, half_angle=cones.half_angle - away * widening)
+        pairs = pairs_at_goal(cones, sights, directions)
+    for constraint in np.unique(cones.group[np.any(pairs.capped, axis=-1)]):
+        own = cones.group == constraint
+        entries = np.unique(cones.entry[own])
+        if len(entries) > 1:
+            entries = np.setdiff1d(entries, cones.entry[own & fails])
+        asked = []
+        for entry in entries:
+            rows = np.flatnonzero(own & (cones.entry == entry)).tolist()
+            asked.append([ways for row in rows for ways in _of_row(row, pairs, cones, sights, joint_limits)])
+        yield from _groups(asked)
+
+
+def _of_row(
+    row: int, pairs: Pairs, cones: Constraints, sights: Sights, joint_limits: np.ndarray
+) -> Iterator[list[_Member]]:
+    """For each pair of a row that asks for something the ways to meet it: one, or two of which one is enough.
+
+    A bound of a yaw is met on an arc from there to the joint's limit; see `_of_joints` for its caps.
+    """
+    of_yaw = single_yaws(cones)[row]
+    for sight in np.flatnonzero(pairs.capped[row]).tolist():
+        place = row, sight
+        cap = _Cap(*place, pairs.axis[place], pairs.direction[place], pairs.half_angle[place])
+        if not of_yaw:
+            yield [[cap]]
+            continue
+        sign, bound, limit = (
+            np.sign(cones.axis[row, 0]),
+            cones.half_angle[row],
+            min(joint_limits[sight], np.pi),
+        )
+        far, middle = sights.mounts[sight] + sign * np.array([limit + np.pi / 2, (limit + bound) / 2])
+        beyond = cap._replace(axis=np.array([np.cos(far), np.sin(far), 0]))
+        behind = cap._replace(axis=-np.array([np.cos(middle), np.sin(middle), 0]))
+        if limit - bound < np.pi:
+            yield [[cap, beyond, behind]]
+        elif bound > -limit:
+            yield [[cap], [beyond]]
+
+
+def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
+    """The groups of a constraint, from the ways to meet each pair of each of its entries."""
+    if len(asked) == 1:  # each of its pairs must hold, so those with two ways are groups by themselves
+        (entry,) = asked
+        plain = [cap for ways in entry if len(ways) == 1 for cap in ways[0]]
+        yield from [[plain]] if plain else []
+        yield from (ways for ways in entry if len(ways) > 1)
+        return
+    group: _Group = []
+    for entry in asked:
+        few = 2 ** sum(len(ways) > 1 for ways in entry) <= ALTERNATIVES
+        kept = entry if few else [ways for ways in entry if len(ways) == 1]
+        if not kept:
+            return  # holds, or may hold
+        group += [list(chain.from_iterable(choice)) for choice in product(*kept)]
+    if group:
+        yield group
 
 
 def _of_joints(mounts: np.ndarray, joint_limits: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -126,48 +227,29 @@ def _of_joints(mounts: np.ndarray, joint_limits: np.ndarray) -> tuple[np.ndarray
     return axis.reshape(-1, 3), half_angle.reshape(-1), group.reshape(-1)
 
 
-def _zones_at_goal(directions: np.ndarray, cones: Constraints) -> tuple[np.ndarray, np.ndarray]:
-    """Zone and instrument of each pair that the attitude decides on, sorted by group, then by zone."""
-    count = len(directions)
-    terminals, instruments = cones.bound[:, :count], cones.bound[:, count:]
-    holds = np.all(~terminals | (_terminal_margins(directions, cones) >= 0), axis=-1)
-    alone = np.bincount(cones.group, minlength=len(cones.group))[cones.group] == 1
-    settled = cones.group[holds & ~alone & ~np.any(instruments, axis=-1)]  # hold whatever the attitude
-    open_ = (alone | holds) & ~np.isin(cones.group, settled)
-    zone, instrument = np.nonzero(instruments & open_[:, None])
-    order = np.lexsort((zone, cones.group[zone]))
-    return zone[order], instrument[order]
-
-
-def _terminal_margins(directions: np.ndarray, cones: Constraints) -> np.ndarray:
-    """Margin (Z, n) to every zone of every terminal that points along its direction, rad."""
-    angle = angle_between(cones.axis[:, None], directions[None])
-    return np.asarray(cones.side[:, None] * (angle - cones.half_angle[:, None]))
-
-
-def _runs(keys: np.ndarray) -> np.ndarray:
-    """Number of the run of equal neighbours that each key is in, from 0."""
-    return np.cumsum(np.concatenate([[0], np.diff(keys) != 0]))[: len(keys)]
-
-
-def deepest_zone(caps: Caps, rotation: np.ndarray) -> tuple[float, int | None, int | None]:
-    """The zone that a rotation from the start breaks most, or is nearest to breaking.
+def deepest_row(caps: Caps, cones: Constraints, margins: np.ndarray) -> tuple[float, int | None, int | None]:
+    """The row of the caps that a state breaks most, or is nearest to breaking.
 
     Args:
         caps: the caps.
-        rotation: (3, 3) ``E``.
+        cones: the constraints that they are of.
+        margins: (Z, S) rad, of the state.
 
     Returns:
-        How deep an instrument is inside, rad, negative when it is clear; the zone and the instrument. Of a
-        group it is the zone broken least. Without zones ``(-inf, None, None)``.
+        How deep a sight is inside, rad, negative when it is clear; the row and the sight. Of a constraint it
+        is the entry broken least. Without such caps ``(-inf, None, None)``.
     """
-    inside = caps.excess(rotation) - HAIR
-    worst_of_member: dict[tuple[int, int], tuple[float, int, int]] = {}
-    for row in np.flatnonzero(caps.zone >= 0):
-        found = (float(inside[row]), int(caps.zone[row]), int(caps.instrument[row]))
-        key = (int(caps.group[row]), int(caps.member[row]))
-        worst_of_member[key] = max(worst_of_member.get(key, found), found)
-    best_of_group: dict[int, tuple[float, int, int]] = {}
-    for (group, _), found in worst_of_member.items():
-        best_of_group[group] = min(best_of_group.get(group, found), found)
-    return max(best_of_group.values(), default=(-np.inf, None, None))
+    capped = np.zeros(cones.bound.shape, dtype=bool)
+    used = caps.row >= 0
+    capped[caps.row[used], caps.sight[used]] = True
+    some = np.any(capped, axis=-1)
+    if not np.any(some):
+        return -np.inf, None, None
+    asked, possible = np.isin(cones.group, cones.group[some]), np.isin(cones.entry, cones.entry[some])
+    worst = np.min(np.where(capped, margins, np.inf), axis=-1)
+    worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that what is settled rules out
+    of_constraint = best_entries(cones, worst)
+    leader = int(np.argmin(of_constraint))
+    of_entry = np.where(cones.entry == chosen_entries(cones, worst)[leader], worst, np.inf)
+    row = int(np.argmin(of_entry))
+    return -float(of_constraint[leader]), row, int(np.argmin(np.where(capped[row], margins[row], np.inf)))

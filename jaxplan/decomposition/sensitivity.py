@@ -14,6 +14,7 @@ of objective and caps is in the equations' derivative.
 Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -24,9 +25,10 @@ from jax.typing import ArrayLike
 from jaxplan import quaternion, so3
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
+from jaxplan.decomposition.pairs import pairs_at_goal, single_yaws
 from jaxplan.decomposition.quadratic import MET
 from jaxplan.first_order import first_derivatives_only
-from jaxplan.model.constraints import Constraints, pair_margins
+from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
 from jaxplan.spacecraft import Spacecraft, joints_toward, stacked
@@ -42,9 +44,10 @@ def differentiable_goal(
     """A goal of step 1 as a function of the problem that it solves.
 
     Its first derivatives, forward and backward, are those of the optimum: by the start, the targets, the
-    limits at the goal, the mounting angles and limits of terminals, the boresights of instruments, and the
-    directions and half-angles of cones. There are no second ones. It composes with ``jit`` and ``vmap``:
-    scenes with as many devices and zones can be stacked, whatever their goals lean on.
+    limits at the goal, the mounting angles and limits of terminals, the boresights of instruments, axes of
+    the body, the axes and half-angles of cones, and the bounds of rows of joints. There are no second ones.
+    It composes with ``jit`` and ``vmap``: scenes with as many devices and rows can be stacked, whatever
+    their goals lean on. What step 1 leaves open is held by nothing here either.
 
     Args:
         goal: one that `decompose` found for this problem; a constant. For a problem slightly off the one it
@@ -53,7 +56,7 @@ def differentiable_goal(
         start_attitude: (3, 3) ``R0``, body to inertial; only its derivatives along rotations mean something.
         targets: a direction for each terminal, of any length, and limits at the goal. Where such a limit is
             equal to the joint's own, the derivative is by the joint's own.
-        cones: all zones, for the devices of the spacecraft; directions of any length.
+        cones: all constraints, for the devices of the spacecraft; axes of any length.
 
     Returns:
         The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
@@ -87,7 +90,7 @@ class _Caps(NamedTuple):
     """Every cap that a goal may lean on, in the form of `caps.Caps`, and one at the end that never matters.
 
     First those of the yaws' upper limits (n,) and of the pitches', then likewise of the lower ones, then for
-    each zone one an instrument.
+    each row one a sight; where all rows are inertial only for the sights that these are caps for.
     """
 
     axis: Array  # (m, 3) unit vectors in body axes
@@ -150,39 +153,45 @@ def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: Constra
     of_joints = jnp.concatenate([of_yaw[0], up, of_yaw[1], -up])
     joint_half_angle = jnp.pi / 2 - jnp.concatenate([zero, pitch])
 
-    side = jnp.asarray(cones.side, dtype)[:, None]
-    of_zones = side[:, None] * _unit(boresights)
-    zone_half_angle = jnp.where(side > 0, 0, jnp.pi) + side * jnp.asarray(cones.half_angle, dtype)[:, None]
-    towards = jnp.tile(_unit(jnp.asarray(targets.directions, dtype)), (4, 1))
-    to_zones = jnp.repeat(_unit(jnp.asarray(cones.axis, dtype)), len(boresights), axis=0)
+    directions = _unit(jnp.asarray(targets.directions, dtype))
+    parts: dict[str, Any] = {"axis": _unit(jnp.asarray(cones.axis, dtype))}
+    parts["body"] = _unit(jnp.asarray(cones.body, dtype))
+    parts |= {name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")}
+    rows = replace(cones, **parts)  # for once of jax's arrays
+    pairs = pairs_at_goal(rows, rows.sights(mounts, _unit(boresights)), directions)
+    own = _columns(cones, len(mounts))
     end = jnp.zeros((1, 3), dtype)
-    half_angles = [
-        joint_half_angle,
-        joint_half_angle,
-        jnp.repeat(zone_half_angle, len(boresights)),
-        end[:, 0],
-    ]
     return _Caps(
-        axis=jnp.concatenate([of_joints, of_zones.reshape(-1, 3), end]),
-        direction=jnp.concatenate([towards, to_zones, end]) @ start,
-        half_angle=jnp.concatenate([part.ravel() for part in half_angles]),
+        axis=jnp.concatenate([of_joints, pairs.axis[:, own].reshape(-1, 3), end]),
+        direction=jnp.concatenate([jnp.tile(directions, (4, 1)), pairs.direction[:, own].reshape(-1, 3), end])
+        @ start,
+        half_angle=jnp.concatenate(
+            [joint_half_angle, joint_half_angle, pairs.half_angle[:, own].ravel(), end[:, 0]]
+        ),
     )
 
 
+def _columns(cones: Constraints, terminals: int) -> slice:
+    """The sights that rows may be caps for."""
+    return slice(None) if cones.inner else slice(terminals, None)
+
+
 def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: Constraints) -> Array:
-    """Which caps (m,) must be kept: of a joint's two limits the nearer, of a group its best zone."""
+    """Which caps (m,) must be kept: of a joint's two limits the nearer, of a constraint its best entry."""
     boresights = jnp.asarray(spacecraft.fixed_boresights, attitude.dtype)
     directions = jnp.asarray(targets.directions, attitude.dtype)
-    above = joints_toward(spacecraft.mounts, attitude, directions) >= 0
+    joints = joints_toward(spacecraft.mounts, attitude, directions)
+    above = joints >= 0
     limited = _limits(spacecraft, targets, attitude.dtype) < jnp.pi
 
-    seen = jnp.concatenate([directions, boresights @ attitude.T])
-    worst = jnp.min(pair_margins(cones, seen, cones.axis), axis=-1, initial=jnp.inf)
-    same_group = jnp.asarray(cones.group)[:, None] == cones.group
-    as_good_before = (worst == worst[:, None]) & jnp.tri(len(worst), k=-1, dtype=bool)
-    beaten = jnp.any(same_group & ((worst > worst[:, None]) | as_good_before), axis=-1)
-    of_zones = cones.bound[:, len(directions) :] & ~beaten[:, None]
-    return jnp.concatenate([above & limited, ~above & limited, of_zones.ravel(), jnp.zeros(1, bool)])
+    sights = cones.sights(jnp.asarray(spacecraft.mounts, attitude.dtype), boresights)
+    margins = state_margins(cones, sights, attitude, joints)
+    chosen = chosen_entries(cones, jnp.min(margins, axis=-1, initial=jnp.inf))
+    capped = pairs_at_goal(cones, sights, directions).capped & (cones.entry == chosen)[:, None]
+    if cones.inner:  # a yaw more than a quarter turn off its bound is on the other side of that's plane
+        capped = capped & ~(single_yaws(cones)[:, None] & (margins > jnp.pi / 2))
+    of_rows = capped[:, _columns(cones, len(directions))]
+    return jnp.concatenate([above & limited, ~above & limited, of_rows.ravel(), jnp.zeros(1, bool)])
 
 
 def _limits(spacecraft: Spacecraft, targets: Targets, dtype: jnp.dtype) -> Array:

@@ -37,9 +37,9 @@ def tracking_rates(
         spacecraft: terminals and instruments.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all zones as they are then.
+        cones: all constraints as they are then.
         target_rates: (n, 3) 1/s, derivatives of the targets' directions.
-        axis_rates: (Z, 3) 1/s, those of the cones' axes.
+        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
 
     Returns:
         (3,) angular velocity, rad/s, body axes, and (2n,) joint rates, rad/s: together they turn every

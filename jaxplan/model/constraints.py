@@ -299,6 +299,26 @@ def best_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
     return xp.where(rows.group == number, best, xp.inf)
 
 
+def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
+    """The entry by which each row's constraint holds best, the first of several as good.
+
+    Args:
+        rows: the constraints.
+        margin: (..., Z) rad of every row.
+
+    Returns:
+        (..., Z) int, numbers of entries as in `Constraints.entry`.
+    """
+    xp, given = arrays(margin)
+    same_entry = rows.entry[:, None] == rows.entry[None, :]
+    same_group = rows.group[:, None] == rows.group[None, :]
+    of_entry = xp.min(xp.where(same_entry, given[..., None, :], xp.inf), axis=-1, initial=xp.inf)
+    best = xp.max(xp.where(same_group, of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
+    as_good = same_group & (of_entry[..., None, :] == best[..., :, None])
+    count = rows.entry.shape[0]
+    return xp.min(xp.where(as_good, rows.entry, count), axis=-1, initial=count)
+
+
 def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
     """Margin of every constraint, (..., Z) as `best_entries` has it, from those of its pairs (..., Z, S)."""
     xp, given = arrays(margin)

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.decomposition import decompose
+from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.tracking import tracking_rates
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
@@ -17,6 +18,9 @@ from jaxplan.scenario import GivenState, MovingTargets, Scenario, Targets
 from jaxplan.scenario.moments import at, moves, target_rates
 from jaxplan.status import Status
 from jaxplan.zones import tabulate
+
+CANDIDATES = 16
+"""Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""
 
 
 def find_goals(
@@ -29,24 +33,27 @@ def find_goals(
         attitude: (3, 3) of the start.
         time: s, when the manoeuvre ends; it matters only where something moves, and must be given there.
     """
-    end = 0.0 if time is None else time
+    end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     then = at(scenario, end)
     if isinstance(then.goal, GivenState):
         candidates: tuple[Goal, ...] = (_given(then.goal, attitude),)
     else:
         assert isinstance(then.goal, Targets)  # none moves at an instant
-        cones = tabulate(then.keep_out, then.keep_in, scenario.spacecraft.device_names)
+        craft = scenario.spacecraft
+        cones = tabulate(then.keep_out, then.keep_in, craft.device_names)
+        sights = cones.sights(craft.mounts, craft.fixed_boresights)
+        unsure = leaves_open(cones, sights, then.goal.directions)
         found = decompose(
-            scenario.spacecraft,
+            craft,
             attitude,
             then.goal,
             cones,
             max_slew=largest_slew(scenario),
-            max_goals=scenario.search.max_goals,
+            max_goals=max(wanted, CANDIDATES) if unsure else wanted,
             seed=scenario.search.seed,
         )
         if not found.goals:
-            message = messages.unreachable(then, found) + messages.when(scenario, end)
+            message = messages.unreachable(then, cones, found) + messages.when(scenario, end)
             return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
         candidates = found.goals
     if moves(scenario):
@@ -59,7 +66,7 @@ def find_goals(
     if not valid:
         message = messages.invalid(broken[0]) + messages.when(scenario, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
-    return valid
+    return valid[:wanted]
 
 
 def _arriving(

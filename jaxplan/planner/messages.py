@@ -7,6 +7,8 @@ import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
+from jaxplan.model.constraints import Constraints
+from jaxplan.planner.validity import sight_name
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.moments import moves
 from jaxplan.search import Barrier, Scene, SearchResult, alone_and_grouped, most_obstructive
@@ -27,8 +29,8 @@ def invalid(broken: Sequence[str]) -> str:
     return "; ".join(broken)
 
 
-def unreachable(scenario: Scenario, found: Decomposition) -> str:
-    """Of targets that no attitude reaches."""
+def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
+    """Of targets that no attitude reaches beside the rows of the scenario's constraints."""
     craft = scenario.spacecraft
     if found.worst_joint is not None and found.joint_excess > 0:
         return (
@@ -38,8 +40,9 @@ def unreachable(scenario: Scenario, found: Decomposition) -> str:
         )
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+        sight = sight_name(craft, rows, found.worst_device)
         return (
-            f"at best {craft.device_names[found.worst_device]} breaks zone {zones[found.worst_zone].name} "
+            f"at best {sight} breaks zone {zones[found.worst_zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.

@@ -1,12 +1,21 @@
-"""Whether a state is within the joint limits and clear of every zone, said in words when it is not."""
+"""Whether a state is within the limits and meets every constraint, said in words when it is not."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jaxplan import zones
-from jaxplan.model.constraints import state_margins
+from jaxplan.model.constraints import (
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    best_entries,
+    chosen_entries,
+    state_margins,
+)
 from jaxplan.scenario import Scenario
+from jaxplan.spacecraft import Spacecraft
+from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 # What rounding may cost at the very limit, rad; the certificate allows the same.
 ROUNDING = 1e-9
@@ -78,25 +87,78 @@ def _overruns(
             yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
 
 
-def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> list[str]:
+def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> Iterator[str]:
     craft = scenario.spacecraft
-    cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-    sights = cones.sights(craft.mounts, craft.fixed_boresights)
-    table = state_margins(cones, sights, np.asarray(attitude), np.asarray(joints))
-    every: Sequence[zones.KeepOut | zones.KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    found = []
-    for row, zone in enumerate(every):
-        group = zone.any_of if isinstance(zone, zones.KeepIn) else None
-        worst = table[row].min(initial=np.inf)
-        if group is not None:
-            members = [k for k in range(len(every)) if cones.group[k] == cones.group[row]]
-            if members[0] != row:
-                continue  # the group has been looked at
-            best = max(members, key=lambda k: table[k].min())
-            row, worst = best, table[best].min()
-        if not worst >= -ROUNDING:
-            device = craft.device_names[int(np.argmin(table[row]))]
-            side = "outside keep-in zone" if cones.side[row] < 0 else "inside keep-out zone"
-            name = every[row].name + (f", the nearest of group {group}," if group else "")
-            found.append(f"{device} is {np.rad2deg(-worst):.4g} deg {side} {name}".rstrip(","))
-    return found
+    rows = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
+    groups = [zone.any_of if isinstance(zone, KeepIn) else None for zone in zones]
+    yield from constraint_breaches(rows, craft, attitude, joints, [zone.name for zone in zones], groups)
+
+
+def constraint_breaches(
+    rows: Constraints,
+    spacecraft: Spacecraft,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    names: Sequence[str],
+    groups: Sequence[str | None],
+) -> Iterator[str]:
+    """Every pointing constraint that a state breaks, a phrase each.
+
+    Args:
+        rows: the constraints, at an instant.
+        spacecraft: whose devices they bind.
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad.
+        names: of the rows, without padding.
+        groups: likewise the name of the group that a row's constraint is, None where it has none.
+
+    Yields:
+        The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
+    """
+    sights = rows.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
+    worst = np.min(table, axis=-1, initial=np.inf)
+    chosen = chosen_entries(rows, worst)
+    for leader in np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING)):
+        row = int(np.argmin(np.where(rows.entry == chosen[leader], worst, np.inf)))
+        sight = int(np.argmin(table[row]))
+        name = names[row] if groups[row] is None else f"{names[row]}, the nearest of group {groups[row]}"
+        overlap = f"{np.rad2deg(-worst[row]):.4g} deg"
+        yield f"{sight_name(spacecraft, rows, sight)} is {overlap} {_where(rows, spacecraft, row, name)}"
+
+
+def _where(rows: Constraints, spacecraft: Spacecraft, row: int, name: str) -> str:
+    """Where a sight is that breaks a row."""
+    if rows.frame[row] == JOINTS:
+        return f"beyond mask {name}, of its joints"
+    side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"
+    if rows.frame[row] == INERTIAL:
+        return f"{side} zone {name}"
+    if rows.frame[row] == SIGHT:
+        return f"{side} cone {name}, about {sight_name(spacecraft, rows, rows.partner[row], 'the beam of ')}"
+    return f"{side} cone {name}, about {_axis_name(rows.axis[row])}"
+
+
+def sight_name(spacecraft: Spacecraft, rows: Constraints, sight: int, device: str = "") -> str:
+    """What a sight is called.
+
+    Args:
+        spacecraft: whose devices are the first sights.
+        rows: the constraints that bind the others.
+        sight: its number.
+        device: what to put before a device's name.
+    """
+    names = spacecraft.device_names
+    if sight < len(names):
+        return device + names[sight]
+    number = sight - len(names)
+    if number < len(rows.body):
+        return _axis_name(rows.body[number])
+    number -= len(rows.body)
+    vector = ", ".join(f"{part:.3g}" for part in rows.carried[number])
+    return f"direction ({vector}) of {names[rows.carrier[number]]}"
+
+
+def _axis_name(axis: np.ndarray) -> str:
+    return f"axis ({', '.join(f'{part:.3g}' for part in axis)}) of the body"
