@@ -39,7 +39,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
-from jaxplan.geometry.arrays import AnyArray, arrays
+from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.moving import DirectionPath
 from jaxplan.spacecraft import pointing
 
@@ -69,6 +69,13 @@ class Sights:
     def count(self) -> int:
         """Number of sights, S."""
         return self.mounts.shape[0] + self.fixed.shape[0] + self.carried.shape[0]
+
+    @property
+    def carriers(self) -> np.ndarray:
+        """(S,) int, the terminal whose moving part each sight is fixed to; -1 of those fixed to the body."""
+        return np.concatenate(
+            [np.arange(len(self.mounts)), np.full(len(self.fixed), -1), np.asarray(self.carrier, int)]
+        )
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
         """Unit vectors (..., S, 3) in body axes at joints (..., 2n), by equation (13)."""
@@ -162,6 +169,12 @@ class Constraints:
         shape = (-1, *(1,) * trailing)
         parts = {name: getattr(self, name).reshape(shape) for name in ("frame", "side", "half_angle")}
         return replace(self, **parts)
+
+    def some(self, which: ArrayLike) -> Self:
+        """Some of the rows by number (r,), each by itself; of entries and constraints nothing is said."""
+        names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group")
+        xp = array_module(which)
+        return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> np.ndarray:
         """Axes (..., Z, 3) at times (...), s: those that move where they are then, the others as they are."""
@@ -317,6 +330,21 @@ def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
     as_good = same_group & (of_entry[..., None, :] == best[..., :, None])
     count = rows.entry.shape[0]
     return xp.min(xp.where(as_good, rows.entry, count), axis=-1, initial=count)
+
+
+def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
+    """Which rows count: of every constraint those of the entry that holds best, the first of equal ones.
+
+    Args:
+        rows: the constraints.
+        margin: (..., Z) rad, as of `best_entries`.
+
+    Returns:
+        (..., Z) bool.
+    """
+    if np.all(np.bincount(rows.group, minlength=1) <= 1):
+        return np.ones(margin.shape, dtype=bool)
+    return np.asarray(chosen_entries(rows, margin) == rows.entry)
 
 
 def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:

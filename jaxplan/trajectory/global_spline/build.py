@@ -1,17 +1,15 @@
 """From a path to the task that `sqp` works on, and from its curve to a trajectory."""
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
 from jaxplan.trajectory.global_spline.linear_rows import Tube
-from jaxplan.trajectory.global_spline.motion import cosines, margins
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import along
@@ -153,28 +151,20 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
 
 
 def wanted_margins(asked: Sequence[tuple[Problem, Request]]) -> list[np.ndarray]:
-    """Margins to keep (D, Z), rad: no more than half of what the ends and the zone itself leave."""
-    found = end_margins([problem for problem, _ in asked], [request for _, request in asked])
+    """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
     answers = []
-    for (problem, _), own in zip(asked, found, strict=True):
-        cones = problem.cones
-        room = np.where(cones.side > 0, np.inf, cones.half_angle)  # of a group whose other zone holds there
-        left = np.minimum(np.maximum(np.min(own, axis=0), 0), room)
-        answers.append(np.minimum(CLEARANCE, OF_ENDS * left))
+    for problem, request in asked:
+        least = np.maximum(np.min(end_margins(problem, request), axis=0), 0)
+        # The room is for rows of an entry beside which another one holds at both ends.
+        answers.append(np.minimum(np.minimum(CLEARANCE, room(problem.cones)), OF_ENDS * least))
     return answers
 
 
-def end_margins(problems: Sequence[Problem], requests: Sequence[Request]) -> list[np.ndarray]:
-    """Margins (2, D, Z) at start and goal of each, as `Motion` has them."""
-    alike: dict[Any, list[int]] = defaultdict(list)
-    for number, problem in enumerate(problems):
-        cones, craft = problem.cones, problem.spacecraft
-        alike[cones.bound.shape, len(craft.terminals), bool(cones.paths)].append(number)
-    found: dict[int, np.ndarray] = {}
-    for numbers in alike.values():
-        own = [problems[number] for number in numbers]
-        attitudes = np.stack([requests[number].attitudes[[0, -1]] for number in numbers])
-        joints = np.stack([requests[number].joints[[0, -1]] for number in numbers])
-        seen = cosines(own, np.tile([0.0, 1.0], (len(own), 1)), attitudes, joints)
-        found.update(zip(numbers, margins([problem.cones for problem in own], seen), strict=True))
-    return [found[number] for number in range(len(problems))]
+def end_margins(problem: Problem, request: Request) -> np.ndarray:
+    """Margins (2, D, Z) at start and goal, rad, as `Motion` has them."""
+    cones, joints = problem.cones, request.joints[[0, -1]]
+    seen = problem.sights.in_body(joints)
+    axes = axes_in_body(cones, problem.axes(np.array([0.0, 1.0])) @ request.attitudes[[0, -1]], seen)
+    margins = pair_margins(cones, seen, axes, joints)
+    kept = counted(cones, np.min(margins, axis=2, initial=np.inf))
+    return np.asarray(np.swapaxes(np.where(kept[..., None], margins, np.inf), 1, 2))

@@ -76,8 +76,8 @@ class ZoneRows:
         on: (R,) bool.
         place: (R,).
         row: (R, n) of the basis there.
-        device: (R,) int.
-        zone: (R,) int.
+        device: (R,) int, the sight.
+        zone: (R,) int, the row of the constraints.
     """
 
     on: Traced
@@ -106,7 +106,7 @@ class Held:
         long_way: 1 where the chart turns the long way round, else 0.
         tightened: (Q, 3) share of the limits on the platform's loads that the rows take.
         widened: of the tube that was asked for, the one that was kept.
-        counted: (2, D, Z) bool, which margins at the two ends count: of a group those of the best zone.
+        counted: (2, D, Z) bool, which margins at the two ends count: of a constraint those of the best entry.
         duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
         linear: rows that bind, as the next two.
         loads: of the platform's.

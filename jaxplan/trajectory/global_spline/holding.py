@@ -170,7 +170,7 @@ class Origin:
             long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
             tightened=problem.limits / np.where(np.isfinite(own.limits), own.limits, 1),
             widened=np.array(self._widened()),
-            counted=np.isfinite(end_margins([problem], [self.attempt.request])[0]),
+            counted=np.isfinite(end_margins(problem, self.attempt.request)),
             duration=np.array(at.duration[0] if self.stretched else np.nan),
             linear=linear,
             loads=loads,

@@ -10,10 +10,10 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
-from jaxplan.model.constraints import Constraints, angle_between
+from jaxplan.model.constraints import Constraints, Sights, room, state_margins
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft, body_boresights
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.build import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.global_spline.held import Held, Traced
 from jaxplan.trajectory.global_spline.job import TUBE_RADIUS
@@ -35,9 +35,8 @@ class Inputs:
         limits: (Q, 3) of the platform's loads, in the place.
         wanted: (D, Z) rad, margins to keep.
         inertia: (3, 3).
-        mounts: (n,) rad.
-        fixed: (I, 3) boresights of the instruments.
-        cones: the zones.
+        cones: the pointing constraints.
+        sights: what they bind, D of them.
         dynamic: whether torque and momentum are among the loads.
         jerky: whether the jerk is.
     """
@@ -51,9 +50,8 @@ class Inputs:
     limits: Traced
     wanted: Traced
     inertia: Traced
-    mounts: Traced
-    fixed: Traced
     cones: Constraints
+    sights: Sights
     dynamic: bool = field(metadata={"static": True})
     jerky: bool = field(metadata={"static": True})
 
@@ -97,13 +95,10 @@ def gather_inputs(
     if craft.jerk_limit is not None:
         limits.append(craft.jerk_limit)
     powers = np.array(held.powers)[:, None]
-    body = body_boresights(craft.mounts, craft.fixed_boresights, joints[jnp.array([0, -1])])
-    margins = cones.side * (
-        _angles(body @ jnp.swapaxes(attitudes[jnp.array([0, -1])], -1, -2), cones) - cones.half_angle
-    )
-    margins = jnp.where(held.counted, margins, jnp.inf)
-    room = jnp.where(cones.side > 0, jnp.inf, cones.half_angle)
-    wanted = jnp.minimum(CLEARANCE, OF_ENDS * jnp.minimum(jnp.maximum(jnp.min(margins, axis=0), 0), room))
+    sights, at_ends = cones.sights(craft.mounts, craft.fixed_boresights), jnp.array([0, -1])
+    margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends]), 1, 2)
+    left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
+    wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), OF_ENDS * jnp.maximum(left, 0))
     return Inputs(
         attitude=first,
         turn=turn,
@@ -116,17 +111,11 @@ def gather_inputs(
         * duration**powers,
         wanted=wanted,
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
-        mounts=jnp.asarray(craft.mounts),
-        fixed=jnp.asarray(craft.fixed_boresights),
         cones=cones,
+        sights=sights,
         dynamic=dynamic,
         jerky=craft.jerk_limit is not None,
     )
-
-
-def _angles(boresights: Array, cones: Constraints) -> Traced:
-    """(..., D, Z) between devices (..., D, 3) and zones' axes."""
-    return angle_between(boresights[..., :, None, :], jnp.asarray(cones.axis))
 
 
 def _positive(length: Array) -> Traced:

@@ -163,7 +163,7 @@ class Attempt:
         trajectory: of the curve.
         peaks: over all time.
         clear: whether zones are kept at the places, with some of the clearance.
-        breach: device that breaks a zone, and by how much (rad); None where none does.
+        breach: what breaks a zone, by name, and by how much (rad); None where none does.
         tube: rad, how far nodes are beyond it; zero or less where they are within.
     """
 
@@ -304,7 +304,7 @@ def attempt_at(
         trajectory=curve,
         peaks=found,
         clear=bool(np.all(point.margins >= _KEPT * task.wanted)),
-        breach=_breach(point.margins, job.spacecraft),
+        breach=_breach(point.margins, job),
         tube=float(point.violations[TUBE]),
     )
 
@@ -324,9 +324,11 @@ def _nearby(job: Job, first: sqp.Begin) -> Steps[Point]:
     return point
 
 
-def _breach(margins: np.ndarray, craft: Spacecraft) -> tuple[str, float] | None:
-    """Of margins (S, D, Z)."""
+def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:
+    """Of margins (S, D, Z); axes of the body go by the name of the body, what terminals carry by theirs."""
     if np.all(margins >= -_ROUNDING):
         return None
-    _, device, _ = np.unravel_index(np.argmin(margins), margins.shape)
-    return craft.device_names[device], -float(np.min(margins))
+    _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
+    names, cones = job.spacecraft.device_names, job.cones
+    carriers = [names[terminal] for terminal in cones.carrier]
+    return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))

@@ -10,28 +10,38 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.model.constraints import Constraints
+from jaxplan.model.constraints import (
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    axes_in_body,
+    counted,
+    joint_values,
+    margins_of_scores,
+    scores,
+)
 from jaxplan.trajectory.global_spline import kernels
 from jaxplan.trajectory.global_spline.problem import Problem
 
-_NEAR_AXIS = 1e-6  # least sine of an angle to a zone's axis, where the margin has no slope
+_NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """A stack of curves at S places.
+    """A stack of curves at S places, with D sights and Z rows of constraints.
 
     Attributes:
-        problems: chart, spacecraft and zones of each; they have as many devices and zones and the same loads.
+        problems: chart, spacecraft and constraints of each; they have as many terminals, sights of each sort
+            and rows, and the same loads.
         places: (G, S) in [0, 1].
         curves: (G, 4, S, 3 + 2n) ``b`` and joints with three derivatives.
         attitude: (G, S, 3, 3) body to inertial.
         tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
         loads: (G, S, Q, 3) of the platform.
-        body: (G, S, D, 3) boresights in body axes.
-        body_slopes: (G, S, 2, n, 3) their derivatives in yaw and in pitch.
-        cosines: (G, S, D, Z) of the angles between boresights and zones' axes.
-        margins: (G, S, D, Z) rad; +inf where a zone does not bind a device, and for all entries of a group
+        body: (G, S, D, 3) sights in body axes.
+        axes: (G, S, Z, 3) of the rows, in body axes.
+        cosines: (G, S, D, Z) of the angles between sights and axes.
+        margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best.
     """
 
@@ -42,7 +52,7 @@ class Motion:
     tangent: np.ndarray
     loads: np.ndarray
     body: np.ndarray
-    body_slopes: np.ndarray
+    axes: np.ndarray
     cosines: np.ndarray
     margins: np.ndarray
     _load_slopes: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
@@ -60,14 +70,15 @@ class Motion:
         return self._load_slopes[curve]
 
     @cached_property
-    def _zones(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sides (G, Z) of the zones, and their axes (G, S, Z, 3)."""
-        cones = [problem.cones for problem in self.problems]
-        sides = np.stack([own.side for own in cones])
-        if cones[0].paths:
-            return sides, _moving_axes(self.problems, self.places)
-        axes = np.stack([own.axis for own in cones])[:, None]
-        return sides, np.broadcast_to(axes, (*self.places.shape, *axes.shape[2:]))
+    def carriers(self) -> np.ndarray:
+        """(G, D) int, terminals that carry the sights; -1 of those fixed to the body."""
+        return np.stack([problem.sights.carriers for problem in self.problems])
+
+    @cached_property
+    def _rows(self) -> dict[str, np.ndarray]:
+        """Of the rows, all (G, Z) but for axes, which are (G, Z, 3) and of rows of joints ``f``."""
+        names = ("side", "frame", "partner", "axis")
+        return {name: np.stack([getattr(problem.cones, name) for problem in self.problems]) for name in names}
 
     @cached_property
     def finite(self) -> np.ndarray:
@@ -96,36 +107,93 @@ class Motion:
                 found._load_slopes[number] = known[number]
         return found
 
+    def reach(self, step: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
+
+        Args:
+            step: (g, S, 3 + 2n) change of ``b`` and joints.
+            which: (g,) numbers of the curves.
+
+        Returns:
+            (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
+        """
+        moved = np.abs(step)
+        count = (moved.shape[2] - 3) // 2
+        x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
+        platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
+        joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
+        np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
+        own = np.take_along_axis(joints, self.carriers[which][:, None], axis=2)
+        if not self.problems[0].cones.inner:
+            return (platform + own)[..., None]
+        frame, partner = self._rows["frame"][which][:, None], self._rows["partner"][which][:, None]
+        axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
+        return own[..., None] + np.where(frame == INERTIAL, platform, axes)[:, :, None]
+
     def margin_slopes(
-        self, curve: np.ndarray, place: np.ndarray, device: np.ndarray, zone: np.ndarray
+        self, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
     ) -> np.ndarray:
         """Derivatives of some margins in ``b`` and the joints.
 
         Args:
             curve: (R,) number.
             place: (R,) index of a place.
-            device: (R,) index.
-            zone: (R,) index.
+            sight: (R,) index.
+            row: (R,) index.
 
         Returns:
-            (R, 3 + 2n) of ``side * (angle - half angle)``; the angle falls by ``d cos / sin``.
+            (R, 3 + 2n) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of
+            joints ``f``.
         """
-        joints = self.body_slopes.shape[3]
-        sides, directions = self._zones
-        side, axes = sides[curve, zone], directions[curve, place, zone]
-        cosine = self.cosines[curve, place, device, zone]
+        seen, axis = self.body[curve, place, sight], self.axes[curve, place, row]
+        cosine, side = self.cosines[curve, place, sight, row], self._rows["side"][curve, row]
         factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
-        axis = np.einsum("ri,rij->rj", axes, self.attitude[curve, place])  # in the body
-        slopes = np.zeros((len(place), 3 + 2 * joints))
-        # A rotation d of the body takes the boresight v to v + d x v, and axis . (d x v) = d . (v x axis).
-        turning = _cross(self.body[curve, place, device], axis)
-        slopes[:, :3] = np.einsum("rk,rka->ra", turning, self.tangent[curve, place])
-        row = np.flatnonzero(device < joints)
-        own = self.body_slopes[curve[row], place[row], :, device[row]]  # (rows, 2, 3), of yaw and pitch
+        slopes = np.zeros((len(place), self.curves.shape[3]))
+        # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
+        slopes[:, :3] = np.einsum("rk,rka->ra", _cross(seen, axis), self.tangent[curve, place])
+        self._add_turns(slopes, curve, place, sight, seen, axis)
+        if not self.problems[0].cones.inner:
+            return slopes * factor[:, None]
+        frame, partner = self._rows["frame"][curve, row], self._rows["partner"][curve, row]
+        slopes[frame != INERTIAL, :3] = 0.0
+        of = np.flatnonzero(frame == SIGHT)
+        both = slopes[of]
+        self._add_turns(both, curve[of], place[of], partner[of], axis[of], seen[of])
+        slopes[of] = both
+        slopes *= factor[:, None]
+        of = np.flatnonzero(frame == JOINTS)
+        slopes[of] = 0.0
         for part in range(2):
-            turned = own[:, part] * axis[row]
-            slopes[row, 3 + part * joints + device[row]] = turned[:, 0] + turned[:, 1] + turned[:, 2]
-        return slopes * factor[:, None]
+            column = 3 + part * self._terminals + sight[of]
+            slopes[of, column] = self._rows["axis"][curve[of], row[of], part]
+        return slopes
+
+    @property
+    def _terminals(self) -> int:
+        return (self.curves.shape[3] - 3) // 2
+
+    def _add_turns(
+        self,
+        slopes: np.ndarray,
+        curve: np.ndarray,
+        place: np.ndarray,
+        sight: np.ndarray,
+        seen: np.ndarray,
+        other: np.ndarray,
+    ) -> None:
+        """Add to slopes (R, 3 + 2n) how ``sight . other`` changes with the joints that turn the sight.
+
+        The yaw turns it about z, the pitch about ``(sin a, -cos a, 0)``, ``a`` being the azimuth.
+        """
+        carrier = self.carriers[curve, sight]
+        row = np.flatnonzero(carrier >= 0)
+        yaw, place, curve = 3 + carrier[row], place[row], curve[row]
+        mounts = np.stack([problem.sights.mounts for problem in self.problems])
+        azimuth = self.curves[curve, 0, place, yaw] + mounts[curve, yaw - 3]
+        (x, y, z), (a, b, c) = seen[row].T, other[row].T
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        slopes[row, yaw] += b * x - a * y
+        slopes[row, yaw + self._terminals] += c * (cos * x + sin * y) - z * (cos * a + sin * b)
 
 
 _ARRAYS = (
@@ -135,7 +203,7 @@ _ARRAYS = (
     "tangent",
     "loads",
     "body",
-    "body_slopes",
+    "axes",
     "cosines",
     "margins",
 )
@@ -145,7 +213,7 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
     """The motions of a stack of curves.
 
     Args:
-        problems: chart, spacecraft and zones of each; zones move in all of them or in none.
+        problems: chart, spacecraft and constraints of each; axes move in all of them or in none.
         places: (G, S) in [0, 1].
         curves: (G, 4, S, 3 + 2n) values and derivatives.
     """
@@ -159,8 +227,10 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
         for problem, *own in zip(problems, places, curves, strict=True)
     ]
     attitude, tangent, loads = (np.stack(arrays) for arrays in zip(*found, strict=True))
-    body, body_slopes = _body(problems, curves[:, 0, :, 3:])
-    own_cosines = _cosines(problems, places, attitude, body)
+    joints = curves[:, 0, :, 3:]
+    body = np.stack([problem.sights.in_body(own) for problem, own in zip(problems, joints, strict=True)])
+    axes = _axes(problems, places, attitude, body)
+    cosines = np.asarray(body @ np.swapaxes(axes, -1, -2))
     return Motion(
         problems=problems,
         places=places,
@@ -169,62 +239,34 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
         tangent=tangent,
         loads=loads,
         body=body,
-        body_slopes=body_slopes,
-        cosines=own_cosines,
-        margins=margins([problem.cones for problem in problems], own_cosines),
+        axes=axes,
+        cosines=cosines,
+        margins=np.stack([_margins(*own) for own in zip(problems, cosines, joints, strict=True)]),
     )
 
 
-def cosines(
-    problems: Sequence[Problem], places: np.ndarray, attitudes: np.ndarray, joints: np.ndarray
+def _axes(
+    problems: Sequence[Problem], places: np.ndarray, attitude: np.ndarray, body: np.ndarray
 ) -> np.ndarray:
-    """Cosines of `Motion` at places (G, S) for attitudes (G, S, 3, 3) and joints (G, S, 2n)."""
-    return _cosines(problems, places, attitudes, _body(problems, joints)[0])
+    """(G, S, Z, 3) of the rows, in body axes."""
+    cones = [problem.cones for problem in problems]
+    if cones[0].paths:
+        inertial = np.stack([problem.axes(own) for problem, own in zip(problems, places, strict=True)])
+    else:
+        inertial = np.stack([own.axis for own in cones])[:, None]
+    turned = inertial @ attitude
+    if not cones[0].inner:
+        return np.asarray(turned)
+    return np.stack([axes_in_body(*own) for own in zip(cones, turned, body, strict=True)])
 
 
-def margins(cones: Sequence[Constraints], angle_cosines: np.ndarray) -> np.ndarray:
-    """Margins (G, S, D, Z) as `Motion` has them, from the cosines (G, S, D, Z)."""
-    side, half, bound = (
-        np.stack(parts)[:, None]
-        for parts in zip(*((own.side[None], own.half_angle[None], own.bound.T) for own in cones), strict=True)
-    )
-    found = side * (np.arccos(np.clip(angle_cosines, -1, 1)) - half)
-    found = np.where(bound, found, np.inf)
-    for own, one in zip(cones, found, strict=True):
-        for leader in np.flatnonzero(np.bincount(own.group, minlength=1) > 1):
-            members = np.flatnonzero(own.group == leader)
-            best = np.argmax(one[:, :, members].min(axis=1), axis=1)
-            others = members[None, :] != members[best][:, None]
-            one[:, :, members] = np.where(others[:, None, :], np.inf, one[:, :, members])
-    return found
-
-
-def _cosines(
-    problems: Sequence[Problem], places: np.ndarray, attitudes: np.ndarray, body: np.ndarray
-) -> np.ndarray:
-    seen = body @ np.swapaxes(attitudes, -1, -2)
-    if problems[0].cones.paths:
-        return np.asarray(seen @ np.swapaxes(_moving_axes(problems, places), -1, -2))
-    directions = np.stack([problem.cones.axis.T for problem in problems])
-    return np.asarray(seen @ directions[:, None])
-
-
-def _moving_axes(problems: Sequence[Problem], places: np.ndarray) -> np.ndarray:
-    """(G, S, Z, 3) of the zones."""
-    return np.stack([problem.axes(own) for problem, own in zip(problems, places, strict=True)])
-
-
-def _body(problems: Sequence[Problem], joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boresights (G, S, D, 3) in body axes (equation 13), and of terminals their slopes (G, S, 2, n, 3)."""
-    yaw, pitch = np.split(joints, 2, axis=-1)
-    azimuth = yaw + np.stack([problem.spacecraft.mounts for problem in problems])[:, None]
-    (sin_a, sin_p), (cos_a, cos_p) = np.sin([azimuth, pitch]), np.cos([azimuth, pitch])
-    moving = np.stack([cos_p * cos_a, cos_p * sin_a, sin_p], axis=-1)
-    by_yaw = np.stack([-cos_p * sin_a, cos_p * cos_a, np.zeros_like(sin_a)], axis=-1)
-    by_pitch = np.stack([-sin_p * cos_a, -sin_p * sin_a, cos_p], axis=-1)
-    fixed = np.stack([np.asarray(problem.spacecraft.fixed_boresights, float) for problem in problems])
-    still = np.broadcast_to(fixed[:, None], (*joints.shape[:2], *fixed.shape[1:]))
-    return np.concatenate([moving, still], axis=2), np.stack([by_yaw, by_pitch], axis=2)
+def _margins(problem: Problem, cosines: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """(S, D, Z) as `Motion` has them, from cosines (S, D, Z) and joints (S, 2n)."""
+    cones = problem.cones
+    values = joint_values(cones, joints) if cones.inner else None
+    found = margins_of_scores(cones, scores(cones, cosines, values))
+    found = np.where(cones.bound.T, found, np.inf)
+    return np.where(counted(cones, np.min(found, axis=1, initial=np.inf))[:, None], found, np.inf)
 
 
 def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -101,14 +101,9 @@ class Zones:
 
     def change(self, step: Step) -> np.ndarray:
         """See `Family`; zero of rows that stay far."""
-        room, joints = taken(self.room, step.which), self.motion.body_slopes.shape[3]
-        # No margin changes by more than the boresight turns, nor that by more than what moves it.
-        x, y, z, *moved = np.abs(np.moveaxis(step.curves[:, 0], 2, 0))
-        reach = np.empty(room.shape[:3])
-        reach[:] = (self.near + np.sqrt(x * x + y * y + z * z))[:, :, None]
-        for terminal in range(joints):
-            reach[:, :, terminal] += moved[terminal] + moved[joints + terminal]
-        own, *rest = numbers(room < reach[..., None])
+        room = taken(self.room, step.which)
+        reach = self.near + self.motion.reach(step.curves[:, 0], step.which)
+        own, *rest = numbers(room < reach)
         local = self.motion.margin_slopes(step.which[own], *rest)
         change = np.zeros_like(room)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, step.curves[own, 0, rest[0]])
@@ -120,7 +115,7 @@ class Zones:
         return Slopes(local[:, None], self.rows[index[0], 0, index[1]][:, None])
 
     def chosen(self, wanted: np.ndarray, room: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """See `Family`; thinned, and of a group only the entry that holds best."""
+        """See `Family`; thinned, and of a constraint only the entry that holds best."""
         return wanted & _telling(room) & np.isfinite(self.room[which])
 
 

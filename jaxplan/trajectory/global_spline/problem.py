@@ -1,11 +1,12 @@
-"""What does not change while a curve is looked for: chart, spacecraft with its limits, zones."""
+"""What does not change while a curve is looked for: chart, spacecraft with its limits, constraints."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.model.constraints import Constraints
+from jaxplan.model.constraints import Constraints, Sights
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.chart import Chart
 
@@ -17,8 +18,8 @@ class Problem:
     Attributes:
         chart: of the platform.
         spacecraft: its limits.
-        cones: the zones.
-        horizon: s, when zones that move are taken to be where they are at the end.
+        cones: the pointing constraints.
+        horizon: s, when axes that move are taken to be where they are at the end.
         limits: (Q, 3) of the platform's loads, in time.
         powers: (Q,) of 1 / duration in the loads.
         dynamic: whether torque and momentum are among the loads.
@@ -42,8 +43,13 @@ class Problem:
         given = self.spacecraft.inertia
         return np.eye(3) if given is None else np.asarray(given, float)
 
+    @cached_property
+    def sights(self) -> Sights:
+        """What the constraints bind, D of them."""
+        return self.cones.sights(self.spacecraft.mounts, np.asarray(self.spacecraft.fixed_boresights, float))
+
     def axes(self, places: np.ndarray) -> np.ndarray:
-        """Axes (S, Z, 3) of the zones at places (S,) in [0, 1], where some move."""
+        """Axes (S, Z, 3) of the rows at places (S,) in [0, 1], inertial unless they are of the body."""
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
     @classmethod

@@ -16,10 +16,16 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.first_order import first_derivatives_only
-from jaxplan.model.constraints import Constraints, angle_between
+from jaxplan.model.constraints import (
+    Constraints,
+    axes_in_body,
+    joint_values,
+    margins_of_scores,
+    scores,
+)
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft, body_boresights
+from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
@@ -177,11 +183,11 @@ def _zone_row(inputs: Inputs, row: ZoneRows, z: Traced) -> Traced:
     """One margin at one place, from ``b`` and joints (3 + 2n,)."""
     half = so3.exp(row.place * inputs.turn / 2)
     attitude = inputs.attitude @ half @ so3.exp(z[:3] - row.place * inputs.turn) @ half
-    body = body_boresights(inputs.mounts, inputs.fixed, z[3:])[row.device]
-    cones, zone = inputs.cones, row.zone
-    angle = angle_between(attitude @ body, jnp.asarray(cones.axis)[zone])
-    margin = jnp.asarray(cones.side)[zone] * (angle - jnp.asarray(cones.half_angle)[zone])
-    return inputs.wanted[row.device, zone] - margin
+    cones, seen = inputs.cones.some(row.zone[None]), inputs.sights.in_body(z[3:])
+    axis = axes_in_body(cones, cones.axis @ attitude, seen)[0]
+    values = joint_values(cones, z[3:])[row.device] if cones.inner else None
+    margin = margins_of_scores(cones, scores(cones, (seen[row.device] @ axis)[None], values))
+    return inputs.wanted[row.device, row.zone] - margin[0]
 
 
 def _matrix(held: Held, inputs: Inputs, z: Traced) -> Traced:

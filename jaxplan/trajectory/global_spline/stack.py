@@ -56,6 +56,8 @@ class Task:
             len(problem.spacecraft.terminals),
             problem.names,
             bool(problem.cones.paths),
+            problem.cones.inner,
+            len(problem.cones.carried),
             None if self.tube is None else -(-len(self.tube.rows) // _TUBE_NODES),
             bool(np.any(self.space.by_time)),
             self.limited,
