@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import arrays
+from jaxplan.geometry.directions import separation
 from jaxplan.given import floats
 
 FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
@@ -120,7 +121,7 @@ class DirectionPath:
             last: s, not before.
         """
         seen = self.at(np.linspace(first, last, _PLACES))
-        apart = np.arctan2(np.linalg.norm(np.cross(axis, seen), axis=-1), seen @ axis)
+        apart = separation(axis, seen)
         between = self.largest_rate(first, last) * (last - first) / (_PLACES - 1) / 2
         return float(min(np.max(apart) + between, np.pi))
 

@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, arrays
+from jaxplan.geometry.vectors import length
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints, Sights
 
@@ -179,7 +180,7 @@ def interval_scores(
     axes = constraints.axes_in_body(rows, turned, seen)
     cosines = jnp.sum(seen[:, :, None] * axes[:, None], axis=-1)  # (intervals + 1, S, Z)
     score = constraints.scores(rows, cosines, constraints.joint_values(rows, angles))
-    bend = constraints.score_curvature(rows, so3.length(turn_vector), *sights.bounds(joint_change))
+    bend = constraints.score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
     bound = constraints.edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
     return jnp.max(jnp.where(rows.bound.T, bound, -jnp.inf), axis=-2, initial=-jnp.inf)
 

@@ -7,7 +7,9 @@ dtype (`jaxplan.geometry.arrays`), and composes with ``jit``, ``vmap`` and ``gra
 
 from jax.typing import ArrayLike
 
+from jaxplan.geometry import rotations
 from jaxplan.geometry.arrays import AnyArray, arrays
+from jaxplan.geometry.vectors import components, unit
 
 
 def from_matrix(attitude: ArrayLike) -> AnyArray:
@@ -53,14 +55,8 @@ def to_matrix(quaternion: ArrayLike) -> AnyArray:
     Returns:
         (..., 3, 3).
     """
-    xp, components = arrays(quaternion)
-    w, x, y, z = xp.moveaxis(components, -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    xp, q = arrays(quaternion)
+    return xp.stack([xp.stack(row, axis=-1) for row in rotations.matrix(components(q))], axis=-2)
 
 
 def log(quaternion: ArrayLike) -> AnyArray:
@@ -93,18 +89,23 @@ def product(first: ArrayLike, second: ArrayLike) -> AnyArray:
     Returns:
         (..., 4) of unit length, so that no error builds up over many products.
     """
-    xp, left, right = arrays(first, second)
-    (a, b, c, d), (w, x, y, z) = (xp.moveaxis(factor, -1, 0) for factor in (left, right))
-    whole = (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
-    square = whole[0] * whole[0] + whole[1] * whole[1] + whole[2] * whole[2] + whole[3] * whole[3]
-    length = xp.sqrt(square)
-    signed_length = xp.where(whole[0] < 0, -length, length)
-    return xp.stack([component / signed_length for component in whole], axis=-1)
+    xp, *factors = arrays(first, second)
+    w, *vector = unit(rotations.product(*(components(factor) for factor in factors)))
+    return xp.stack([xp.where(w < 0, -component, component) for component in (w, *vector)], axis=-1)
+
+
+def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
+    """Angle of the rotation from one attitude to another.
+
+    Args:
+        first: (..., 4).
+        second: (..., 4), broadcast.
+
+    Returns:
+        (...) rad in [0, pi], whatever the signs of the quaternions.
+    """
+    _, *both = arrays(first, second)
+    return rotations.angle(rotations.relative(*(components(one) for one in both)))
 
 
 def conjugate(quaternion: ArrayLike) -> AnyArray:
@@ -117,4 +118,4 @@ def conjugate(quaternion: ArrayLike) -> AnyArray:
         (..., 4).
     """
     xp, q = arrays(quaternion)
-    return q * xp.array([1, -1, -1, -1], q.dtype)
+    return xp.stack(rotations.conjugate(components(q)), axis=-1)

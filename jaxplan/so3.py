@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import quaternion
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+from jaxplan.geometry.vectors import components, length
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
 _TERMS = 10
@@ -58,21 +59,6 @@ def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
     )
 
 
-def length(vector: ArrayLike) -> AnyArray:
-    """Euclidean length of a vector, with a derivative everywhere.
-
-    Args:
-        vector: (..., k).
-
-    Returns:
-        (...); at zero, where it has none, the derivative is taken as zero.
-    """
-    xp, v = arrays(vector)
-    square = xp.sum(v * v, axis=-1)
-    zero = square == 0
-    return xp.where(zero, 0, xp.sqrt(xp.where(zero, 1, square)))
-
-
 def hat(vector: ArrayLike) -> AnyArray:
     """Cross-product matrix: ``hat(a) @ b == cross(a, b)``.
 
@@ -83,7 +69,7 @@ def hat(vector: ArrayLike) -> AnyArray:
         (..., 3, 3) skew-symmetric.
     """
     xp, v = arrays(vector)
-    x, y, z = xp.moveaxis(v, -1, 0)
+    x, y, z = components(v)
     zero = xp.zeros_like(x)
     rows = [xp.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
     return xp.stack(rows, axis=-2)

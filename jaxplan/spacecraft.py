@@ -14,23 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-
-
-def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> AnyArray:
-    """Unit vector of an azimuth and an elevation, ``v(a, b)`` of equation (13).
-
-    Args:
-        azimuth: (...) rad.
-        elevation: (...) rad.
-
-    Returns:
-        (..., 3).
-    """
-    xp, a, b = arrays(azimuth, elevation)
-    return xp.stack([xp.cos(b) * xp.cos(a), xp.cos(b) * xp.sin(a), xp.sin(b)], axis=-1)
+from jaxplan.geometry.directions import azimuth_elevation, pointing
 
 
 def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:
@@ -71,13 +57,23 @@ def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike)
     Returns:
         (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
     """
-    xp, rotation, toward, mount = arrays(attitude, directions, mounts)
-    body = toward @ rotation
-    x, y, z = xp.moveaxis(body, -1, 0)
-    horizontal = so3.length(body[..., :2])
-    azimuth = xp.arctan2(y, xp.where(horizontal == 0, 1, x))
-    yaw = wrap(azimuth - mount.astype(azimuth.dtype))
-    return xp.concatenate([yaw, xp.arctan2(z, horizontal)], axis=-1)
+    _, rotation, toward, mount = arrays(attitude, directions, mounts)
+    return joints_along(mount, toward @ rotation)
+
+
+def joints_along(mounts: ArrayLike, body: ArrayLike) -> AnyArray:
+    """Joint angles at which each terminal points along a direction in body axes, limits aside.
+
+    Args:
+        mounts: (n,) rad.
+        body: (..., n, 3), one direction a terminal.
+
+    Returns:
+        (..., 2n) rad; see `joints_toward`.
+    """
+    xp, mount, directions = arrays(mounts, body)
+    azimuth, elevation = azimuth_elevation(directions)
+    return xp.concatenate([wrap(azimuth - mount.astype(azimuth.dtype)), elevation], axis=-1)
 
 
 def stacked(values: Sequence[ArrayLike]) -> np.ndarray:

@@ -195,16 +195,17 @@ def test_the_readme_is_the_source_of_the_front_and_the_guide(pages):
 def test_the_names_beside_the_symbols_exist(rows):
     import jaxplan as jp
     from jaxplan import so3, spacecraft, trajectory, zones
+    from jaxplan.geometry import directions
     from jaxplan.path import Goal as PathGoal
     from jaxplan.path import Path as Way
     from jaxplan.scenario import SearchSettings, Targets, TrajectorySettings
     from jaxplan.trajectory import Samples, basis
 
     homes = {
-        "goal": PathGoal, "Path": Way, "so3": so3, "spacecraft": spacecraft, "trajectory": trajectory,
-        "Samples": Samples, "SearchSettings": SearchSettings, "Targets": Targets, "Trajectory": jp.Trajectory,
-        "TrajectorySettings": TrajectorySettings, "KeepIn": zones.KeepIn, "KeepOut": zones.KeepOut,
-        "Terminal": spacecraft.Terminal, "Spacecraft": spacecraft.Spacecraft,
+        "goal": PathGoal, "Path": Way, "directions": directions, "so3": so3, "spacecraft": spacecraft,
+        "trajectory": trajectory, "Samples": Samples, "SearchSettings": SearchSettings, "Targets": Targets,
+        "Trajectory": jp.Trajectory, "TrajectorySettings": TrajectorySettings, "KeepIn": zones.KeepIn,
+        "KeepOut": zones.KeepOut, "Terminal": spacecraft.Terminal, "Spacecraft": spacecraft.Spacecraft,
     }  # fmt: skip
     assert basis is trajectory.basis
     known = {key for _, key in rows}

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxplan import quaternion, so3, spacecraft
+from jaxplan.geometry import directions, rotations, vectors
 from jaxplan.geometry.arrays import arrays
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
 
@@ -61,6 +62,7 @@ def right_jacobian(vectors):
 BODY = np.concatenate(
     [looks(JOINTS[:, :2] + MOUNTS, JOINTS[:, 2:]), np.tile(FIXED, (len(ANGLES), 1, 1))], axis=1
 )
+AZIMUTHS = JOINTS[:, 0] + MOUNTS[0]
 SEEN = np.einsum("kij,kdj->kdi", TURNS.as_matrix(), BODY)
 STEP = 1e-5
 
@@ -78,7 +80,7 @@ CASES = {
     ),
     "hat": (so3.hat, (RATES,), cross_matrix(RATES), 0),
     "vee": (so3.vee, (cross_matrix(RATES),), RATES, 0),
-    "length": (so3.length, (RATES,), np.linalg.norm(RATES, axis=-1), 1e-15),
+    "length": (vectors.length, (RATES,), np.linalg.norm(RATES, axis=-1), 1e-15),
     "right Jacobian": (so3.right_jacobian, (VECTORS,), right_jacobian(VECTORS), 2e-15),
     "its rate": (
         so3.right_jacobian_rate,
@@ -90,8 +92,22 @@ CASES = {
     "matrix of a quaternion": (quaternion.to_matrix, (canonical(TURNS),), TURNS.as_matrix(), 1e-15),
     "log of a quaternion": (quaternion.log, (canonical(TURNS),), VECTORS, 3e-15),
     "product": (quaternion.product, (canonical(TURNS), canonical(OTHERS)), canonical(TURNS * OTHERS), 1e-15),
+    "distance of quaternions": (
+        quaternion.distance,
+        (canonical(TURNS), -canonical(OTHERS)),
+        RELATIVE.magnitude(),
+        3e-15,
+    ),
     "conjugate": (quaternion.conjugate, (canonical(TURNS),), canonical(TURNS.inv()), 1e-15),
-    "pointing": (spacecraft.pointing, (JOINTS[:, 0], JOINTS[:, 2]), looks(JOINTS[:, 0], JOINTS[:, 2]), 1e-15),
+    "pointing": (directions.pointing, (JOINTS[:, 0], JOINTS[:, 2]), looks(JOINTS[:, 0], JOINTS[:, 2]), 1e-15),
+    "separation": (
+        directions.separation,
+        (AXES, RATES),
+        np.arccos(np.sum(AXES * RATES, axis=-1) / np.linalg.norm(RATES, axis=-1)),
+        1e-14,
+    ),
+    "azimuth": (lambda seen: directions.azimuth_elevation(seen)[0], (BODY[:, 0],), AZIMUTHS, 3e-15),
+    "elevation": (lambda seen: directions.azimuth_elevation(seen)[1], (BODY[:, 0],), JOINTS[:, 2], 3e-15),
     "wrap": (spacecraft.wrap, (JOINTS + 6 * np.pi,), JOINTS, 1e-14),
     "body boresights": (spacecraft.body_boresights, (MOUNTS, FIXED, JOINTS), BODY, 1e-15),
     "joints toward": (spacecraft.joints_toward, (MOUNTS, TURNS.as_matrix(), SEEN[:, :2]), JOINTS, 5e-15),
@@ -154,7 +170,7 @@ def test_hard_places_are_computed_in_numpy_without_a_warning():
     np.testing.assert_array_equal(so3.exp(np.zeros(3)), np.eye(3))
     np.testing.assert_array_equal(so3.log(np.eye(3)), np.zeros(3))
     np.testing.assert_allclose(so3.log(np.diag([-1.0, 1.0, -1.0])), [0, np.pi, 0], rtol=1e-15)
-    np.testing.assert_array_equal(so3.length(np.zeros((2, 0, 3))), np.zeros((2, 0)))
+    np.testing.assert_array_equal(vectors.length(np.zeros((2, 0, 3))), np.zeros((2, 0)))
     poles = spacecraft.joints_toward(np.zeros(2), np.eye(3), np.array([[0, 0, 1], [0, 0, -1]]))
     np.testing.assert_array_equal(poles[2:], [np.pi / 2, -np.pi / 2])
 
@@ -182,3 +198,77 @@ def test_numbers_take_the_precision_of_the_arrays_beside_them():
     assert {single.dtype, number.dtype, whole.dtype} == {np.dtype(np.float32)}
     _, *others = arrays(0.5, np.arange(3), [1, 2], np.float64(0.5))
     assert {other.dtype for other in others} == {np.dtype(np.float64)}
+
+
+def both(function, *arguments):
+    """What a function of components says in numpy and jitted by JAX, stacked along the first axis."""
+    traced = jax.jit(lambda *given: jnp.stack(function(*given)))(*arguments)
+    found = np.stack(function(*arguments))
+    np.testing.assert_allclose(traced, found, rtol=0, atol=1e-15)
+    return found
+
+
+def test_components_come_from_any_leading_axis_and_broadcast():
+    one, many = TURNS[0], canonical(OTHERS).T.reshape(4, 4, 6)
+    expected = (one * OTHERS).as_matrix().reshape(4, 6, 3, 3)
+    product = both(rotations.product, canonical(one)[:, None, None], many)
+    turned = np.stack([np.stack(row) for row in rotations.matrix(product)])
+    np.testing.assert_allclose(turned, np.moveaxis(expected, (2, 3), (0, 1)), rtol=0, atol=2e-15)
+
+
+def test_vectors_turned_back_are_in_the_axes_of_the_attitude():
+    found = both(rotations.turned_back, canonical(TURNS).T[:, :, None], RATES.T[:, None])
+    expected = [turn.inv().apply(RATES) for turn in TURNS]
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), expected, rtol=0, atol=4e-15)
+
+
+def test_a_rotation_vector_has_scipys_quaternion_at_any_length():
+    long = np.concatenate([VECTORS, np.zeros((1, 3)), 3 * VECTORS])
+    found = both(rotations.exp, long.T).T
+    expected = Rotation.from_rotvec(long).as_quat(scalar_first=True)
+    expected *= np.sign(np.sum(expected * found, axis=1, keepdims=True))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-15)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_slerp_turns_the_short_way_at_constant_speed(sign):
+    first, last = canonical(TURNS).T, sign * canonical(OTHERS).T
+    for fraction in (0.0, 0.3, 1.0):
+        found = both(rotations.slerp, first, last, np.full(len(TURNS), fraction))
+        expected = TURNS * Rotation.from_rotvec(fraction * RELATIVE.as_rotvec())
+        apart = Rotation.from_quat(found.T, scalar_first=True).inv() * expected
+        np.testing.assert_allclose(apart.magnitude(), 0, atol=3e-15)
+        np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1, rtol=1e-15)
+
+
+def test_slerp_between_neighbours_a_hair_apart_is_their_chord():
+    first = np.array([1.0, 0, 0, 0])
+    second = np.array([1.0, 1e-9, 0, 0])
+    np.testing.assert_allclose(rotations.slerp(first, second, 0.25)[1], 2.5e-10, rtol=1e-15)
+    np.testing.assert_array_equal(np.stack(rotations.slerp(first, first, 0.5)), first)
+
+
+def test_slopes_are_the_derivatives_of_pointing():
+    azimuth, elevation = JOINTS[:, 0], JOINTS[:, 2]
+    by_azimuth, by_elevation = (
+        jax.vmap(jax.jacfwd(directions.pointing, argnums=one))(azimuth, elevation) for one in (0, 1)
+    )
+    circles = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    found = [np.stack(slope, axis=-1) for slope in directions.slopes(*circles)]
+    np.testing.assert_allclose(found, [by_azimuth, by_elevation], rtol=0, atol=1e-15)
+
+
+def test_carried_vectors_turn_with_azimuth_and_elevation():
+    azimuth, elevation = JOINTS[:, 0], JOINTS[:, 2]
+    circles = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    found = both(directions.carried, RATES.T, *circles)
+    turns = Rotation.from_euler("ZY", np.stack([azimuth, -elevation], axis=-1))
+    np.testing.assert_allclose(found.T, turns.apply(RATES), rtol=0, atol=2e-15)
+    ahead, left, up = (np.stack(axis, axis=-1) for axis in directions.frame(*circles))
+    np.testing.assert_allclose(np.cross(ahead, left), up, rtol=0, atol=1e-15)
+
+
+def test_cross_and_dot_are_numpys():
+    np.testing.assert_allclose(both(vectors.cross, AXES.T, RATES.T).T, np.cross(AXES, RATES), atol=1e-15)
+    np.testing.assert_allclose(vectors.dot(AXES.T, RATES.T), np.sum(AXES * RATES, axis=1), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(both(vectors.unit, RATES.T), axis=0), 1, rtol=1e-15)

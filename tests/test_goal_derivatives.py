@@ -18,8 +18,8 @@ from jaxplan import so3
 from jaxplan.decomposition import sensitivity
 from jaxplan.decomposition.descent import active_terms
 from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.geometry.directions import pointing
 from jaxplan.path import Goal
-from jaxplan.spacecraft import pointing
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 STEP = 1e-4

@@ -202,16 +202,6 @@ def test_no_line_across_the_map_has_a_streak() -> None:
 # The numbers
 
 
-@pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (2, 0), (3, 2), (4, 1)])
-def test_boresights_are_those_of_the_spacecraft(terminals: int, instruments: int) -> None:
-    rng = np.random.default_rng(4)
-    craft = make_scenario(terminals, instruments).spacecraft
-    attitude = Rotation.random(5, rng=rng).as_matrix()
-    joints = rng.uniform(-1, 1, (5, 2 * terminals))
-    expected = craft.boresights(attitude, joints)
-    np.testing.assert_allclose(samples.boresights(craft, attitude, joints), expected, atol=1e-12)
-
-
 def _mixed_scenario() -> Scenario:
     """Four terminals, an instrument, every kind of zone; the groups change hands along `_mixed_ways`."""
     keep_out = (

@@ -7,10 +7,10 @@ from heavens import TEME_ACCURACY, almanac_sun, on_the_ground, teme_to_j2000
 
 from jaxplan import orbits, sky
 from jaxplan.epochs import parse_epoch
+from jaxplan.geometry.directions import separation
 from jaxplan.sky import instants
 from jaxplan.sky.frames import teme_to_gcrs
 from jaxplan.sky.instants import elapsed
-from jaxplan.sky.sights import angles
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")
 
@@ -20,7 +20,7 @@ AHEAD = sky.CircularOrbit(altitude=520.0, inclination=0.95, node=0.25, latitude=
 
 
 def degrees(first, second):
-    return np.rad2deg(angles(np.asarray(first), np.asarray(second)))
+    return np.rad2deg(separation(np.asarray(first), np.asarray(second)))
 
 
 @pytest.mark.parametrize("year", [1973, 1987, 2000, 2013, 2026, 2049])
@@ -147,7 +147,7 @@ def test_rays_inside_the_limb_meet_the_earth_and_rays_outside_do_not():
 def test_the_drift_is_how_far_a_direction_gets():
     for target in ("sun", "moon", "earth", AHEAD):
         seen = sky.directions(target, epoch=EPOCH, observer=LOW, times=np.linspace(0, 83.7, 3001))
-        furthest = angles(seen[0], seen).max()
+        furthest = separation(seen[0], seen).max()
         found = sky.drift(target, epoch=EPOCH, observer=LOW, duration_s=83.7)
         assert furthest <= found < 1.002 * furthest
     # from a circular orbit the Earth turns with the orbit
@@ -179,10 +179,10 @@ def test_a_zone_for_a_duration_holds_that_of_every_instant_and_little_more(body)
     limb = sky.angular_radius(body, epoch=EPOCH, observer=LOW, times=times)
     for wanted, own in (({"half_angle_deg": 20.0}, 0.0), ({"exclusion_deg": 20.0}, limb)):
         zone = sky.keep_out(body, epoch=EPOCH, observer=LOW, for_duration_s=80, **wanted)
-        needed = np.max(angles(zone.direction, seen) + own + np.deg2rad(20))
+        needed = np.max(separation(zone.direction, seen) + own + np.deg2rad(20))
         assert needed <= zone.half_angle < needed + np.deg2rad(0.006)
     whole = sky.drift(body, epoch=EPOCH, observer=LOW, duration_s=80)
-    assert np.max(angles(zone.direction, seen)) < 0.56 * whole  # the axis is in the middle of the way
+    assert np.max(separation(zone.direction, seen)) < 0.56 * whole  # the axis is in the middle of the way
 
 
 @pytest.mark.parametrize(

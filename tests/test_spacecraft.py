@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxplan import spacecraft
+from jaxplan.geometry.directions import pointing
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
 
 COUNTS = [0, 1, 2, 4, 12]
@@ -50,7 +51,7 @@ def same_angle(first, second, atol):
 def test_pointing_turns_the_x_axis_by_azimuth_then_elevation():
     azimuths, elevations = np.random.default_rng(3).uniform(-3, 3, (2, 50))
     turns = Rotation.from_euler("ZY", np.stack([azimuths, -elevations], axis=-1))
-    result = spacecraft.pointing(azimuths, elevations)
+    result = pointing(azimuths, elevations)
     np.testing.assert_allclose(result, turns.apply([1.0, 0.0, 0.0]), rtol=0, atol=1e-15)
 
 

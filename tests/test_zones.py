@@ -7,6 +7,7 @@ from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
 from jaxplan import zones
+from jaxplan.geometry.directions import separation
 from jaxplan.model import constraints
 from jaxplan.zones import KeepIn, KeepOut
 
@@ -61,7 +62,7 @@ def test_separation_keeps_all_digits_at_every_angle(dtype, eps):
     angles = np.array(ANGLES)[:, None]
     second = (np.cos(angles) * first + np.sin(angles) * sideways).astype(dtype)
     first = first.astype(dtype)
-    result = np.asarray(constraints.angle_between(first, second))
+    result = np.asarray(separation(first, second))
     assert result.dtype == dtype
     np.testing.assert_allclose(result, np.broadcast_to(ANGLES, result.shape), rtol=0, atol=4 * eps)
     np.testing.assert_allclose(result, half_chord_angle(first, second), rtol=0, atol=4 * eps)
@@ -73,9 +74,7 @@ def test_separation_grows_along_the_great_circle_and_is_flat_at_its_ends(mode, d
     axis = Z.astype(dtype)
     directions = np.array([away_from_z(angle) for angle in ANGLES]).astype(dtype)
     directions[[0, -1]] = [Z, -Z]
-    gradients = np.asarray(
-        quick_jit(jax.vmap(mode(constraints.angle_between), in_axes=(0, None)))(directions, axis)
-    )
+    gradients = np.asarray(quick_jit(jax.vmap(mode(separation), in_axes=(0, None)))(directions, axis))
     outward = np.array([away_from_z(angle + np.pi / 2) for angle in ANGLES])
     tangential = gradients - np.sum(gradients * directions, axis=-1, keepdims=True) * directions
     np.testing.assert_allclose(tangential[1:-1], outward[1:-1], rtol=0, atol=8 * eps)

@@ -19,7 +19,7 @@ from jaxplan.cases.paper import paper_case
 from jaxplan.decomposition import decompose
 from jaxplan.path import Goal, motion
 from jaxplan.scenario import GivenState, Targets
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.spacecraft import Spacecraft, body_boresights, joints_along
 from jaxplan.zones import tabulate
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
@@ -81,8 +81,7 @@ def starts(
     craft, targets = setting()
     while True:
         joints = rng.uniform(-1, 1, (BATCH, 6)) * JOINT_LIMITS
-        yaw, pitch = joints[:, :3] + craft.mounts, joints[:, 3:]
-        body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+        body = body_boresights(craft.mounts, craft.fixed_boresights, joints)
         cosine = rng.uniform(math.cos(within) if held else -1, 1, BATCH)
         around, roll = rng.uniform(-np.pi, np.pi, (2, BATCH))
         offset = np.stack([cosine, *np.sqrt(1 - cosine**2) * [np.cos(around), np.sin(around)]], axis=-1)
@@ -132,10 +131,7 @@ def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
     """Whether one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
     craft, targets = setting()
     body = targets.directions @ (attitude @ _turns_within(angle))
-    yaw = np.arctan2(body[..., 1], body[..., 0]) - craft.mounts
-    away = np.abs(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi)
-    low = np.abs(body[..., 2]) < math.sin(PITCH_LIMIT)
-    return bool(np.any(np.all((away < YAW_LIMIT) & low, axis=-1)))
+    return bool(np.any(np.all(np.abs(joints_along(craft.mounts, body)) < JOINT_LIMITS, axis=-1)))
 
 
 @cache

@@ -9,6 +9,8 @@ import math
 
 import numpy as np
 
+from jaxplan.geometry.directions import separation
+
 CLEARANCE = math.radians(1.0)
 """rad, from the Sun's cone, and from the Earth's where a terminal waits."""
 _TURNS = 721
@@ -17,7 +19,7 @@ _TURNS = 721
 
 def in_the_sun(directions: np.ndarray, sun: np.ndarray, half_angle: float) -> np.ndarray:
     """Which directions (..., 3) are inside the Sun's cone, or closer to it than `CLEARANCE`."""
-    return angles(directions, sun) < half_angle + CLEARANCE
+    return np.asarray(separation(directions, sun) < half_angle + CLEARANCE)
 
 
 def waiting_directions(
@@ -45,15 +47,9 @@ def waiting_directions(
     around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
     rim = half_angle + CLEARANCE
     places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)
-    clear = angles(places, down[:, None]) >= earth_half_angle + CLEARANCE
+    clear = separation(places, down[:, None]) >= earth_half_angle + CLEARANCE
     chosen = np.argmax(clear, axis=-1)
     return _unit(places[np.arange(len(links)), chosen]), np.any(clear, axis=-1)
-
-
-def angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Angles (...) between unit vectors (..., 3), rad, exact near 0 and pi."""
-    sine = np.linalg.norm(np.cross(first, second), axis=-1)
-    return np.arctan2(sine, np.sum(first * second, axis=-1))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

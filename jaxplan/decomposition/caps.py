@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.decomposition.pairs import Pairs, pairs_at_goal, single_yaws
+from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import JOINTS, Constraints, Sights, best_entries, capacity, chosen_entries
 from jaxplan.spacecraft import Spacecraft
 
@@ -61,9 +62,7 @@ class Caps:
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
         """How deep (m,) the directions are inside the caps after a rotation ``E`` (3, 3), rad."""
-        body = self.direction @ rotation
-        sine = np.linalg.norm(np.cross(self.axis, body), axis=-1)
-        return self.half_angle - np.arctan2(sine, np.sum(self.axis * body, axis=-1))
+        return np.asarray(self.half_angle - separation(self.axis, self.direction @ rotation))
 
 
 class _Cap(NamedTuple):

@@ -15,6 +15,7 @@ from jax import Array
 
 from jaxplan.decomposition.caps import Caps
 from jaxplan.decomposition.groups import group_excess
+from jaxplan.geometry import rotations
 
 POINTS = 4096
 RADIUS = 0.25
@@ -47,12 +48,10 @@ def points(seed: int) -> np.ndarray:
             np.sqrt(share) * np.cos(first),
             np.sqrt(1 - share) * np.sin(second),
             np.sqrt(1 - share) * np.cos(second),
-        ],
-        axis=-1,
+        ]
     )
     turn = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=4)
-    w, x, y, z = turn / np.linalg.norm(turn)
-    turned = spiral @ np.array([[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])
+    turned = np.stack(rotations.product(turn / np.linalg.norm(turn), spiral), axis=-1)
     both = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], turned, -turned])
     return both[np.argsort(-both[:, 0], kind="stable")[: 1 + POINTS + BEYOND]]
 
@@ -60,13 +59,7 @@ def points(seed: int) -> np.ndarray:
 @lru_cache(maxsize=8)
 def _rotations(seed: int) -> np.ndarray:
     """Rotation matrices of the points, entries first: (9, N), single precision."""
-    w, x, y, z = points(seed).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows, dtype=np.float32).reshape(9, -1)
+    return np.array(rotations.matrix(points(seed).T), dtype=np.float32).reshape(9, -1)
 
 
 def depths(caps: Caps, seed: int) -> np.ndarray:

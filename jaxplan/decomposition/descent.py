@@ -22,8 +22,10 @@ from jax import Array
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.caps import Caps
 from jaxplan.decomposition.groups import applies
-from jaxplan.decomposition.lanes import cross, dot, identity, least_eigenvalue, sum_of_squares
+from jaxplan.decomposition.lanes import identity, least_eigenvalue, sum_of_squares
 from jaxplan.decomposition.quadratic import MET, Active
+from jaxplan.geometry import rotations
+from jaxplan.geometry.vectors import cross, dot, unit
 
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
@@ -129,15 +131,9 @@ def cap_terms(
     quaternion: Array, axis: Array, direction: Array, half_angle: Array
 ) -> tuple[Array, Array, Array]:
     """Directions in body axes (3, m, K), excess over the caps (m, K), and its gradients (3, m, K)."""
-    w, x, y, z = quaternion
-    columns = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
-        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
-        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
-    )
     a, d = axis.T[:, :, None], direction.T[:, :, None]
-    body = jnp.stack([dot(d, jnp.stack(column)[:, None]) for column in columns])
-    normal = cross(a, body)
+    body = jnp.stack(rotations.turned_back(quaternion, d))
+    normal = jnp.stack(cross(a, body))
     sine = jnp.sqrt(jnp.maximum(dot(normal, normal), TINY))
     return body, half_angle[:, None] - jnp.arctan2(sine, dot(a, body)), normal / sine
 
@@ -162,15 +158,4 @@ def active_terms(
 
 def turned(quaternion: Array, move: Array) -> Array:
     """The quaternion of ``E exp(move^)``."""
-    square = dot(move, move)
-    small = square < 1e-16
-    length = jnp.sqrt(jnp.where(small, 1, square))
-    scalar = jnp.where(small, 1, jnp.cos(length / 2))
-    vector = jnp.where(small, 0.5, jnp.sin(length / 2) / length) * move
-    product = jnp.concatenate(
-        [
-            (quaternion[0] * scalar - dot(quaternion[1:], vector))[None],
-            quaternion[0] * vector + scalar * quaternion[1:] + cross(quaternion[1:], vector),
-        ]
-    )
-    return product / jnp.sqrt(jnp.sum(product * product, axis=0))
+    return jnp.stack(unit(rotations.product(quaternion, rotations.exp(move))))

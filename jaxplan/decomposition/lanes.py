@@ -7,16 +7,7 @@ vectors are (3, K), or (3, m, K) where each lane has several; matrices, all symm
 import jax.numpy as jnp
 from jax import Array
 
-
-def dot(first: Array, second: Array) -> Array:
-    """Product of vectors, or of a matrix and vectors that have an axis for its columns."""
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
-
-
-def cross(first: Array, second: Array) -> Array:
-    """Cross product of vectors."""
-    (a, b, c), (x, y, z) = first, second
-    return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x])
+from jaxplan.geometry.vectors import cross, dot
 
 
 def apply(matrix: Array, vector: Array) -> Array:
@@ -37,7 +28,8 @@ def sum_of_squares(vectors: Array) -> Array:
 def inverse(matrix: Array) -> Array:
     """Inverse, by the adjugate."""
     first, second, third = matrix
-    adjugate = jnp.stack([cross(second, third), cross(third, first), cross(first, second)])
+    rows = (cross(second, third), cross(third, first), cross(first, second))
+    adjugate = jnp.stack([jnp.stack(row) for row in rows])
     return adjugate / dot(first, adjugate[0])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxplan.decomposition import covering
 from jaxplan.decomposition.caps import Caps
 from jaxplan.decomposition.descent import Minima, descend
+from jaxplan.geometry import rotations
 
 NEAR = 64
 """Lanes of a batch for the points with the least slew."""
@@ -61,7 +62,7 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
     """Angle (K,) of the rotations of unit quaternions (K, 4), the short way round."""
-    return 2 * np.arctan2(np.linalg.norm(quaternions[:, 1:], axis=1), np.abs(quaternions[:, 0]))
+    return np.asarray(rotations.angle(quaternions.T))
 
 
 def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxplan.decomposition.lanes import apply, dot, identity, inverse, sum_of_squares
+from jaxplan.decomposition.lanes import apply, identity, inverse, sum_of_squares
+from jaxplan.geometry.vectors import dot
 
 CHANGES = 64  # of the active set at most; most programs take three to eight
 ROUNDING = 1e-13  # rad, a violation that counts as none

@@ -22,12 +22,13 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, so3
+from jaxplan import quaternion
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
 from jaxplan.decomposition.pairs import pairs_at_goal, single_yaws
 from jaxplan.decomposition.quadratic import MET
 from jaxplan.first_order import first_derivatives_only
+from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.path import Goal
 from jaxplan.scenario.model import Targets
@@ -203,4 +204,4 @@ def _limits(spacecraft: Spacecraft, targets: Targets, dtype: jnp.dtype) -> Array
 
 
 def _unit(vectors: Array) -> Array:
-    return vectors / so3.length(vectors)[..., None]
+    return vectors / length(vectors)[..., None]

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.geometry.directions import azimuth_elevation, frame
+
 if TYPE_CHECKING:
     from jaxplan.exporting.sampled import Sampled
 
@@ -25,9 +27,11 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     Returns:
         (..., 3, 3) device to body.
     """
-    ca, sa, cb, sb = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    rows = [[ca * sb, -sa, ca * cb], [sa * sb, ca, sa * cb], [-cb, np.zeros_like(sb), sb]]
-    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
+    a, b = np.broadcast_arrays(azimuth, elevation)
+    outward, left, up = (
+        np.stack(axis, axis=-1) for axis in frame(np.cos(a), np.sin(a), np.cos(b), np.sin(b))
+    )
+    return np.stack([-up, left, outward], axis=-1)
 
 
 def terminal_motion(sampled: "Sampled", terminal: int) -> tuple[np.ndarray, np.ndarray]:
@@ -58,8 +62,7 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
     Returns:
         (i, 3, 3) instrument to body; one along the body's z axis has its y axis along the body's.
     """
-    x, y, z = boresights.T
-    return frames(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
+    return frames(*azimuth_elevation(boresights))
 
 
 def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> list[str]:

@@ -37,11 +37,12 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.geometry import directions
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+from jaxplan.geometry.directions import pointing, separation
+from jaxplan.geometry.vectors import length
 from jaxplan.moving import DirectionPath
-from jaxplan.spacecraft import pointing
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""
@@ -79,16 +80,14 @@ class Sights:
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
         """Unit vectors (..., S, 3) in body axes at joints (..., 2n), by equation (13)."""
-        xp, q, mounts, fixed, carried = arrays(joints, self.mounts, self.fixed, self.carried)
+        xp, q, mounts, fixed, own = arrays(joints, self.mounts, self.fixed, self.carried)
         count = mounts.shape[0]
         azimuth, elevation = q[..., :count] + mounts, q[..., count:]
         seen = [pointing(azimuth, elevation), xp.broadcast_to(fixed, (*q.shape[:-1], *fixed.shape))]
-        if carried.shape[0]:
+        if own.shape[0]:
             a, e = azimuth[..., self.carrier], elevation[..., self.carrier]
-            left = xp.stack([-xp.sin(a), xp.cos(a), xp.zeros_like(a)], axis=-1)
-            up = xp.stack([-xp.sin(e) * xp.cos(a), -xp.sin(e) * xp.sin(a), xp.cos(e)], axis=-1)
-            ahead, aside, above = (carried[:, i, None] for i in range(3))
-            seen.append(ahead * pointing(a, e) + aside * left + above * up)
+            circles = xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e)
+            seen.append(xp.stack(directions.carried(own.T, *circles), axis=-1))
         return xp.concatenate(seen, axis=-2)
 
     def bounds(self, joint_change: ArrayLike) -> tuple[AnyArray, AnyArray]:
@@ -109,8 +108,8 @@ class Sights:
         change = xp.abs(given)
         count = self.mounts.shape[0]
         yaw, pitch = change[..., :count], change[..., count:]
-        rate = so3.length(xp.stack([yaw, pitch], axis=-1))
-        bend = xp.maximum(rate * rate, pitch * so3.length(xp.stack([pitch, 2 * yaw], axis=-1)))
+        rate = length(xp.stack([yaw, pitch], axis=-1))
+        bend = xp.maximum(rate * rate, pitch * length(xp.stack([pitch, 2 * yaw], axis=-1)))
         still = xp.zeros((*change.shape[:-1], self.fixed.shape[0]), change.dtype)
         rates, bends = [rate, still], [bend, still]
         if self.carried.shape[0]:
@@ -201,20 +200,6 @@ def capacity(count: int) -> int:
     return 0 if count == 0 else max(8, 1 << (count - 1).bit_length())
 
 
-def angle_between(first: ArrayLike, second: ArrayLike) -> AnyArray:
-    """Angle between unit vectors, exact near 0 and pi.
-
-    Args:
-        first: (..., 3).
-        second: (..., 3), broadcast.
-
-    Returns:
-        (...) rad in [0, pi]; its derivative at 0 and pi is taken as zero.
-    """
-    xp, a, b = arrays(first, second)
-    return xp.arctan2(so3.length(xp.cross(a, b)), xp.sum(a * b, axis=-1))
-
-
 def axes_in_body(rows: Constraints, inertial: ArrayLike, sights: ArrayLike) -> AnyArray:
     """Axes of all rows, seen from the body.
 
@@ -249,7 +234,7 @@ def pair_margins(
         (..., Z, S) rad; +inf where a row does not bind a sight, -inf where a margin is not a number.
     """
     xp, seen, along, side, half_angle = arrays(sights, axes, rows.side, rows.half_angle)
-    apart = angle_between(seen[..., None, :, :], along[..., :, None, :])
+    apart = separation(seen[..., None, :, :], along[..., :, None, :])
     found = side[:, None] * (apart - half_angle[:, None])
     if rows.inner and joints is not None:
         beyond = xp.swapaxes(joint_values(rows, joints), -1, -2) - half_angle[:, None]

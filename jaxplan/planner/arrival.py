@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jaxplan.geometry.directions import outward, slopes
 from jaxplan.path import Goal, MovingGoal
 from jaxplan.scenario import MovingTargets, Scenario
 from jaxplan.scenario.moments import known_until, target_rates, targets_at
@@ -56,9 +57,7 @@ def beam_motion(scenario: Scenario, goal: MovingGoal) -> tuple[np.ndarray, np.nd
     yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
     yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(goal.joint_rates, float), 2))
     azimuth = yaw + scenario.spacecraft.mounts
-    (sin_a, sin_p), (cos_a, cos_p) = np.sin([azimuth, pitch]), np.cos([azimuth, pitch])
-    body = np.stack([cos_p * cos_a, cos_p * sin_a, sin_p], axis=-1)
-    by_yaw = np.stack([-cos_p * sin_a, cos_p * cos_a, np.zeros_like(sin_a)], axis=-1)
-    by_pitch = np.stack([-sin_p * cos_a, -sin_p * sin_a, cos_p], axis=-1)
+    circles = np.cos(azimuth), np.sin(azimuth), np.cos(pitch), np.sin(pitch)
+    body, by_yaw, by_pitch = (np.stack(one, axis=-1) for one in (outward(*circles), *slopes(*circles)))
     moving = np.cross(goal.angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
     return body @ goal.attitude.T, moving @ goal.attitude.T

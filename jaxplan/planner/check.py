@@ -144,9 +144,8 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     """
     asked, craft = scenario.goal, scenario.spacecraft
     off = []
-    turn = start_attitude(scenario).T @ goal.attitude
-    sine = np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-    if not abs(np.arctan2(sine, (np.trace(turn) - 1) / 2) - goal.slew_angle) <= GOAL_TOLERANCE:
+    slew = so3.distance(start_attitude(scenario), goal.attitude)
+    if not abs(slew - goal.slew_angle) <= GOAL_TOLERANCE:
         off.append("the goal's slew angle is not that from the start")
     if not isinstance(asked, GivenState):
         limits = zip(

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.geometry.directions import separation
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
 from jaxplan.scenario import MovingTargets, Scenario
@@ -50,11 +51,11 @@ def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray, share: float = 1
         half_angle = zone.half_angle + side * share * reach
         for time, seen in ends:
             bound = [seen[i] for i, name in enumerate(craft.device_names) if _binds(zone, name)]
-            margins = [side * (_angle(axis_at(zone, time), one) - zone.half_angle) for one in bound]
+            margins = [side * (separation(axis_at(zone, time), one) - zone.half_angle) for one in bound]
             if min(margins, default=-np.inf) < _BROKEN:
                 continue  # another zone of its group holds there
             for one, margin in zip(bound, margins, strict=True):
-                nearest = _angle(axis, one) - side * np.clip(margin / 2, 0, _ROOM)
+                nearest = separation(axis, one) - side * np.clip(margin / 2, 0, _ROOM)
                 half_angle = side * min(side * half_angle, side * nearest)
         return replace(
             zone, direction=axis, half_angle=float(np.clip(half_angle, _SMALLEST, np.pi - _SMALLEST))
@@ -112,7 +113,3 @@ def _side(zone: KeepOut | KeepIn) -> int:
 
 def _binds(zone: Zone, device: str) -> bool:
     return not zone.devices or device in zone.devices
-
-
-def _angle(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))

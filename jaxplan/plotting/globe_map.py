@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
-from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import (
@@ -194,7 +193,7 @@ def _draw_ways(axes: Axes, plan: "Plan", view: View) -> Entries:
         for device, way in enumerate(np.moveaxis(ways, 1, 0)):
             draw_line(axes, view, way, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
     if plan.path is not None and names:
-        nodes = samples.boresights(plan.scenario.spacecraft, plan.path.attitudes, plan.path.joints)
+        nodes = plan.scenario.spacecraft.boresights(plan.path.attitudes, plan.path.joints)
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
             near, look = view.depth(points) >= 0, {"color": device_style(device)["color"], **NODE}
             axes.plot(*view.project(points[near]).T, zorder=3.2, **look)

@@ -8,6 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from jaxplan import so3
 from jaxplan.moving import DirectionPath
 from jaxplan.path import MovingGoal
 from jaxplan.plotting import samples
@@ -89,7 +90,7 @@ def end_marks(plan: "Plan") -> list[tuple[Look, str, np.ndarray]]:
     goal = plan.scenario.goal
     ends = [(_START, "start", _given(plan.scenario, plan.scenario.start))]
     if plan.goal is not None:
-        points = samples.boresights(plan.scenario.spacecraft, plan.goal.attitude, plan.goal.joints)
+        points = plan.scenario.spacecraft.boresights(plan.goal.attitude, plan.goal.joints)
         ends.append((_END, "goal", points))
     elif isinstance(goal, GivenState):
         ends.append((_END, "goal", _given(plan.scenario, goal)))
@@ -113,10 +114,7 @@ def end_style(look: Look, device: int) -> Look:
 
 
 def _given(scenario: "Scenario", state: GivenState) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    attitude = Rotation.from_rotvec(state.rotation_vector).as_matrix()
-    return samples.boresights(scenario.spacecraft, attitude, np.asarray(state.joints))
+    return np.asarray(scenario.spacecraft.boresights(so3.exp(state.rotation_vector), state.joints))
 
 
 def zone_entries(scenario: "Scenario") -> Entries:

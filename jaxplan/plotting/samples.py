@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan import so3
+from jaxplan.geometry.directions import separation
 from jaxplan.moving import DirectionPath
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
     from jaxplan.scenario import Scenario
-    from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Samples
 
 INSTANTS = 1024  # of the grid; the paper's manoeuvres have 14 to 50 nodes
@@ -71,28 +72,9 @@ def motion(plan: "Plan") -> Motion:
     return Motion(
         times=times,
         values=values,
-        boresights=boresights(plan.scenario.spacecraft, values.attitude, values.joints),
+        boresights=plan.scenario.spacecraft.boresights(values.attitude, values.joints),
         node_times=np.asarray(trajectory.node_times),
     )
-
-
-def boresights(spacecraft: "Spacecraft", attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Directions of all devices, equations (11) to (13).
-
-    Args:
-        spacecraft: that carries them.
-        attitude: (..., 3, 3) body to inertial.
-        joints: (..., 2n) rad.
-
-    Returns:
-        (..., D, 3) inertial unit vectors.
-    """
-    yaw, pitch = np.split(joints, 2, axis=-1)
-    azimuth, level = yaw + spacecraft.mounts, np.cos(pitch)
-    moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(pitch)], axis=-1)
-    fixed = spacecraft.fixed_boresights
-    body = np.concatenate([moving, np.broadcast_to(fixed, (*joints.shape[:-1], *fixed.shape))], axis=-2)
-    return np.asarray(body @ np.swapaxes(attitude, -1, -2))
 
 
 def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
@@ -105,18 +87,16 @@ def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
     Returns:
         (k, D, 3); a single instant of a path of one node.
     """
-    from scipy.spatial.transform import Rotation, Slerp
-
     path = plan.path
     assert path is not None
     attitudes, joints = path.attitudes, path.joints
     if path.edges:
-        nodes = np.arange(path.edges + 1)
         places = np.linspace(0, path.edges, points_an_edge * path.edges + 1)
-        attitudes = Slerp(nodes, Rotation.from_matrix(attitudes))(places).as_matrix()
-        columns = [np.interp(places, nodes, column) for column in joints.T]
-        joints = np.stack(columns, axis=-1) if columns else np.zeros((len(places), 0))
-    return boresights(plan.scenario.spacecraft, attitudes, joints)
+        edge = np.minimum(places.astype(int), path.edges - 1)
+        part = places - edge
+        attitudes = so3.geodesic(attitudes[edge], attitudes[edge + 1], part)
+        joints = joints[edge] + part[:, None] * (joints[edge + 1] - joints[edge])
+    return np.asarray(plan.scenario.spacecraft.boresights(attitudes, joints))
 
 
 def margins(scenario: "Scenario", directions: np.ndarray, times: np.ndarray | None = None) -> list[Margin]:
@@ -152,7 +132,7 @@ def _zone_margins(
     if isinstance(axis, DirectionPath):
         assert times is not None
         axis = axis.at(times)[:, None]
-    angles = _separation(directions, axis)
+    angles = separation(directions, axis)
     values = zone.half_angle - angles if isinstance(zone, KeepIn) else angles - zone.half_angle
     bound = [number for number, name in enumerate(names) if not zone.devices or name in zone.devices]
     return [Margin(device=number, zone=zone.name, values=values[:, number]) for number in bound]
@@ -173,9 +153,3 @@ def _group_margins(
     best = table[np.argmax(worst, axis=0), np.arange(table.shape[1])]
     bound = [number for number in range(len(names)) if not np.all(np.isnan(best[:, number]))]
     return [Margin(device=number, zone=group, values=best[:, number]) for number in bound]
-
-
-def _separation(directions: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Angles between directions (k, D, 3) and an axis, (3,) or (k, 1, 3), rad; exact near 0 and pi."""
-    along = directions @ axis if axis.ndim == 1 else np.sum(directions * axis, axis=-1)
-    return np.arctan2(np.linalg.norm(np.cross(directions, axis), axis=-1), along)

@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Shape
 
-from jaxplan.plotting import samples, unfolded
+from jaxplan.plotting import unfolded
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.marks import (
     NODE,
@@ -106,7 +106,7 @@ def _draw_ways(axes: Axes, plan: "Plan") -> Entries:
         axes.plot(*unfolded.cut(unfolded.unfold(way)).T, linewidth=1.8, zorder=3, **device_style(device))
     if plan.path is None or not plan.scenario.spacecraft.device_names:
         return []
-    nodes = samples.boresights(plan.scenario.spacecraft, plan.path.attitudes, plan.path.joints)
+    nodes = plan.scenario.spacecraft.boresights(plan.path.attitudes, plan.path.joints)
     for device, points in enumerate(np.moveaxis(unfolded.unfold(nodes), 1, 0)):
         axes.plot(*points.T, color=device_style(device)["color"], zorder=3.2, **NODE)
     return [(Line2D([], [], color=GREY, **NODE), "node of the path")]

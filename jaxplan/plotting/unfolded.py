@@ -12,6 +12,8 @@ rings, by the graph and the edge at the pole, or, of a cone of more than 90 deg,
 
 import numpy as np
 
+from jaxplan.geometry.directions import azimuth_elevation
+
 FRAME = np.array([[-180.0, -90.0], [180.0, -90.0], [180.0, 90.0], [-180.0, 90.0]])
 
 # Angles along a circle, counted from its northernmost point. Near the ends of its meridian, where it may pass
@@ -34,8 +36,7 @@ def unfold(directions: np.ndarray) -> np.ndarray:
     Returns:
         (..., 2) azimuth in [-180, 180] and elevation, deg; the azimuth of a pole means nothing.
     """
-    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
-    return np.rad2deg(np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1))
+    return np.rad2deg(np.stack(azimuth_elevation(directions), axis=-1))
 
 
 def cut(points: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ from typing import Self
 
 import numpy as np
 
+from jaxplan.geometry.directions import frame
+
 # The far side shows at that share of the near side's opacity.
 PALE = 0.28
 _ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # of a chosen view
@@ -28,8 +30,8 @@ class View:
     @classmethod
     def from_angles(cls, azimuth: float, elevation: float) -> Self:
         """The eye at an inertial azimuth and elevation, rad."""
-        ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-        return cls(np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]]))
+        toward, right, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
+        return cls(np.array([right, up, toward]))
 
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
+from jaxplan.geometry.directions import pointing, separation
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import zones_at
@@ -89,8 +90,7 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
 def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> float:
     """Angle of a place on the map from a zone's axis, deg."""
     a, e = np.deg2rad((azimuth, elevation))
-    direction = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    return float(np.rad2deg(np.arccos(np.clip(direction @ axis_at(zone), -1, 1))))
+    return float(np.rad2deg(separation(pointing(a, e), axis_at(zone))))
 
 
 def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan import quaternion
+from jaxplan.geometry.directions import azimuth_elevation
 from jaxplan.path import MovingGoal
 from jaxplan.planner.check import start_attitude
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
@@ -90,9 +92,8 @@ def _list(values: Any, digits: int) -> str:
 
 def _direction(vector: Any) -> tuple[str, str]:
     """Azimuth and elevation, deg."""
-    x, y, z = (float(part) for part in vector)
-    azimuth, elevation = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(z, np.hypot(x, y)))
-    return number(float(azimuth)), number(float(elevation))
+    azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
+    return number(float(np.rad2deg(azimuth))), number(float(np.rad2deg(elevation)))
 
 
 def kind_of(zone: KeepOut | KeepIn) -> str:
@@ -158,15 +159,12 @@ def motion_table(plan: "Plan") -> Markup:
 
 def ends_tables(plan: "Plan") -> Markup:
     """Start and goal: attitudes, joints, and the targets that were asked for."""
-    from scipy.spatial.transform import Rotation  # slow to import, so not at the top
-
     scenario, goal = plan.scenario, plan.goal
     start = start_attitude(scenario)
     attitudes = [("Start", start), *([("Goal", goal.attitude)] if goal is not None else [])]
     rows = []
     for name, matrix in attitudes:
-        quaternion = Rotation.from_matrix(matrix).as_quat(canonical=True, scalar_first=True)
-        rows.append((f"{name}, quaternion w x y z", _list(quaternion, 6)))
+        rows.append((f"{name}, quaternion w x y z", _list(quaternion.from_matrix(matrix), 6)))
     if goal is not None:
         turn = f"{number(float(np.rad2deg(goal.slew_angle)), 3)} deg, {number(goal.slew_angle, 4)} rad"
         rows.append(("Platform turns by", turn))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan import quaternion
 from jaxplan.moving import DirectionPath
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, finite
@@ -184,10 +185,7 @@ class Quaternion(Kind):
         unit = None if vector is None else _unit(vector, value, what, place)
         if unit is None:
             return None
-        if unit[0] < 0:
-            unit = -unit
-        sine = math.hypot(*unit[1:])
-        return unit[1:] * (2 * math.atan2(sine, unit[0]) / sine if sine > 0 else 0)
+        return np.asarray(quaternion.log(-unit if unit[0] < 0 else unit))
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import INERTIAL, Constraints, constraint_margins, state_margins
+from jaxplan.path import motion
 from jaxplan.search.problem import Scene
 
 # By how much each cap is shrunk before anything is decided, rad.
@@ -89,9 +90,10 @@ def most_obstructive(scene: Scene) -> tuple[Constraints, int] | None:
         Which of the scene's two tables it is in, and its row there, a group's first; None where the straight
         motion breaks nothing.
     """
-    share = np.linspace(0, 1, 201)[:, None]
-    attitudes = scene.start_attitude @ so3.exp(share * scene.goal_coordinates)
-    joints = scene.start_joints + share * (scene.goal_joints - scene.start_joints)
+    left = scene.goal_joints - scene.start_joints
+    attitudes, joints = motion(
+        scene.start_attitude, scene.start_joints, scene.goal_coordinates, left, np.linspace(0, 1, 201)
+    )
     deepest, found = 0.0, None
     for rows in (scene.cones, scene.grouped_cones):
         margins = constraint_margins(rows, state_margins(rows, scene.sights, attitudes, joints))
@@ -140,14 +142,14 @@ def separating_caps(
         Places of the caps, ascending, at least three; where several sets are as small, one of them. None
         where the two are connected outside the caps (touching caps let pass), or one of them lies in a cap.
     """
-    if len(axes) < 3 or _angle(start, goal) < TOGETHER:  # two discs of the plane enclose nothing
+    if len(axes) < 3 or separation(start, goal) < TOGETHER:  # two discs of the plane enclose nothing
         return None
-    to_start = _angle(axes, start)
-    margins = np.minimum(to_start, _angle(axes, goal)) - half_angles
+    to_start = separation(axes, start)
+    margins = np.minimum(to_start, separation(axes, goal)) - half_angles
     if not np.all(margins >= -TOLERANCE / 2):
         return None
     radius = half_angles - TOLERANCE
-    overlap = _angle(axes[:, None], axes) < radius[:, None] + radius - TOLERANCE
+    overlap = separation(axes[:, None], axes) < radius[:, None] + radius - TOLERANCE
     np.fill_diagonal(overlap, False)
     if np.count_nonzero(overlap) < 6:  # each pair counts twice
         return None
@@ -218,9 +220,3 @@ def _shortest_ring(
                     if best is None or len(found) < len(best):
                         best = tuple(sorted(found))
     return best
-
-
-def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(...) rad between unit vectors (..., 3), exact near 0 and pi."""
-    apart, sum_ = first - second, first + second
-    return 2 * np.arctan2(np.sqrt(np.sum(apart * apart, axis=-1)), np.sqrt(np.sum(sum_ * sum_, axis=-1)))

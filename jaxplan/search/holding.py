@@ -26,10 +26,10 @@ def held_axes(scenario: Scenario, start_attitude: np.ndarray, goal: Goal) -> tup
         (n,) bool, whether a terminal is to be held; (n, 3) inertial axes, any where it is not.
     """
     ends = [(start_attitude, scenario.start.joints), (goal.attitude, goal.joints)]
-    seen = np.stack([_directions(scenario.spacecraft.mounts, *end) for end in ends], axis=1)
+    seen = np.stack([scenario.spacecraft.boresights(*end) for end in ends], axis=1)
     zones = [
         _zone(terminal.name, scenario.keep_in, looks)
-        for terminal, looks in zip(scenario.spacecraft.terminals, seen, strict=True)
+        for terminal, looks in zip(scenario.spacecraft.terminals, seen, strict=False)  # not instruments
     ]
     held = np.array([zone is not None for zone in zones], dtype=bool)
     axes = [np.array([0.0, 0.0, 1.0]) if zone is None else axis_at(zone) for zone in zones]
@@ -43,11 +43,3 @@ def _zone(name: str, keep_in: tuple[KeepIn, ...], looks: np.ndarray) -> KeepIn |
     if alone:
         return alone[0]
     return max(binding, key=lambda zone: float(np.max(looks @ axis_at(zone))), default=None)
-
-
-def _directions(mounts: np.ndarray, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """(n, 3) where the terminals look, inertial, by equation (13)."""
-    yaw, pitch = np.reshape(joints, (2, -1))
-    azimuth, level = yaw + mounts, np.cos(pitch)
-    body = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(pitch)], axis=-1)
-    return np.asarray(body @ np.asarray(attitude).T)

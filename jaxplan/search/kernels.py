@@ -19,6 +19,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import quaternion
+from jaxplan.geometry.vectors import dot
 from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT, Constraints
 from jaxplan.search.fields import look_up
@@ -28,7 +29,6 @@ from jaxplan.search.motions import (
     STRAIGHT_INTERVALS,
     Motions,
     Sight,
-    dot,
     motions,
     sight_between,
 )

@@ -21,12 +21,14 @@ from itertools import product
 
 import numpy as np
 
+from jaxplan.geometry import rotations
 from jaxplan.scenario.model import SearchSettings
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.multi_heuristic import Rules
 from jaxplan.search.problem import JOINT_RESERVE, Scene
 from jaxplan.search.tree import Moves, Node, unrotated
+from jaxplan.spacecraft import joints_along
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).
@@ -90,15 +92,10 @@ def _following(
 ) -> np.ndarray:
     """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
     now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
-    half = np.sqrt(np.sum(turns * turns, axis=1))[:, None] / 2
-    turned = np.concatenate([np.cos(half), turns * (np.sinc(half / np.pi) / 2)], axis=1)
+    turned = np.stack(rotations.exp(turns.T), axis=-1)
     seen = unrotated(turned, now)
-    x, y, z = seen[:, :, 0], seen[:, :, 1], seen[:, :, 2]
-    yaw = np.arctan2(y, x) - scene.mounts[held]
-    yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
-    pitch = np.arctan2(z, np.hypot(x, y))
     joints = np.repeat(node.joints[None], len(turns), axis=0)
-    joints[:, held], joints[:, held + len(scene.mounts)] = yaw, pitch
+    joints[:, np.append(held, held + len(scene.mounts))] = joints_along(scene.mounts[held], seen)
     return np.maximum(np.minimum(joints, bound), -bound) - node.joints
 
 

@@ -20,6 +20,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import quaternion
+from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, Constraints, score_curvature, thresholds
 from jaxplan.search.problem import Scene
 
@@ -73,12 +74,6 @@ def computed_once(gate: ArrayLike, values: Any) -> Any:
     )
 
 
-def dot(first: ArrayLike, second: ArrayLike) -> Array:
-    """Scalar product over the leading axis, of length three."""
-    a, b = jnp.asarray(first), jnp.asarray(second)
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def _body_axes(cones: Constraints, start: Array, since: Array) -> Array:
     """(3, a, z) axes of the rows, all taken for inertial, in body coordinates at attitudes (a, 4)."""
     inertial = jnp.asarray(cones.axis).T[:, None]
@@ -95,7 +90,7 @@ def _turned(vectors: Array, axis: Array, cosine: Array, sine: Array) -> Array:
         cosine: (a, k + 1) of the angles turned.
         sine: likewise.
     """
-    across = jnp.cross(axis[:, :, None], vectors, axis=0)
+    across = jnp.stack(cross(axis[:, :, None], vectors))
     along = axis[:, :, None] * dot(axis[:, :, None], vectors)
     rest = vectors - along
     return (

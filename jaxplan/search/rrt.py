@@ -18,7 +18,7 @@ from jax import Array
 from jaxplan import quaternion
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search.corners import half_turn, subdivide
+from jaxplan.search.corners import subdivide
 from jaxplan.search.kernels import interval_slacks
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import sight_between
@@ -120,7 +120,7 @@ class Space:
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """(...) steps between states (..., 4 + 2n)."""
-        turn = 2 * half_turn(first[..., :4], second[..., :4])
+        turn = quaternion.distance(first[..., :4], second[..., :4])
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:

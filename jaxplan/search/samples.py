@@ -6,7 +6,9 @@ joints.
 
 import numpy as np
 
+from jaxplan import quaternion
 from jaxplan.search.problem import Scene
+from jaxplan.spacecraft import joints_toward
 
 # States of which one is taken, where terminals are to be held.
 CANDIDATES = 32
@@ -50,24 +52,10 @@ def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
         (k,) rad by which the limits would have been broken.
     """
     held = np.flatnonzero(scene.held)
-    axes = (scene.held_axes[held] @ scene.start_attitude).T
-    x, y, z = (_to_body(states[:, :4]) @ axes).transpose(1, 0, 2)  # (k, held)
-    yaw = np.arctan2(y, x) - scene.mounts[held]
-    yaw -= 2 * np.pi * np.round(yaw / (2 * np.pi))
-    joints = np.concatenate([yaw, np.arctan2(z, np.hypot(x, y))], axis=1)
+    axes = scene.held_axes[held] @ scene.start_attitude
+    joints = joints_toward(scene.mounts[held], quaternion.to_matrix(states[:, :4]), axes)
     places = np.concatenate([held, held + len(scene.mounts)])
     limits = scene.joint_limits[places]
     inside = np.maximum(np.minimum(joints, limits), -limits)
     states[:, 4 + places] = inside
     return np.max(np.abs(joints - inside), axis=1)
-
-
-def _to_body(turns: np.ndarray) -> np.ndarray:
-    """(k, 3, 3) matrices of the inverse of unit quaternions (k, 4)."""
-    w, x, y, z = turns.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-        [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-        [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)

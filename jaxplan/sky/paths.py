@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from jaxplan.geometry.directions import separation
 from jaxplan.given import number
 from jaxplan.moving import DirectionPath
-from jaxplan.sky.sights import Epoch, Thing, angles, directions, drift_times
+from jaxplan.sky.sights import Epoch, Thing, directions, drift_times
 
 ACCURACY = 1e-9  # rad, of the path between its samples
 _FEWEST, _MOST = 8, 4096  # intervals
@@ -42,7 +43,7 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
             found = DirectionPath.through(times[::2], seen[::2])
         except ValueError:  # it turns too far between them
             found = None
-        if found is not None and np.all(angles(found.at(times), seen) <= ACCURACY):
+        if found is not None and np.all(separation(found.at(times), seen) <= ACCURACY):
             return found
         intervals *= 2
     raise ValueError(f"target: passes so close that {_MOST} samples over {duration_s:g} s do not follow it")

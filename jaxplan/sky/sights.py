@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxplan.epochs import parse_epoch
+from jaxplan.geometry.directions import separation
 from jaxplan.given import floats, number
 from jaxplan.sky.bodies import BODIES, RADII, body_state
 from jaxplan.sky.instants import seconds
@@ -155,7 +156,7 @@ def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) ->
     """
     times = drift_times(observer, duration_s)
     seen = directions(target, epoch=epoch, observer=observer, times=times)
-    return float(np.max(angles(seen[0], seen)) + half_step(seen))
+    return float(np.max(separation(seen[0], seen)) + half_step(seen))
 
 
 def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
@@ -176,15 +177,9 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
     return np.linspace(0.0, duration_s, intervals + 1)
 
 
-def angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(...) rad between directions (..., 3), exact near 0 and pi."""
-    across = np.linalg.norm(np.cross(first, second), axis=-1)
-    return np.asarray(np.arctan2(across, np.sum(first * second, axis=-1)))
-
-
 def half_step(seen: np.ndarray) -> float:
     """Half of the largest angle between neighbours among (k, 3) directions: what lies between is nearer."""
-    return float(np.max(angles(seen[1:], seen[:-1]), initial=0.0)) / 2
+    return float(np.max(separation(seen[1:], seen[:-1]), initial=0.0)) / 2
 
 
 def _state(

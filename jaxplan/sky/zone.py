@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxplan.geometry.directions import separation
 from jaxplan.given import number, several
 from jaxplan.moving import DirectionPath
 from jaxplan.sky.paths import path
 from jaxplan.sky.sights import (
     Epoch,
     Thing,
-    angles,
     angular_radius,
     check_body,
     directions,
@@ -85,7 +85,7 @@ def keep_out(
         reach, slack = np.zeros(len(times)), 0.0
     else:
         direction = axis = seen[len(times) // 2]
-        reach, slack = angles(axis, seen), half_step(seen)
+        reach, slack = separation(axis, seen), half_step(seen)
     limb = angular_radius(body, epoch=epoch, observer=observer, times=times, atmosphere_km=atmosphere_km)
     if exclusion_deg is None:
         given, what = float(half_angle_deg or 0.0), f"half_angle_deg = {half_angle_deg}"

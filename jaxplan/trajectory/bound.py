@@ -8,6 +8,7 @@ again. Zones, torque, and that accelerations must be continuous, only add to it.
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.spacecraft import Spacecraft
 
 _TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
@@ -67,7 +68,7 @@ def duration_bound(
         spacecraft.joint_rate_limits,
         spacecraft.joint_acceleration_limits,
     )
-    slew = _slew(*attitudes)
+    slew = so3.distance(*attitudes)
     fastest = np.sqrt(3.0) * np.array([spacecraft.rate_limit, spacecraft.acceleration_limit])
     first, last = np.linalg.norm(angular_velocities, axis=1)
     of_platform = shortest_time(slew, first, last, fastest[0], fastest[1])
@@ -79,10 +80,3 @@ def duration_bound(
 def excess(duration: float, bound: float) -> float | None:
     """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
     return duration / bound - 1 if bound > _TELLING * duration else None
-
-
-def _slew(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Angle () between two attitudes, rad; of a sine and a cosine, so that no digit is lost at any angle."""
-    m = first.T @ last
-    sine = np.linalg.norm([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]) / 2
-    return np.asarray(np.arctan2(sine, (np.trace(m) - 1) / 2))

@@ -24,8 +24,9 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan.geometry.vectors import dot
 from jaxplan.model.constraints import JOINTS, SIGHT, Constraints, Sights, scores, thresholds
-from jaxplan.search.motions import computed_once, dot
+from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread, total
 from jaxplan.search.smoothing.sweeps import row_axes, row_values, sights_of

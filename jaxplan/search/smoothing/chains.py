@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.geometry import rotations
 from jaxplan.path import Path
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing import sweeps
-from jaxplan.search.smoothing.components import conjugate, times
 
 CORNERS = 10  # nodes between which straight motions are tried
 _FIRST, _LAST = np.array(list(combinations(range(CORNERS), 2))).T
@@ -72,9 +72,9 @@ def _costs(
     """
     q, j = sweeps.nodes(scene, attitudes, joints)
     start = q[:, _FIRST]
-    turns = times(conjugate(start), q[:, _LAST])
+    turns = jnp.stack(rotations.relative(start, q[:, _LAST]))
     change = j[:, _LAST] - j[:, _FIRST]
-    costs = sweeps.steps(scene, sweeps.rotation(turns), change)
+    costs = sweeps.steps(scene, rotations.angle(turns), change)
     nearer = jnp.minimum(passed[_FIRST], passed[-1] - passed[_LAST])
     wanted = clearance * jnp.minimum(nearer / TAPER_STEPS, 1)
     _, slack = sweeps.motion_margins(

@@ -17,11 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.geometry import rotations
+from jaxplan.geometry.vectors import cross, dot, unit
 from jaxplan.model.constraints import INERTIAL, JOINTS, Sights
-from jaxplan.search.motions import computed_once, dot
+from jaxplan.search.motions import computed_once
 from jaxplan.search.smoothing import band
 from jaxplan.search.smoothing.band import FAR, PENALTY, PIECES, TRAVEL, Problem
-from jaxplan.search.smoothing.components import spread, times, total, unit
+from jaxplan.search.smoothing.components import spread, total
 
 FRACTIONS = (1.0, 0.4, 0.12, 0.03)
 # Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
@@ -72,11 +74,7 @@ def _zone_terms(
     slacks = band.zone_slacks(problem, axes, body, joints[:, None])[:, :, 0]
     zone, seen = axes[:, :, None, 0], body[:, None, :, 0]
     by_yaw, by_pitch = _by_joints(problem.sights, body[:, :, 0], angles[:, :, 0])
-    turned = jnp.stack([
-        seen[1] * zone[2] - seen[2] * zone[1],
-        seen[2] * zone[0] - seen[0] * zone[2],
-        seen[0] * zone[1] - seen[1] * zone[0],
-    ])  # fmt: skip
+    turned = jnp.stack(cross(seen, zone))
     moved = jnp.stack([dot(by_yaw[:, None], zone), dot(by_pitch[:, None], zone)])
     factor = -jnp.asarray(constraints.side)
     if constraints.inner:  # of these the platform's turn changes nothing
@@ -204,7 +202,7 @@ def _step(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> A
 def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
     """A band after displacements (C, ..., s), which turn its nodes about body axes."""
     turn = jnp.concatenate([jnp.ones_like(displacement[:1]), displacement[:3] / 2])
-    return unit(times(quaternions, turn)), joints + displacement[3:]
+    return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
 
 
 def descend(

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxplan.path import Path
 from jaxplan.scenario.model import SearchSettings
-from jaxplan.search.corners import ARRIVED, rotations
+from jaxplan.search.corners import ARRIVED, edge_rotations
 from jaxplan.search.lockstep import Call, Steps
 from jaxplan.search.problem import Scene
 from jaxplan.search.smoothing import chains
@@ -102,7 +102,7 @@ def _is_straight(scene: Scene, path: Path, straight: float) -> bool:
         return False
     passed = np.concatenate([[0.0], np.cumsum(path.edge_costs)])[:, None] / straight
     joints = scene.start_joints + passed * (scene.goal_joints - scene.start_joints)
-    turned = np.sum(rotations(path.attitudes))
+    turned = np.sum(edge_rotations(path.attitudes))
     return bool(
         np.all(np.abs(path.joints - joints) <= ARRIVED)
         and turned <= np.linalg.norm(scene.goal_coordinates) + ARRIVED
@@ -112,4 +112,4 @@ def _is_straight(scene: Scene, path: Path, straight: float) -> bool:
 def _travel(scene: Scene, path: Path) -> float:
     """Steps of the platform and of all joints, added up."""
     joints = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
-    return float(np.sum(rotations(path.attitudes)) / scene.attitude_step + np.sum(joints))
+    return float(np.sum(edge_rotations(path.attitudes)) / scene.attitude_step + np.sum(joints))

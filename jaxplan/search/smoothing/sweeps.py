@@ -10,6 +10,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxplan import quaternion
+from jaxplan.geometry import directions, rotations
+from jaxplan.geometry.vectors import dot
 from jaxplan.model.constraints import (
     INERTIAL,
     SIGHT,
@@ -24,9 +26,9 @@ from jaxplan.model.constraints import (
     scores,
 )
 from jaxplan.path import step_cost
-from jaxplan.search.motions import computed_once, dot
+from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import TAPER_STEPS, Scene
-from jaxplan.search.smoothing.components import between, conjugate, in_body, spread, times, unit
+from jaxplan.search.smoothing.components import between, in_body, spread
 
 _TINY = 1e-12
 
@@ -46,12 +48,6 @@ def nodes(scene: Scene, attitudes: Array, joints: Array) -> tuple[Array, Array]:
     return aligned(quaternion.from_matrix(since).T), joints.T
 
 
-def rotation(turns: Array) -> Array:
-    """Angles of the rotations (4, ...), rad in [0, pi]."""
-    sine = jnp.sqrt(dot(turns[1:], turns[1:]))
-    return 2 * jnp.arctan2(sine, jnp.abs(turns[0]))
-
-
 def steps(scene: Scene, angles: Array, changes: Array) -> Array:
     """Cost of motions, (m,), of rotations (m,) and joint changes (2n, m)."""
     return step_cost(angles, changes.T, scene.attitude_step, scene.joint_steps)
@@ -60,7 +56,7 @@ def steps(scene: Scene, angles: Array, changes: Array) -> Array:
 def edge_costs(scene: Scene, quaternions: Array, joints: Array) -> tuple[Array, Array]:
     """Steps that each edge costs, and those of all its motions added up, both (m,)."""
     change = jnp.diff(joints, axis=-1)
-    angles = rotation(between(quaternions))
+    angles = rotations.angle(between(quaternions))
     every = jnp.sum(jnp.abs(change) / jnp.asarray(scene.joint_steps)[:, None], axis=0)
     return steps(scene, angles, change), angles / scene.attitude_step + every
 
@@ -84,14 +80,7 @@ def evenly(
     at = jnp.arange(nodes) * (until[-1] / count)
     edge = jnp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
     part = jnp.clip((at - until[edge]) / jnp.maximum(costs[edge], _TINY), 0, 1)
-    first, last = quaternions[:, edge], quaternions[:, edge + 1]
-    half = rotation(times(conjugate(first), last)) / 2
-    sine = jnp.sin(half)
-    straight = sine < 1e-6  # where geodesic and chord are the same to rounding
-    divisor = jnp.where(straight, 1, sine)
-    before = jnp.where(straight, 1 - part, jnp.sin((1 - part) * half) / divisor)
-    after = jnp.where(straight, part, jnp.sin(part * half) / divisor)
-    attitudes = unit(before * first + after * last)
+    attitudes = jnp.stack(rotations.slerp(quaternions[:, edge], quaternions[:, edge + 1], part))
     angles = joints[:, edge] + part * (joints[:, edge + 1] - joints[:, edge])
     beyond = jnp.arange(nodes) >= count
     return jnp.where(beyond, quaternions[:, -1:], attitudes), jnp.where(beyond, joints[:, -1:], angles)
@@ -106,7 +95,8 @@ def wanted_clearance(
     less the edge itself.
     """
     behind = jnp.cumsum(costs) - costs
-    turn = rotation(times(conjugate(quaternions[:, :-1]), jnp.asarray(scene.goal_quaternion)[:, None]))
+    goal = jnp.asarray(scene.goal_quaternion)[:, None]
+    turn = rotations.angle(rotations.relative(quaternions[:, :-1], goal))
     left = jnp.asarray(scene.goal_joints)[:, None] - joints[:, :-1]
     ahead = steps(scene, turn, left) - jnp.maximum(costs, 1)
     return clearance * jnp.clip(jnp.minimum(behind, ahead) / TAPER_STEPS, 0, 1)
@@ -163,7 +153,7 @@ def motion_margins(
         values = row_values(cones, places)
         score = scores(cones.spread(3), dot(axes[:, :, None], body[:, None]), values)
         score = computed_once(gate, score)  # (z, d, parts + 1, m)
-        curvature = score_curvature(cones, rotation(turns) / parts, rate, bend).T  # (z or 1, d, m)
+        curvature = score_curvature(cones, rotations.angle(turns) / parts, rate, bend).T  # (z or 1, d, m)
         over = edge_bound(score[:, :, :-1], score[:, :, 1:], curvature[:, :, None] / 2)  # +inf for a NaN
         over = jnp.where(spread(jnp.asarray(cones.bound), 2), over, -jnp.inf)
         worst = reduce(jnp.maximum, [over[:, d] for d in range(over.shape[1])])  # (z, parts, m)
@@ -184,19 +174,14 @@ def sights_of(sights: Sights, cosines: Array, sines: Array) -> Array:
     """Sights (3, d, ...) in body axes, from cosines and sines (2n, ...) of azimuths and then elevations."""
     count = sights.mounts.shape[0]
     ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
-    seen = [jnp.stack([ce * ca, ce * sa, se])]
+    seen = [jnp.stack(directions.outward(ca, sa, ce, se))]
     if sights.fixed.shape[0]:
         fixed = spread(jnp.asarray(sights.fixed).T, ca.ndim - 1)
         seen.append(jnp.broadcast_to(fixed, (*fixed.shape[:2], *ca.shape[1:])))
     if sights.carried.shape[0]:
-        ca, ce, sa, se = (part[sights.carrier] for part in (ca, ce, sa, se))
-        ahead, aside, above = (spread(part, ca.ndim - 1) for part in jnp.asarray(sights.carried).T)
-        own = [
-            jnp.stack([ce * ca, ce * sa, se]),
-            jnp.stack([-sa, ca, 0 * sa]),
-            jnp.stack([-se * ca, -se * sa, ce]),
-        ]
-        seen.append(ahead * own[0] + aside * own[1] + above * own[2])
+        circles = (part[sights.carrier] for part in (ca, sa, ce, se))
+        own = spread(jnp.asarray(sights.carried).T, ca.ndim - 1)
+        seen.append(jnp.stack(directions.carried(own, *circles)))
     return jnp.concatenate(seen, axis=1)
 
 
@@ -235,7 +220,7 @@ def _positions(
     """
     parts = 2**halvings
     mounts = jnp.concatenate([scene.mounts, jnp.zeros_like(scene.mounts)])[:, None]
-    half = rotation(turns) / 2
+    half = rotations.angle(turns) / 2
     sine = jnp.sin(half)
     axis = turns[1:] * jnp.where(turns[0] < 0, -1, 1) / jnp.where(sine > 0, sine, 1)
     angles = [joints + mounts, changes / parts, half / parts]
@@ -244,13 +229,18 @@ def _positions(
     step = jnp.concatenate([cosines[2][None], axis * sines[2]])[:, None]
     turn = jnp.stack([cosines[1], sines[1]])[:, :, None]
     for _ in range(halvings):
-        attitudes = jnp.concatenate([attitudes, times(attitudes, step)], axis=1)
+        attitudes = jnp.concatenate([attitudes, _times(attitudes, step)], axis=1)
         circles = jnp.concatenate([circles, _product(circles, turn)], axis=2)
-        step, turn = times(step, step), _product(turn, turn)
-    attitudes = jnp.concatenate([attitudes, times(attitudes[:, :1], step)], axis=1)
+        step, turn = _times(step, step), _product(turn, turn)
+    attitudes = jnp.concatenate([attitudes, _times(attitudes[:, :1], step)], axis=1)
     circles = jnp.concatenate([circles, _product(circles[:, :, :1], turn)], axis=2)
     attitudes, circles = computed_once(gate, (attitudes, circles))
     return attitudes, circles[0], circles[1]
+
+
+def _times(first: Array, second: Array) -> Array:
+    """Product of quaternions, (4, ...)."""
+    return jnp.stack(rotations.product(first, second))
 
 
 def _product(first: Array, second: Array) -> Array:

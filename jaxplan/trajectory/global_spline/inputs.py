@@ -10,6 +10,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, Sights, room, state_margins
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
@@ -69,10 +70,10 @@ def gather_inputs(
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     first, last = attitudes[0], attitudes[-1]
     turn = so3.log(first.T @ last)
-    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(so3.length(turn)))
+    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(length(turn)))
     back = so3.exp(-held.places[:, None] * turn / 2)  # U^T
     eta = so3.log(back @ (first.T @ attitudes) @ back)
-    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(so3.length(eta)))[:, None]
+    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(length(eta)))[:, None]
     nodes = jnp.concatenate([eta + held.places[:, None] * turn, joints], axis=1)
     ends = jnp.asarray(rates)
     ends = ends.at[1, :3].set(so3.exp(turn / 2) @ ends[1, :3])

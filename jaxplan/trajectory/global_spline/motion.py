@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxplan.geometry.vectors import cross
 from jaxplan.model.constraints import (
     INERTIAL,
     JOINTS,
@@ -150,7 +151,9 @@ class Motion:
         factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
         slopes = np.zeros((len(place), self.curves.shape[3]))
         # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
-        slopes[:, :3] = np.einsum("rk,rka->ra", _cross(seen, axis), self.tangent[curve, place])
+        slopes[:, :3] = np.einsum(
+            "rk,rka->ra", np.stack(cross(seen.T, axis.T), axis=1), self.tangent[curve, place]
+        )
         self._add_turns(slopes, curve, place, sight, seen, axis)
         if not self.problems[0].cones.inner:
             return slopes * factor[:, None]
@@ -267,12 +270,6 @@ def _margins(problem: Problem, cosines: np.ndarray, joints: np.ndarray) -> np.nd
     found = margins_of_scores(cones, scores(cones, cosines, values))
     found = np.where(cones.bound.T, found, np.inf)
     return np.where(counted(cones, np.min(found, axis=1, initial=np.inf))[:, None], found, np.inf)
-
-
-def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Of vectors (R, 3); numpy's takes several times as long for a few."""
-    (a, b, c), (x, y, z) = first.T, second.T
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _choices(problem: Problem) -> dict[str, bool]:
