@@ -278,7 +278,11 @@ def test_padding_and_the_order_of_zones_do_not_matter():
     )
     names = [z.name for z in sorted(zones, key=lambda z: isinstance(z, KeepIn))]
     bare = replace(
-        cones, **{k: getattr(cones, k)[:5] for k in ("direction", "half_angle", "side", "bound", "group")}
+        cones,
+        **{
+            name: getattr(cones, name)[:5]
+            for name in ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group")
+        },
     )
     reports.append(certify(trajectory, spacecraft, bare, zone_names=names, **ends(trajectory, spacecraft)))
     for report in reports[1:]:

@@ -46,7 +46,7 @@ class Case:
         """The case, or a report of what is wrong with its form."""
         curve, zones = form.plain(claim.trajectory), form.plain(claim.cones)
         ends = {"start": claim.start, "goal": claim.goal}
-        refused = form.faults(curve, claim.spacecraft, zones, len(claim.zone_names), ends)
+        refused = form.faults(curve, claim.spacecraft, zones, len(claim.zone_names), ends, claim.sight_names)
         if refused:
             return Report(certified=False, faults=tuple(refused))
         static = form.is_static(curve)
@@ -79,14 +79,15 @@ class Case:
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
             *(None if part is None else np.asarray(part, np.float64).tobytes() for part in numbers),
+            *(part.tobytes() for part in vars(self.bindings.views).values()),
         )
 
 
 def prove_alike(cases: Sequence[Case]) -> list[Report]:
     """Reports on cases of one kind."""
     craft = cases[0].claim.spacecraft
-    motion = Motion.of(craft, *(case.curve for case in cases))
     bindings = Bindings.joined([case.bindings for case in cases])
+    motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))
     wanted = negligible(craft, [case.bindings for case in cases])
     evidence = errors.gather(motion, wanted, list(bindings.ways.values()))
     samples = evidence.samples
@@ -148,7 +149,7 @@ class _Found:
 def _report(case: Case, found: _Found) -> Report:
     """What is said of one trajectory."""
     claim, bindings, margin, room = case.claim, case.bindings, found.margin, found.room
-    craft, names = claim.spacecraft, claim.zone_names
+    craft, names, sights = claim.spacecraft, claim.zone_names, claim.every_sight
     if case.static:
         margin.time[:] = room.time[:] = 0
     faults = (
@@ -161,7 +162,7 @@ def _report(case: Case, found: _Found) -> Report:
             craft.jerk_limit is not None,
         ),
         *limits.faults(found.limited, room, LIMIT_ALLOWANCE),
-        *bindings.faults(margin, found.motion, craft.device_names, names, MARGIN_ALLOWANCE, found.number),
+        *bindings.faults(margin, found.motion, sights, names, MARGIN_ALLOWANCE, found.number),
     )
     report = Report(
         certified=not faults,
@@ -179,8 +180,8 @@ def _report(case: Case, found: _Found) -> Report:
         report,
         min_margin=float(np.min(margin.bound)),
         worst_time=float(margin.time[worst]),
-        worst_device=craft.device_names[bindings.device[pair]],
-        worst_zone=names[bindings.zone[pair]],
+        worst_device=sights[bindings.sight[pair]],
+        worst_zone=names[bindings.row[pair]],
     )
 
 
@@ -196,11 +197,17 @@ def negligible(spacecraft: "Spacecraft", several: Sequence[Bindings]) -> Errors:
         inertia = np.linalg.norm(spacecraft.inertia, 2)
         for order, limit in enumerate((spacecraft.wheel_momentum_limit, spacecraft.torque_limit)):
             spin[order] = np.minimum(spin[order], np.inf if limit is None else np.min(limit) / inertia)
-    angle = np.sin([np.min(bindings.angle, initial=np.pi / 2) for bindings in several])
+    angle = np.sin([bindings.narrowest for bindings in several])
+    views = several[0].views
+    directions = sum(map(len, (spacecraft.device_names, views.body, views.carrier, views.within)))
     joints = (spacecraft.joint_limits, spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits)
     each = np.ones(len(several))
+    angles = errors.NEGLIGIBLE * np.stack(joints)[..., None] * each
+    for number, bindings in enumerate(several):
+        if np.any(bindings.frame == form.JOINTS):  # whose margins are angles
+            angles[0, :, number] = np.minimum(angles[0, :, number], errors.NEGLIGIBLE)
     return Errors(
-        direction=errors.NEGLIGIBLE * np.ones((len(spacecraft.device_names), 1)) * angle,
+        direction=errors.NEGLIGIBLE * np.ones((directions, 1)) * angle,
         spin=errors.NEGLIGIBLE * spin[:, None] * each,
-        joints=errors.NEGLIGIBLE * np.stack(joints)[..., None] * each,
+        joints=angles,
     )

@@ -5,9 +5,11 @@ h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives ar
 `jets`). Let ``g`` be one of ``eta`` without its constant term. Then ``exp(g)`` is one of ``exp(eta^)``: in
 the expansion around the constant every factor is a rotation, of norm one, or is bounded by ``g``. So with
 ``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular velocity, which is
-``R^T R'``, the majorant ``exp(2 m) m'``. A boresight has the exponential of ``m`` and the majorants of its
-yaw and its pitch together. Where axes of zones move, it is the scalar product with an axis that is
-interpolated, so the majorant is multiplied by that of the axis.
+``R^T R'``, the majorant ``exp(2 m) m'``. In body axes a boresight, or another vector of a terminal's moving
+part, has the exponential of the majorants of its yaw and its pitch together, and what is fixed there is its
+own majorant, one. In inertial axes ``m`` is added to the exponent. It is the scalar product of sight and axis
+that is interpolated, so where both move the majorant is the product of theirs: the exponents of two sights
+add up, and that of an inertial axis is in `axes`.
 
 Rounding. Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
 the rest follows from the same majorants, to first order; other steps are taken to err by a few units too.
@@ -36,7 +38,8 @@ class Errors:
     """Bounds of errors on intervals.
 
     Attributes:
-        direction: (D, n) of the boresights, as seen from axes that may move.
+        direction: (S + k, n) of all sights as seen from inertial axes that may move, then of what is seen
+            within the body (`motion.Views`).
         spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
         joints: (3, 2T, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
     """
@@ -52,7 +55,7 @@ class Majorants:
 
     Attributes:
         turning: (orders, n) ``m`` above, rad; zero at order zero.
-        direction: (orders, D, n) of the boresights, as seen from axes that may move.
+        direction: (orders, S + k, n) of scalar products of sights with axes, as `Errors` has them.
         spin: (orders, n) of h times the angular velocity.
         joints: (orders, 2T, n) rad.
     """
@@ -82,11 +85,18 @@ class Evidence:
     rounding: Errors
 
 
-def _of_devices(motion: Motion, joints: np.ndarray) -> np.ndarray:
-    """Yaw and pitch added for each terminal, zero for an instrument: (..., 2T, n) to (..., D, n)."""
+def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
+    """Yaw and pitch added for what moves with a terminal, else zero: (..., 2T, n) to (..., S, n)."""
     yaw, pitch = np.split(joints, 2, axis=-2)
-    still = np.zeros((*yaw.shape[:-2], len(motion.fixed_boresights), yaw.shape[-1]))
-    return np.concatenate([yaw + pitch, still], axis=-2)
+    still = np.zeros((*yaw.shape[:-2], len(motion.fixed), yaw.shape[-1]))
+    both = yaw + pitch
+    return np.concatenate([both, still, both[..., motion.views.carrier, :]], axis=-2)
+
+
+def _within(motion: Motion, of_sights: np.ndarray) -> np.ndarray:
+    """The sums of a sight's and its axis' for what is seen within the body: (..., S, n) to (..., k, n)."""
+    sight, axis = motion.views.within.T
+    return of_sights[..., sight, :] + np.where(axis[:, None] < 0, 0, of_sights[..., axis, :])
 
 
 def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majorants:
@@ -100,12 +110,14 @@ def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majora
     turning[0] = 0
     joints = motion.joints.taylor(on.joint_piece, centre, motion.joints.length)[..., 0]
     moving = jets.majorant(np.abs(joints) * unit[: len(joints), None], orders)
-    sweeping = turning[:, None] + _of_devices(motion, moving)
+    swinging = _of_sights(motion, moving)
+    sweeping = np.concatenate([turning[:, None] + swinging, _within(motion, swinging)], axis=1)
     sweeping[0] = 0
     direction = jets.exponential(sweeping)
     if ways:
         swiftest = np.max([way.majorant(on.centre, on.half, orders) for way in ways], axis=0)
-        direction = jets.product("dn,n->dn", direction, swiftest)
+        outward = slice(swinging.shape[1])
+        direction[:, outward] = jets.product("dn,n->dn", direction[:, outward], swiftest)
     spinning = jets.product("n,n->n", jets.exponential(2 * turning), jets.slope(turning))
     return Majorants(turning=turning, direction=direction, spin=spinning, joints=moving)
 
@@ -133,8 +145,10 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
     joints = motion.joints.rounding(on.joint_piece, 3) + ROUNDING * bounds.joints[:3] / unit[:3, None]
     factorial = np.array([1, 1, 2])[:, None]
     of_axes = [np.zeros(len(on.half)), *(way.rounding(on.centre, on.half) for way in ways)]
+    swung = _of_sights(motion, joints[0])
+    outward, inward = eta[0] + swung + np.max(of_axes, axis=0), _within(motion, swung + ROUNDING)
     return Errors(
-        direction=eta[0] + _of_devices(motion, joints[0]) + np.max(of_axes, axis=0),
+        direction=np.concatenate([outward, inward]),
         spin=factorial * (spin + ROUNDING * bounds.spin[:3]) / (unit[:3] * on.half),
         joints=factorial[:, None] * joints,
     )

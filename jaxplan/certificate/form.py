@@ -4,7 +4,7 @@ Each check yields a sentence for every fault. A NaN or an infinity anywhere is o
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _ORTHONORMAL = 1e-9
 _UNIT = 1e-6  # directions are normalised before use
 _SAME_TIME = 1e-12
+
+# What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints.
+INERTIAL, BODY, SIGHT, JOINTS = range(4)
 
 Container = TypeVar("Container", "Trajectory", "Constraints")
 
@@ -42,6 +45,7 @@ def faults(
     cones: "Constraints",
     zones: int,
     ends: dict[str, EndState],
+    sight_names: Sequence[str] | None = None,
 ) -> list[str]:
     """All faults of form; where shapes are wrong, only those.
 
@@ -51,15 +55,21 @@ def faults(
         cones: as `plain` gives them.
         zones: number of zones that have a name.
         ends: the wanted states by their names, "start" and "goal".
+        sight_names: names of all that the constraints bind, if any are given.
     """
-    joints = 2 * len(spacecraft.terminals)
-    shapes = [*_trajectory_shapes(trajectory, joints), *_cone_shapes(cones, len(spacecraft.device_names))]
+    terminals = len(spacecraft.terminals)
+    further = len(np.atleast_1d(cones.body)) + len(np.atleast_1d(cones.carried))
+    joints, sights = 2 * terminals, len(spacecraft.device_names) + further
+    shapes = [*_trajectory_shapes(trajectory, joints), *_cone_shapes(cones, sights)]
+    if sight_names is not None and len(sight_names) != sights:
+        shapes.append(f"sight_names has {len(sight_names)} names for {sights} sights")
     for name, end in ends.items():
         shapes += _end_shapes(name, end, joints)
     if shapes:
         return shapes
     last = float(np.max(trajectory.breaks))
-    found = [*_trajectory_numbers(trajectory), *_cone_numbers(cones, zones), *_spacecraft_numbers(spacecraft)]
+    found = [*_trajectory_numbers(trajectory), *_cone_numbers(cones, zones, terminals)]
+    found += _spacecraft_numbers(spacecraft)
     found += [f for row, path in enumerate(cones.paths) if path is not None for f in _path(row, path, last)]
     for name, end in ends.items():
         found += _end_numbers(name, end)
@@ -142,34 +152,87 @@ def _trajectory_numbers(trajectory: "Trajectory") -> Iterator[str]:
             yield f"trajectory.{name} do not rise"
 
 
-def _cone_shapes(cones: "Constraints", devices: int) -> Iterator[str]:
+def _cone_shapes(cones: "Constraints", sights: int) -> Iterator[str]:
     zones = cones.half_angle.size
+    if len(cones.paths) > zones:
+        yield f"cones.paths has {len(cones.paths)} axes for {zones} rows"
     for name, tail in (
         ("axis", (3,)),
         ("frame", ()),
         ("partner", ()),
         ("half_angle", ()),
         ("side", ()),
-        ("bound", (devices,)),
+        ("bound", (sights,)),
         ("entry", ()),
         ("group", ()),
     ):
         yield from _shape(f"cones.{name}", getattr(cones, name), (zones, *tail))
+    for name, each, tail in (
+        ("body", cones.body, (3,)),
+        ("carrier", cones.carried, ()),
+        ("carried", cones.carried, (3,)),
+    ):
+        yield from _shape(f"cones.{name}", getattr(cones, name), (len(np.atleast_1d(each)), *tail))
 
 
-def _cone_numbers(cones: "Constraints", zones: int) -> Iterator[str]:
+def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[str]:
     stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
     still = np.ones(len(cones.axis), bool)
     still[: len(stands)] = stands
     for name, array in _arrays(cones).items():
         yield from _finite(f"cones.{name}", array[still] if name == "axis" else array)
-    yield from _unit("cones.axis", cones.axis[still])
-    if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi)):
+    for name, vectors in (("axis", cones.axis[still]), ("body", cones.body), ("carried", cones.carried)):
+        yield from _unit(f"cones.{name}", vectors)
+    of_joints = cones.frame == JOINTS
+    if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi) | of_joints):
         yield "cones.half_angle is not between 0 and 180 deg"
     if not np.all(np.abs(cones.side) == 1):
         yield "cones.side is neither +1 nor -1"
     if np.any(cones.bound[zones:] != 0):
         yield f"cones has zones that bind devices beyond the {zones} that have a name"
+    if np.any(cones.axis[of_joints, 2:] != 0):
+        yield "cones.axis of a row of joints is not of yaw and pitch alone"
+    if all(np.all(np.isfinite(array)) for name, array in _arrays(cones).items() if name != "axis"):
+        yield from (*_kinds(cones, terminals), *_nests(cones))
+
+
+def _kinds(cones: "Constraints", terminals: int) -> Iterator[str]:
+    """Of what the axes belong to, and what they may bind."""
+    frame, bound = cones.frame, cones.bound != 0
+    if not _whole(frame, 4):
+        yield "cones.frame is none of the four that there are"
+    if not _whole(cones.carrier, terminals):
+        yield f"cones.carrier is none of the {terminals} terminals"
+    moving = np.array([path is not None for path in cones.paths], bool)
+    if np.any(frame[: len(moving)][moving] != INERTIAL):
+        yield "cones.paths has an axis that moves and is not inertial"
+    if np.any(bound[frame == JOINTS, terminals:]):
+        yield "cones.bound has a row of joints that binds more than terminals"
+    from_sights = frame == SIGHT
+    partner = cones.partner[from_sights]
+    if not _whole(partner, bound.shape[1]):
+        yield f"cones.partner is none of the {bound.shape[1]} sights"
+    elif np.any(bound[from_sights].sum(axis=1) != 1) or np.any(bound[from_sights, partner.astype(int)]):
+        yield "cones.bound has a row about a sight that does not bind exactly one other"
+
+
+def _nests(cones: "Constraints") -> Iterator[str]:
+    """Of how rows make up entries, and these constraints."""
+    row = np.arange(len(cones.frame))
+    for name in ("entry", "group"):
+        first = getattr(cones, name)
+        if not (_whole(first, len(row)) and np.all(first <= row)):
+            yield f"cones.{name} is not the first row of each"
+            return
+        if np.any(first[first.astype(int)] != first):
+            yield f"cones.{name} is not the first row of each"
+    if np.any(cones.group[cones.entry.astype(int)] != cones.group):
+        yield "cones.entry has rows of several groups"
+
+
+def _whole(numbers: np.ndarray, count: int) -> bool:
+    """Whether all are whole and from zero on below a count."""
+    return bool(np.all((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)))
 
 
 def _path(row: int, path: "DirectionPath", last: float) -> Iterator[str]:

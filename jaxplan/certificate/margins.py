@@ -1,23 +1,26 @@
-"""Zones as constraints on boresights, and proved lower bounds of their margins over all time.
+"""Constraints on what points, and proved lower bounds of their margins over all time.
 
-The margin of a device to a zone is the angle by which it is clear, as in equations (11) and (12). It is
-taken from the square of the chord between boresight and axis,
+The margin of a sight to a cone is the angle by which it is clear, as in equations (11) and (12). It is taken
+from the square of the chord between sight and axis,
 
     c = |p - e|^2 = 2 - 2 p . e = 4 sin^2(angle / 2),
 
-which is linear in p and loses no digit at small angles. A cone of more than a right angle is the complement
-of the opposite one.
+which is linear in p and in e and loses no digit at small angles. A cone of more than a right angle is the
+complement of the opposite one.
 
-An axis that moves is taken where it is at each instant; how far polynomials in time may be off by its motion
-is in the evidence.
+An inertial axis that moves is taken where it is at each instant. An axis of the body, or one that is itself a
+sight, is seen in body axes, where the platform's turn does not count. How far polynomials in time may be off
+by the motion of both is in the evidence. The margin of a row of joints is ``f . (yaw, pitch) - d``.
 
-A zone binds each of its devices by itself: each is a clause (see `bounds`). Zones of one group are one clause
-with an entry for each zone, which holds where all devices of the zone do. A trajectory's pairs of zones and
-devices are tasks on its own intervals only, so what is proved of it is the same alone and among others.
+An entry holds where all its rows do, for all that they bind; a constraint where one of its entries does. A
+constraint of a single entry must hold for each sight by itself, so each is a clause (see `bounds`); one of
+several entries is a single clause. The clauses of a trajectory are tasks on its own intervals only, so what
+is proved of it is the same alone and among others.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -26,13 +29,14 @@ from jaxplan.certificate import bounds
 from jaxplan.certificate.axes import Way
 from jaxplan.certificate.bounds import LEBESGUE, Layout, Minima, Rows
 from jaxplan.certificate.errors import Evidence
-from jaxplan.certificate.motion import DEGREE, Motion, places
+from jaxplan.certificate.form import BODY, INERTIAL, JOINTS, SIGHT
+from jaxplan.certificate.motion import DEGREE, Motion, Samples, Views, places
 from jaxplan.certificate.pieces import ROUNDING
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
 
-    pass
+_MIDDLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its samples
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -42,78 +46,98 @@ def tolerance(margin: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bindings:
-    """Pairs of a zone and a device that it binds; they are the kinds of `layout`.
+    """Pairs of a row and a sight that it binds; they are the kinds of `layout`.
 
     Attributes:
-        zone: (pairs,) row of the zone, among those of its trajectory.
-        device: (pairs,) number of the device.
-        axis: (pairs, 3) unit vector, the zone's or its opposite; NaN where it moves.
-        ways: of the axes that move, by the zone's row.
-        flip: (pairs,) -1 where the axis is the zone's opposite, else +1.
-        angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis.
-        side: (pairs,) +1 to stay outside of that cone, -1 to stay inside.
+        row: (pairs,) number of the row, among those of its trajectory.
+        sight: (pairs,) number of the sight.
+        frame: (pairs,) what the axis belongs to, see `form`.
+        partner: (pairs,) the sight that is the axis, where one is.
+        entry: (pairs,) the first row of the row's entry.
+        axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of a row of joints ``f``.
+        ways: of the inertial axes that move, by row.
+        flip: (pairs,) -1 where the axis is the cone's opposite, else +1.
+        angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; for rows of
+            joints ``d``.
+        side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
+        views: what is looked at beside boresights from inertial axes.
+        view: (pairs,) number of the pair's scalar product among those of `errors.Errors`.
         layout: how pairs make up constraints; owners are the trajectories on which they must hold.
     """
 
-    zone: np.ndarray
-    device: np.ndarray
+    row: np.ndarray
+    sight: np.ndarray
+    frame: np.ndarray
+    partner: np.ndarray
+    entry: np.ndarray
     axis: np.ndarray
     ways: dict[int, Way]
     flip: np.ndarray
     angle: np.ndarray
     side: np.ndarray
+    views: Views
+    view: np.ndarray
     layout: Layout
 
     @classmethod
     def of(cls, cones: "Constraints") -> Self:
-        """From cones of arrays in float64 whose form has been checked."""
-        zone, device = np.nonzero(cones.bound)
-        order = np.lexsort((device, zone, cones.group[zone]))
-        zone, device = zone[order], device[order]
-        group = cones.group[zone]
-        new_group = np.append(True, group[1:] != group[:-1])[: len(zone)]
-        new_zone = np.append(True, zone[1:] != zone[:-1])[: len(zone)]
-        number = np.cumsum(new_group) - 1
-        shared = np.bincount(number, new_zone)[number] > 1
-        opens_clause = new_group | ~shared
-        layout = Layout(
-            opens_entry=new_zone | ~shared,
-            opens_clause=opens_clause,
-            quantity=np.zeros(np.count_nonzero(opens_clause), dtype=int),
-            owner=np.zeros(np.count_nonzero(opens_clause), dtype=int),
-        )
-        wide = (cones.half_angle > np.pi / 2)[zone]
+        """From constraints of arrays in float64 whose form has been checked."""
+        row, sight, layout = _nested(cones)
+        frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
+        linear = frame == JOINTS
+        wide = (cones.half_angle[row] > np.pi / 2) & ~linear
         flip = np.where(wide, -1.0, 1.0)
         direction = cones.axis / np.linalg.norm(cones.axis, axis=-1, keepdims=True)
+        within = (frame == BODY) | (frame == SIGHT)
+        seen = np.stack([sight, np.where(frame == SIGHT, partner, -1)], axis=1)[within]
+        looks, number = np.unique(seen, axis=0, return_inverse=True)
+        view = sight.copy()
+        view[within] = cones.bound.shape[1] + number.ravel()
         return cls(
-            zone=zone,
-            device=device,
-            axis=flip[:, None] * direction[zone],
+            row=row,
+            sight=sight,
+            frame=frame,
+            partner=partner,
+            entry=cones.entry[row].astype(int),
+            axis=np.where(linear[:, None], cones.axis[row], flip[:, None] * direction[row]),
             ways={
                 row: Way.of(path)
                 for row, path in enumerate(cones.paths)
                 if path is not None and np.any(cones.bound[row])
             },
             flip=flip,
-            angle=np.where(wide, np.pi - cones.half_angle[zone], cones.half_angle[zone]),
-            side=flip * cones.side[zone],
+            angle=np.where(wide, np.pi - cones.half_angle[row], cones.half_angle[row]),
+            side=np.where(linear, 1.0, flip * cones.side[row]),
+            views=Views.of(cones, looks),
+            view=view,
             layout=layout,
         )
 
     @classmethod
     def joined(cls, several: "Sequence[Bindings]") -> "Bindings":
-        """Those of several trajectories, of which no axis moves; or of one."""
+        """Those of several trajectories of the same views, of which no axis moves; or of one."""
         if len(several) == 1:
             return several[0]
-        names = ("zone", "device", "axis", "flip", "angle", "side")
+        names = ("row", "sight", "frame", "partner", "entry", "axis", "flip", "angle", "side", "view")
         return cls(
             **{name: np.concatenate([getattr(own, name) for own in several]) for name in names},
             layout=Layout.joined([own.layout for own in several]),
+            views=several[0].views,
             ways={},
         )
 
+    @cached_property
+    def _linear(self) -> np.ndarray:
+        """(pairs,) bool, those of rows of joints."""
+        return self.frame == JOINTS
+
+    @property
+    def narrowest(self) -> float:
+        """The least half angle of a cone, at most a right angle, rad."""
+        return float(np.min(self.angle[~self._linear], initial=np.pi / 2))
+
     def axes(self, pair: np.ndarray, centre: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Axes of some pairs at some times.
+        """Axes of some pairs at some times, inertial ones and those of the body.
 
         Args:
             pair: (rows,) int.
@@ -126,34 +150,75 @@ class Bindings:
         axes = self.axis[pair][..., None]
         if self.ways:
             axes = np.repeat(axes, time.shape[1], axis=2)
-        for zone, way in self.ways.items():
-            rows = np.flatnonzero(self.zone[pair] == zone)
+        for row, way in self.ways.items():
+            rows = np.flatnonzero(self.row[pair] == row)
             seen = way.at(way.holding(centre[rows]), time[rows])
             axes[rows] = self.flip[pair[rows], None, None] * np.moveaxis(seen, 0, 1)
         return axes
 
     def margin(self, guarded: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Margins in rad from ``side c``, with which they rise: (..., rows), for pairs (rows,)."""
+        """Margins in rad from ``side c``, or those of rows of joints, with which they rise.
+
+        Args:
+            guarded: (..., rows).
+            pair: (rows,) int.
+
+        Returns:
+            (..., rows).
+        """
         side, angle = self.side[pair], self.angle[pair]
-        return side * (2 * np.arcsin(np.sqrt(np.clip(side * guarded, 0, 4)) / 2) - angle)
+        margin = side * (2 * np.arcsin(np.sqrt(np.clip(side * guarded, 0, 4)) / 2) - angle)
+        return np.where(self._linear[pair], guarded, margin) if np.any(self._linear) else margin
+
+    def _chords(
+        self, samples: Samples, pair: np.ndarray, where: np.ndarray, centre: np.ndarray, at: slice
+    ) -> np.ndarray:
+        """Vectors (rows, 3, m) from the axes of some pairs to their sights; of rows of joints anything.
+
+        Args:
+            samples: of the motion.
+            pair: (rows,) int.
+            where: (rows,) int, interval of each.
+            centre: (rows,) s, of these intervals.
+            at: which samples of an interval.
+        """
+        sight, frame = self.sight[pair], self.frame[pair]
+        seen = samples.boresights[sight, :, where, at]
+        axes = self.axes(pair, centre, samples.time[where, at])
+        within = np.flatnonzero(frame != INERTIAL)
+        if len(within):
+            seen[within] = samples.in_body[sight[within], :, where[within], at]
+        of_sights = np.flatnonzero(frame == SIGHT)
+        if len(of_sights):
+            partner, flip = self.partner[pair[of_sights]], self.flip[pair[of_sights]]
+            axes = np.repeat(axes, seen.shape[2] // axes.shape[2], axis=2)
+            axes[of_sights] = flip[:, None, None] * samples.in_body[partner, :, where[of_sights], at]
+        return seen - axes
+
+    def _beyond(self, samples: Samples, pair: np.ndarray, where: np.ndarray, at: slice) -> np.ndarray:
+        """How far terminals are within rows of joints, ``f . (yaw, pitch) - d``: (rows, m) rad."""
+        yaw, pitch = np.split(samples.joints[0], 2)
+        terminal, (along_yaw, along_pitch, _) = self.sight[pair], self.axis[pair].T[..., None]
+        value = along_yaw * yaw[terminal, where, at] + along_pitch * pitch[terminal, where, at]
+        return value - self.angle[pair, None]
+
+    def _weighed(self, joints: np.ndarray, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
+        """Bounds (rows,) of what ``f . (yaw, pitch)`` changes by from those of the joints, (2T, n)."""
+        yaw, pitch = np.split(joints, 2)
+        terminal, size = self.sight[pair], np.abs(self.axis[pair])
+        return size[:, 0] * yaw[terminal, where] + size[:, 1] * pitch[terminal, where]
 
     def prove(self, evidence: Evidence) -> Minima:
         """Bounds the least margin of every clause, rad, over all time."""
         minima, on = Minima.of(len(self.layout.quantity)), evidence.on
-        if len(self.zone) == 0:
+        if len(self.row) == 0:
             return minima
         number = np.diff(on.begins)[self.layout.owner]
         clause = np.repeat(np.arange(len(number)), number)
         interval = on.begins[self.layout.owner][clause] + places(number)
-        # First a cap around the boresight at mid-interval, as wide as it may move: that settles nearly all.
+        # First a cap around where it is at mid-interval, as wide as it may move: that settles nearly all.
         pair, where = self._rows_of(clause, interval)
-        device, side, centre = self.device[pair], self.side[pair], on.centre[where]
-        middle = evidence.samples.boresights[device, :, where, DEGREE // 2]
-        chord = np.linalg.norm(middle - self.axes(pair, centre, centre[:, None])[..., 0], axis=1)
-        reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[device, where]
-        near = np.clip(chord - side * reach, 0, 2)
-        squares = np.stack([near, chord]) ** 2
-        lower, met = self.layout.fold(pair, self.margin(side * squares, pair))
+        lower, met = self.layout.fold(pair, self.margin(self._caps(evidence, pair, where), pair))
         minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equals the first
         settled = lower >= minima.wanted(self.layout, tolerance)[clause]
         np.minimum.at(minima.bound, clause[settled], lower[settled])
@@ -165,23 +230,48 @@ class Bindings:
     def _rows_of(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs and intervals (rows,) of the rows of some clauses on some intervals, (tasks,) each."""
         opening = np.flatnonzero(self.layout.opens_clause)
-        size = np.diff(np.append(opening, len(self.zone)))[clause]
+        size = np.diff(np.append(opening, len(self.row)))[clause]
         return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
 
+    def _caps(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
+        """The least that ``side c`` may be on intervals, and what it is in their middle: (2, rows)."""
+        side, samples, centre = self.side[pair], evidence.samples, evidence.on.centre[where]
+        chord = np.linalg.norm(self._chords(samples, pair, where, centre, _MIDDLE)[..., 0], axis=1)
+        reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.view[pair], where]
+        near = np.clip(chord - side * reach, 0, 2)
+        found = side * np.stack([near, chord]) ** 2
+        linear = np.flatnonzero(self._linear[pair])
+        if len(linear):
+            pair, where = pair[linear], where[linear]
+            middle = self._beyond(samples, pair, where, _MIDDLE)[:, 0]
+            reach = self._weighed(evidence.majorants.joints[1], pair, where)
+            found[:, linear] = middle - reach - self._noise(evidence, pair, where), middle
+        return found
+
+    def _noise(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
+        """Sizes (rows,) of the rounding errors of `_beyond`."""
+        own = ROUNDING * np.abs(self.angle[pair])
+        return self._weighed(evidence.rounding.joints[0], pair, where) + own
+
     def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """The polynomials of ``side c`` for some clauses on some intervals, (tasks,) each."""
+        """The polynomials of ``side c``, or of joints, for some clauses on some intervals, (tasks,) each."""
         pair, where = self._rows_of(clause, interval)
-        device, on = self.device[pair], evidence.on
-        axes = self.axes(pair, on.centre[where], evidence.samples.time[where])
-        apart = evidence.samples.boresights[device, :, where] - axes
-        square = np.einsum("rim,rim->rm", apart, apart)
-        largest = square.max(axis=1)
+        view, on, every = self.view[pair], evidence.on, slice(None)
+        apart = self._chords(evidence.samples, pair, where, on.centre[where], every)
+        values = np.einsum("rim,rim->rm", apart, apart)
         # With |p| = 1 an error d of p changes c by 2 |p - e| d at most, but what is left out by 2 d.
-        noise = LEBESGUE * 2 * evidence.rounding.direction[device, where] * np.sqrt(largest)
-        conversion = ROUNDING * bounds.growth(DEGREE) * largest
+        noise = 2 * evidence.rounding.direction[view, where] * np.sqrt(values.max(axis=1))
+        left_out = 2 * evidence.left_out.direction[view, where]
+        linear = np.flatnonzero(self._linear[pair])
+        if len(linear):
+            own = pair[linear], where[linear]
+            values[linear] = self._beyond(evidence.samples, *own, every)
+            noise[linear] = self._noise(evidence, *own)
+            left_out[linear] = self._weighed(evidence.left_out.joints[0], *own)
+        conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(values).max(axis=1)
         return Rows(
-            coefficients=self.side[pair] * bounds.to_rows(square),
-            error=2 * evidence.left_out.direction[device, where] + noise + conversion,
+            coefficients=self.side[pair] * bounds.to_rows(values),
+            error=left_out + LEBESGUE * noise + conversion,
             kind=pair,
             low=on.low[interval],
             high=on.high[interval],
@@ -198,12 +288,14 @@ class Bindings:
         """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
-            instant = motion.sample(motion.between(np.array([time, time]), trajectory), np.zeros(1))
-            when = np.full((len(pairs), 1), time)
-            chord = (
-                instant.boresights[self.device[pairs], :, 0, 0] - self.axes(pairs, when[:, 0], when)[..., 0]
-            )
-            margin = self.margin(self.side[pairs] * np.sum(chord**2, axis=1), pairs)
+            on = motion.between(np.array([time, time]), trajectory)
+            instant, where = motion.sample(on, np.zeros(1)), np.zeros(len(pairs), int)
+            chord = self._chords(instant, pairs, where, on.centre[where], slice(None))[..., 0]
+            value = self.side[pairs] * np.sum(chord**2, axis=1)
+            linear = np.flatnonzero(self._linear[pairs])
+            if len(linear):
+                value[linear] = self._beyond(instant, pairs[linear], where[linear], slice(None))[:, 0]
+            margin = self.margin(value, pairs)
             pairs = pairs[margin == self.layout.fold(pairs, margin)]
         return int(pairs[0])
 
@@ -211,7 +303,7 @@ class Bindings:
         self,
         minima: Minima,
         motion: Motion,
-        device_names: Sequence[str],
+        sight_names: Sequence[str],
         zone_names: Sequence[str],
         allowance: float,
         trajectory: int = 0,
@@ -220,15 +312,37 @@ class Bindings:
         for clause in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
             time, seen, bound = minima.time[clause], minima.seen[clause], minima.bound[clause]
             pair = self.deciding(clause, time, motion, trajectory)
-            outside = self.flip[pair] * self.side[pair] > 0
-            kind, wrong = ("keep-out", "inside") if outside else ("keep-in", "outside")
-            device, place = device_names[self.device[pair]], f"the {kind} zone {zone_names[self.zone[pair]]}"
+            kind, wrong = self._kind(pair)
+            sight, place = sight_names[self.sight[pair]], f"the {kind} {zone_names[self.row[pair]]}"
             if seen < -allowance:
-                single = len(np.unique(self.zone[self.layout.clause == clause])) == 1
+                single = len(np.unique(self.entry[self.layout.clause == clause])) == 1
                 rest = "" if single else ", the nearest to hold of its group,"
-                overlap = f"{device} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
+                overlap = f"{sight} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
                 yield f"{overlap}{rest} at t = {time:.6g} s"
             else:
                 met = f"{np.rad2deg(seen):.3g} deg was met at t = {time:.6g} s"
                 proof = f"is not proved: {met}, the bound is {np.rad2deg(bound):.3g} deg"
-                yield f"the margin of {device} to {place} {proof}"
+                yield f"the margin of {sight} to {place} {proof}"
+
+    def _kind(self, pair: int) -> tuple[str, str]:
+        """What the row of a pair is called, and where a sight is that breaks it."""
+        if self._linear[pair]:
+            return "mask", "inside"
+        outside = self.flip[pair] * self.side[pair] > 0
+        return ("keep-out zone", "inside") if outside else ("keep-in zone", "outside")
+
+
+def _nested(cones: "Constraints") -> tuple[np.ndarray, np.ndarray, Layout]:
+    """Rows and sights (pairs,) of all pairs that are bound, and how they nest, of one owner."""
+    row, sight = np.nonzero(cones.bound)
+    entry, group = cones.entry[row].astype(int), cones.group[row].astype(int)
+    leading = cones.group[np.unique(entry)].astype(int)  # a constraint for each of its entries
+    shared = np.bincount(leading, minlength=len(cones.group))[group] > 1
+    part = np.where(shared, entry, sight)  # of a constraint: what must hold by itself
+    order = np.lexsort((sight, row, part, group))
+    row, sight, part, group, shared = (each[order] for each in (row, sight, part, group, shared))
+    new_group = np.append(True, group[1:] != group[:-1])[: len(row)]
+    new_part = new_group | np.append(True, part[1:] != part[:-1])[: len(row)]
+    opens_clause = np.where(shared, new_group, new_part)
+    alone = np.zeros(np.count_nonzero(opens_clause), dtype=int)
+    return row, sight, Layout(opens_entry=new_part, opens_clause=opens_clause, quantity=alone, owner=alone)

@@ -1,13 +1,14 @@
 """Trajectories evaluated anew from what they are.
 
 Conventions. ``R`` maps body to inertial, angular velocities are in body axes, joints are all yaws and then
-all pitches (2T), devices all terminals and then all instruments (D). On a piece (equation 25, corrected)
+all pitches (2T), sights the boresights of all terminals, then of all instruments, axes of the body, and
+vectors of terminals' moving parts (S). On a piece (equation 25, corrected)
 
     R(t) = R_a U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),   eta(t) = b(t) - (t - t_a) Omega,
 
 with ``b`` and the joints polynomials. Of the trajectory's making nothing else is used: the angular velocity
 and its derivatives are those of the quaternion of ``R``. A terminal points along ``v(yaw + mount, pitch)``
-of equation (13).
+of equation (13); what is left of that and above it turns with it.
 
 The motion is sampled on intervals, each within one piece of the platform and one of the joints, at `NODES`,
 which include both ends; so what lies left and right of a break is there to be compared.
@@ -18,7 +19,7 @@ single one numpy sums in another order. So every trajectory is cut in two at lea
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
@@ -29,6 +30,7 @@ from jaxplan.certificate.pieces import Pieces
 
 if TYPE_CHECKING:
     from jaxplan.certificate.axes import Way
+    from jaxplan.model.constraints import Constraints
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
@@ -104,19 +106,49 @@ class Samples:
         attitude: (3, 3, n, m) body to inertial.
         spin: (3, 3, n, m) angular velocity and its two derivatives (first axis), rad/s, rad/s^2, rad/s^3.
         joints: (4, 2T, n, m) joints and their three derivatives, rad, rad/s, ...
-        boresights: (D, 3, n, m) inertial unit vectors.
+        in_body: (S, 3, n, m) sights, unit vectors in body axes.
+        boresights: (S, 3, n, m) sights, inertial unit vectors.
     """
 
     time: np.ndarray
     attitude: np.ndarray
     spin: np.ndarray
     joints: np.ndarray
+    in_body: np.ndarray
     boresights: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Views:
+    """What is looked at beside the boresights of devices from inertial axes: nothing, unless it is given.
+
+    Attributes:
+        body: (b, 3) unit vectors, axes of the body that are sights.
+        carrier: (v,) int, the terminals whose moving parts carry further sights.
+        carried: (v, 3) unit vectors, these sights at no angles: ahead, to the left, and up.
+        within: (k, 2) int, what is seen within the body: a sight, and the sight it is seen from, or -1 for
+            axes of the body.
+    """
+
+    body: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    carrier: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    carried: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    within: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), int))
+
+    @classmethod
+    def of(cls, cones: "Constraints", within: np.ndarray) -> Self:
+        """From constraints of arrays in float64 whose form has been checked, and pairs as above."""
+        return cls(
+            body=cones.body / np.linalg.norm(cones.body, axis=-1, keepdims=True),
+            carrier=cones.carrier.astype(int),
+            carried=cones.carried / np.linalg.norm(cones.carried, axis=-1, keepdims=True),
+            within=within,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Curves of the platform and the joints, of one trajectory or of several, with the devices they carry.
+    """Curves of the platform and the joints, of one trajectory or of several, with the sights they carry.
 
     Attributes:
         platform: polynomials of ``b``, rad.
@@ -125,7 +157,8 @@ class Motion:
         chart_start: (N,) s, ``t_a``.
         chart_rate: (N, 3) rad/s, ``Omega``.
         mounts: (T,) rad.
-        fixed_boresights: (D - T, 3) unit vectors of the instruments, body axes.
+        fixed_boresights: (i, 3) unit vectors of the instruments, body axes.
+        views: what else is looked at.
     """
 
     platform: Pieces
@@ -135,9 +168,10 @@ class Motion:
     chart_rate: np.ndarray
     mounts: np.ndarray
     fixed_boresights: np.ndarray
+    views: Views = field(default_factory=Views)
 
     @classmethod
-    def of(cls, spacecraft: "Spacecraft", *trajectories: "Trajectory") -> Self:
+    def of(cls, spacecraft: "Spacecraft", views: Views, *trajectories: "Trajectory") -> Self:
         """From trajectories of arrays in float64 whose form has been checked, with as many coefficients."""
         fixed = spacecraft.fixed_boresights
         return cls(
@@ -148,7 +182,13 @@ class Motion:
             chart_rate=np.concatenate([one.chart_rate for one in trajectories]),
             mounts=spacecraft.mounts,
             fixed_boresights=fixed / np.linalg.norm(fixed, axis=-1, keepdims=True),
+            views=views,
         )
+
+    @cached_property
+    def fixed(self) -> np.ndarray:
+        """(f, 3) unit vectors, all sights that are fixed in the body."""
+        return np.concatenate([self.fixed_boresights, self.views.body])
 
     def between(self, edges: np.ndarray, trajectory: int = 0) -> Intervals:
         """The intervals between edges (n + 1,) in s, which must include the breaks of both its curves."""
@@ -203,20 +243,30 @@ class Motion:
         spin = jets.body_rate(relative).reshape(3, 3, *time.shape)
         joints = self.joints.taylor(on.joint_piece, time, 4)
         factorial = np.array([1, 1, 2, 6]).reshape(4, 1, 1, 1)
-        boresights = np.einsum("ijnm,djnm->dinm", attitude, self._in_body(joints[0]))
+        in_body = self._in_body(joints[0])
+        boresights = np.einsum("ijnm,djnm->dinm", attitude, in_body)
         return Samples(
             time=time,
             attitude=attitude,
             spin=spin * factorial[:3],
             joints=joints * factorial,
+            in_body=in_body,
             boresights=boresights / np.linalg.norm(boresights, axis=1, keepdims=True),
         )
 
     def _in_body(self, joints: np.ndarray) -> np.ndarray:
-        """Boresights (D, 3, n, m) in body axes."""
+        """Sights (S, 3, n, m) in body axes."""
         azimuth, elevation = np.split(joints, 2)
         azimuth = azimuth + self.mounts[:, None, None]
         level = np.cos(elevation)
         moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
-        fixed = self.fixed_boresights[..., None, None]
-        return np.concatenate([moving, np.broadcast_to(fixed, (*fixed.shape[:2], *joints.shape[1:]))])
+        fixed = self.fixed[..., None, None]
+        seen = [moving, np.broadcast_to(fixed, (*fixed.shape[:2], *joints.shape[1:]))]
+        if len(self.views.carrier):
+            azimuth, elevation = azimuth[self.views.carrier], elevation[self.views.carrier]
+            tilt = -np.sin(elevation)
+            left = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=1)
+            up = np.stack([tilt * np.cos(azimuth), tilt * np.sin(azimuth), np.cos(elevation)], axis=1)
+            x, y, z = (self.views.carried[:, i, None, None, None] for i in range(3))
+            seen.append(x * moving[self.views.carrier] + y * left + z * up)
+        return np.concatenate(seen)

@@ -11,7 +11,7 @@ from jaxplan.certificate import errors, form
 from jaxplan.certificate.cases import Case, negligible, prove_alike
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion
-from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
+from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report, every_sight
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
@@ -29,6 +29,7 @@ def certify(
     zone_names: Sequence[str],
     start: EndState,
     goal: EndState,
+    sight_names: Sequence[str] | None = None,
 ) -> Report:
     """Proves, or refuses to, that a trajectory is safe and does what it should.
 
@@ -43,6 +44,7 @@ def certify(
         zone_names: names of the zones in the order of the cones' rows.
         start: the state it must start from.
         goal: the state it must end in.
+        sight_names: names of all that the constraints bind; None for those that `Claim.every_sight` has.
 
     Returns:
         The report. Whatever the numbers are, nothing is raised.
@@ -54,6 +56,7 @@ def certify(
         zone_names=zone_names,
         start=start,
         goal=goal,
+        sight_names=sight_names,
     )
     return certify_batch([claim])[0]
 
@@ -91,7 +94,12 @@ def _parts(stack: Sequence[tuple[int, Case]]) -> Iterator[list[tuple[int, Case]]
 
 
 def prove_margins(
-    trajectory: "Trajectory", spacecraft: "Spacecraft", cones: "Constraints", *, zone_names: Sequence[str]
+    trajectory: "Trajectory",
+    spacecraft: "Spacecraft",
+    cones: "Constraints",
+    *,
+    zone_names: Sequence[str],
+    sight_names: Sequence[str] | None = None,
 ) -> tuple[ProvedMargin, ...]:
     """Bounds the margin of every device to every zone that binds it, each as closely as the smallest of all.
 
@@ -102,6 +110,7 @@ def prove_margins(
         spacecraft: its devices and limits.
         cones: all zones, padded or not.
         zone_names: names of the zones in the order of the cones' rows.
+        sight_names: names of all that the constraints bind; None for those that `Claim.every_sight` has.
 
     Returns:
         One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
@@ -109,11 +118,12 @@ def prove_margins(
     """
     with np.errstate(all="ignore"):
         curve, zones = form.plain(trajectory), form.plain(cones)
-        if form.faults(curve, spacecraft, zones, len(zone_names), {}):
+        if form.faults(curve, spacecraft, zones, len(zone_names), {}, sight_names):
             return ()
+        sights = every_sight(spacecraft, zones) if sight_names is None else sight_names
         static = form.is_static(curve)
-        motion = Motion.of(spacecraft, form.held(curve) if static else curve)
         together = Bindings.of(zones.at(0.0) if static else zones)
+        motion = Motion.of(spacecraft, together.views, form.held(curve) if static else curve)
         apart = replace(together.layout, quantity=np.arange(len(together.layout.quantity)))
         bindings = replace(together, layout=apart)
         evidence = errors.gather(motion, negligible(spacecraft, [bindings]), list(bindings.ways.values()))
@@ -125,14 +135,14 @@ def prove_margins(
         proved = []
         for clause, (bound, time) in enumerate(zip(found.bound, found.time, strict=True)):
             pair = bindings.deciding(clause, time, motion)
-            rows = np.unique(bindings.zone[bindings.layout.clause == clause])
+            rows = np.unique(bindings.row[bindings.layout.clause == clause])
             proved.append(
                 ProvedMargin(
-                    zones=tuple(zone_names[row] for row in rows),
+                    zones=tuple(dict.fromkeys(zone_names[row] for row in rows)),
                     bound=float(bound),
                     time=float(time),
-                    zone=zone_names[bindings.zone[pair]],
-                    device=spacecraft.device_names[bindings.device[pair]],
+                    zone=zone_names[bindings.row[pair]],
+                    device=sights[bindings.sight[pair]],
                 )
             )
     return tuple(proved)

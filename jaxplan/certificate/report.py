@@ -44,6 +44,8 @@ class Claim:
         zone_names: names of the zones in the order of the cones' rows.
         start: the state it must start from.
         goal: the state it must end in.
+        sight_names: names of all that the constraints bind, for the report; None for those of the devices
+            and words for the others.
     """
 
     trajectory: "Trajectory"
@@ -52,6 +54,19 @@ class Claim:
     zone_names: Sequence[str]
     start: EndState
     goal: EndState
+    sight_names: Sequence[str] | None = None
+
+    @property
+    def every_sight(self) -> Sequence[str]:
+        """Names of all that the constraints bind."""
+        return every_sight(self.spacecraft, self.cones) if self.sight_names is None else self.sight_names
+
+
+def every_sight(spacecraft: "Spacecraft", cones: "Constraints") -> tuple[str, ...]:
+    """Names of a spacecraft's devices, and words for what else some constraints bind."""
+    names = spacecraft.device_names
+    carried = (f"a vector of {names[int(terminal)]}" for terminal in cones.carrier)
+    return (*names, *["an axis of the body"] * len(cones.body), *carried)
 
 
 @shown("bound deg", "device", "zone", "time s", "zones")
@@ -64,7 +79,7 @@ class ProvedMargin:
         bound: rad, lower bound of the margin over all time.
         time: s, when the margin is smallest, to the resolution of the proof.
         zone: the one that decides then.
-        device: name of the device that decides then.
+        device: name of the device that decides then, or of what else is bound.
     """
 
     zones: tuple[str, ...]
@@ -86,7 +101,8 @@ class Report:
         min_margin: rad, lower bound over all time, devices and zones (of zones in a group, that of the
             best); None where no zone binds a device.
         worst_time: s, when the margin is smallest, to the resolution of the proof; None likewise.
-        worst_device: name of the device whose margin is smallest then; None likewise.
+        worst_device: name of the device whose margin is smallest then, or of what else is bound, such as "an
+            axis of the body"; None likewise.
         worst_zone: name of the zone; None likewise.
         peaks: upper bounds over all time of the largest component over its limit: "angular_velocity",
             "angular_acceleration", "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
