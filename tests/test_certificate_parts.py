@@ -14,7 +14,7 @@ from jaxplan.certificate.axes import Way
 from jaxplan.certificate.bounds import Layout, Minima, Rows
 from jaxplan.certificate.errors import Errors, Evidence
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import DEGREE, NODES, Motion
+from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views
 from jaxplan.certificate.pieces import ROUNDING, Pieces
 from jaxplan.moving import DirectionPath
 from jaxplan.zones import KeepIn, KeepOut, tabulate
@@ -77,7 +77,28 @@ def curve(motion, piece, time, kind=LONG):
     return attitude, joints, np.concatenate([moving, fixed], axis=1) @ np.swapaxes(attitude, 1, 2)
 
 
-def taylor(motion, piece, time, half, orders):
+def in_body(motion, joints):
+    """All sights (k, S, 3) in body axes, of joints (k, 2T) of any precision, by turns about joints' axes."""
+    azimuth, elevation = np.split(joints, 2, axis=1)
+    upward, backward = np.array([0, 0, 1]), np.array([0, -1, 0])
+    azimuth = azimuth + motion.mounts
+    turn = exponential(azimuth[..., None] * upward) @ exponential(elevation[..., None] * backward)
+    fixed = np.broadcast_to(motion.fixed, (len(joints), *motion.fixed.shape))
+    carried = np.einsum("kvij,vj->kvi", turn[:, motion.views.carrier], motion.views.carried)
+    return np.concatenate([turn[..., 0], fixed, carried], axis=1)
+
+
+def looks(motion, piece, time, kind=LONG):
+    """What is seen within the body (k, looks, 1) or, from its axes, (k, looks, 3), and sights, inertial."""
+    attitude, joints, _ = curve(motion, piece, time, kind)
+    sights = in_body(motion, joints)
+    pairs, axes = motion.views.within[motion.views.within[:, 1] >= 0].T
+    single = motion.views.within[motion.views.within[:, 1] < 0, 0]
+    products = np.sum(sights[:, pairs] * sights[:, axes], axis=-1, keepdims=True)
+    return products, sights[:, single], sights @ np.swapaxes(attitude, 1, 2)
+
+
+def taylor(motion, piece, time, half, orders, curve=curve):
     """Taylor coefficients of `curve` in the unit `half`, by Cauchy's integral, and their errors."""
     shrink = 1.5  # the smaller circle, where the functions are smaller too
     angles = np.arctan2(LONG(0), LONG(-1)) / 32 * np.arange(64)
@@ -276,6 +297,91 @@ def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
             moved = np.abs(torque(samples.spin + noise).values - exact.values).max(axis=-1)
             off = np.maximum(off, moved / exact.rounding)
         assert 0.1 < off.max() <= 1 + 1e-5
+
+
+INSTRUMENT = 3  # where the instrument, which stands still, is among what is looked at within the body below
+
+
+def motion_with_views(seed, **changes):
+    """Two terminals, an instrument, two axes of the body, three vectors of moving parts, and many looks."""
+    rng, motion = RNG(seed), random_motion(seed, **changes)
+    body, carried = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 3, 3)))
+    pairs = [[0, -1], [0, 1], [1, 3], [2, -1], [5, -1], [5, 0], [6, 5], [7, 2], [7, 6]]
+    views = Views(body=body[:2], carrier=np.array([1, 0, 1]), carried=carried, within=np.array(pairs))
+    return replace(motion, views=views)
+
+
+def in_order(motion, products, single):
+    """Scalar products and what is seen from axes of the body, (looks, ...) each, in the order of `within`."""
+    found = [None] * len(motion.views.within)
+    of_axes = motion.views.within[:, 1] < 0
+    for place, one in zip(np.flatnonzero(~of_axes), products, strict=True):
+        found[place] = one
+    for place, one in zip(np.flatnonzero(of_axes), single, strict=True):
+        found[place] = one
+    return found
+
+
+@pytest.mark.parametrize("parts", [9, 30])
+def test_majorants_bound_what_is_seen_within_the_body(parts):
+    for seed in range(4):
+        motion = motion_with_views(60 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
+        direction = errors.majorants(motion, on).direction
+        orders, rng = len(direction), RNG(seed)
+        assert direction.shape[1] == 8 + 9
+        for n in rng.integers(len(on.half), size=4):
+            for place in (-1, rng.uniform(-1, 1), 1):
+                time, half = on.centre[n] + place * on.half[n], on.half[n]
+                found = taylor(motion, on.piece[n], time, half, orders, looks)
+                products, single, inertial = (
+                    np.moveaxis(np.linalg.norm(value, axis=-1) - noise[:, None], 0, 1)
+                    for value, noise in found
+                )
+                sizes = np.stack([*inertial, *in_order(motion, products, single)], axis=1)
+                assert np.all(sizes <= direction[..., n])
+                assert np.all(direction[1:, 8 + INSTRUMENT, n] == 0)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="needs extended precision")
+def test_sights_in_body_axes_are_those_of_the_definition_to_the_stated_rounding():
+    for seed in range(4):
+        motion = motion_with_views(70 + seed, size=(0.02, 1.0)[seed % 2])
+        on = motion.between(np.union1d(np.linspace(0, 60, 12), motion.platform.breaks()))
+        samples = motion.sample(on)
+        stated = errors.rounding(motion, on, errors.majorants(motion, on)).direction
+        for n in range(len(on.half)):
+            _, joints, _ = curve(motion, on.piece[n], samples.time[n].astype(LONG))
+            exact = np.moveaxis(in_body(motion, joints), 0, -1)
+            off = np.linalg.norm(samples.in_body[:, :, n] - exact, axis=1).max(axis=1)
+            assert np.all(off <= 1e-14)
+            for (sight, axis), most in zip(motion.views.within, stated[8:, n], strict=True):
+                assert off[sight] + (0 if axis < 0 else off[axis]) <= most <= 1e-13
+
+
+@pytest.mark.parametrize("parts", [6, 12, 40])
+def test_polynomials_of_what_is_seen_within_the_body_are_off_by_no_more_than_stated(parts):
+    place = np.linspace(-1, 1, 41)
+    through = bounds.to_bernstein(DEGREE).T @ bernstein_basis(DEGREE, place)
+    share = np.zeros(9)
+    for seed in range(3):
+        motion = motion_with_views(80 + seed, size=0.1)
+        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
+        majorants = errors.majorants(motion, on)
+        left_out = errors.interpolation(on, majorants).direction[8:]
+        noise = errors.rounding(motion, on, majorants).direction[8:]
+        axis = np.array([0.48, 0.6, 0.64])
+        values = []
+        for samples in (motion.sample(on), motion.sample(on, place)):
+            sights = np.moveaxis(samples.in_body, 1, -1)
+            first = [sights[i] for i, _ in motion.views.within]
+            other = [axis if i < 0 else sights[i] for _, i in motion.views.within]
+            values.append([np.sum(a * b, axis=-1) for a, b in zip(first, other, strict=True)])
+        off = np.abs(np.stack(values[0]) @ through - np.stack(values[1])).max(axis=-1)
+        stated = left_out + bounds.LEBESGUE * noise + ROUNDING * bounds.growth(DEGREE)
+        assert np.all(off <= stated)
+        share = np.maximum(share, (off / stated).max(axis=1))
+    assert np.all(share > {6: 1e-5, 12: 3e-3, 40: 3e-3}[parts]), share  # the bounds have the right size
 
 
 @pytest.mark.parametrize("tight", ["direction", "spin", "joints"])

@@ -54,10 +54,10 @@ class Bindings:
         frame: (pairs,) what the axis belongs to, see `form`.
         partner: (pairs,) the sight that is the axis, where one is.
         entry: (pairs,) the first row of the row's entry.
-        axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of a row of joints ``f``.
+        axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of rows of joints ``f``.
         ways: of the inertial axes that move, by row.
         flip: (pairs,) -1 where the axis is the cone's opposite, else +1.
-        angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; for rows of
+        angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; of rows of
             joints ``d``.
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
         views: what is looked at beside boresights from inertial axes.
