@@ -318,6 +318,25 @@ def test_margins_within_the_body_are_exact_while_the_platform_tumbles_and_joints
     assert reports[0].min_margin == pytest.approx(reports[1].min_margin, abs=1e-12)
 
 
+def test_a_beam_that_sweeps_across_what_stands_still_is_seen():
+    """Of a sight that does not move the motion of its axis counts, alone."""
+    spacecraft = craft(1, instruments=1)
+    trajectory = manoeuvre(13, terminals=1, joint_pieces=1, wiggle=0.5)
+    trajectory = replace(
+        trajectory, coefficients=0 * trajectory.coefficients, chart_rate=0 * trajectory.chart_rate
+    )
+    trajectory = replace(trajectory, chart_attitude=trajectory.chart_attitude[[0] * 3])
+    rows = [{"frame": SIGHT, "partner": 0, "half_angle": 0.3, "bind": [1]}]
+    table = table_of(spacecraft, rows)
+    for side in (1.0, -1.0):
+        own = replace(table, side=np.array([side]))
+        tuned = just_kept(trajectory, spacecraft, own, 0, 1, -1e-3)
+        report = judge(trajectory, spacecraft, tuned)
+        assert not report.certified
+        assert report.min_margin == pytest.approx(-1e-3, abs=2e-5)
+        assert report.min_margin <= -1e-3 + 1e-12
+
+
 def test_a_terminal_may_pass_a_mask_on_one_side_after_the_other():
     spacecraft = craft(1, instruments=0)
     trajectory = manoeuvre(11, terminals=1)
@@ -336,6 +355,8 @@ def test_a_terminal_may_pass_a_mask_on_one_side_after_the_other():
     report = judge(trajectory, spacecraft, table_of(spacecraft, rows))
     assert report.certified
     assert 0.9 * by < report.min_margin <= by
+    sides = [one | {"side": -1.0} for one in rows]  # which mean nothing for rows of joints
+    assert judge(trajectory, spacecraft, table_of(spacecraft, sides)).min_margin == report.min_margin
     apart = [one | {"group": row} for row, one in enumerate(rows)]
     assert not judge(trajectory, spacecraft, table_of(spacecraft, apart)).certified
     wider = [one | {"half_angle": one["half_angle"] + 2 * by} for one in rows]
