@@ -63,7 +63,7 @@ import jaxplan as jp
 jp.plan(jp.random_scenario(0, "keep_out"), throw=False)
 """
     (hits, misses, _), errors = fresh_python(COUNT + plan + TELL, tmp_path)
-    assert hits > 2 * misses  # a study has no messages to compute
+    assert hits > misses  # a study has no messages to compute
     assert errors == ""
 
 

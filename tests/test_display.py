@@ -279,7 +279,18 @@ def test_every_result_shows_itself_and_leaves_nothing_unknown(results):
 
 
 def test_the_results_looked_at_are_of_every_kind(results):
-    inner = {"Asked", "Call", "Held", "HeldChain", "LinearRows", "LoadRows", "State", "Stop", "ZoneRows"}
+    inner = {
+        "Asked",
+        "Call",
+        "Held",
+        "HeldChain",
+        "LinearRows",
+        "LoadRows",
+        "Sights",
+        "State",
+        "Stop",
+        "ZoneRows",
+    }
     assert {cls.__name__ for cls in set(CLASSES) - {type(thing) for thing in results}} <= inner
 
 

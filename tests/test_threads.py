@@ -1,5 +1,4 @@
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import pytest
 
@@ -54,7 +53,7 @@ def test_plans_are_held_and_followed_with_one_thread(two_threads, monkeypatch):
     for name in ("fit", "find_goals"):
         monkeypatch.setattr(sensitivity, name, look)
     scenario = jp.paper_case(1)
-    plan = SimpleNamespace(ok=True, path=(), goal=(), scenario=scenario)
+    plan = jp.Plan(scenario=scenario, status=jp.Status.OK, path=(), goal=())
     with pytest.raises(ZeroDivisionError):
         jp.hold(plan)
     for follow in (jp.follow, sensitivity.follow_and_hold):

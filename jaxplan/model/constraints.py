@@ -15,7 +15,7 @@ entries does, and that may change hands. What is not a number counts as broken, 
 
 Over a motion of platform and joints at constant rates the cosine ``u . a`` of a sight and an axis has
 
-    |(u . a)''| <= kappa_u + 2 rho_u rho_a + kappa_a
+    abs((u . a)'') <= kappa_u + 2 rho_u rho_a + kappa_a
 
 with bounds ``rho`` and ``kappa`` of the first and second derivative of either, seen from the body: of an
 inertial axis ``|w|`` and ``|w|^2`` for the platform's turn ``w``, of an axis of the body zero, of sights what
