@@ -1,0 +1,436 @@
+"""The method "global" among rows of every kind: against rotations, dense samples and differences."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+from dense import attitudes_at
+from held_plans import metric
+from kinds import Row, least_margins, pair_margins_of, row_values, seen_by, table
+from manoeuvres import joints_of
+from node_paths import wandering
+from quick import quick_jit
+from scenes import make_spacecraft
+from scipy.spatial.transform import Rotation
+
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
+from jaxplan.path import Path
+from jaxplan.scenario import TrajectorySettings
+from jaxplan.status import Status
+from jaxplan.trajectory import FitQuery, fit_batch
+from jaxplan.trajectory.global_spline.bases import Basis
+from jaxplan.trajectory.global_spline.chart import fitting
+from jaxplan.trajectory.global_spline.job import _breach
+from jaxplan.trajectory.global_spline.motion import evaluate
+from jaxplan.trajectory.global_spline.place_rows import Zones
+from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.trajectory.global_spline.refit import refit
+from jaxplan.trajectory.global_spline.rows import Step
+from jaxplan.trajectory.measures import least_margin
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+
+CRAFT = make_spacecraft(2, 1)  # sights 0 and 1 are terminals, 2 is a camera, 3 an axis of the body
+PANEL = (0.0, 0.0, 1.0)
+FIELD = np.deg2rad(3.0)  # half the width of a rectangular field
+EDGES = [  # normals of its edges, inward, along the boresight of terminal 2, to its left and upward
+    (np.sin(FIELD), sign * np.cos(FIELD) * left, sign * np.cos(FIELD) * up)
+    for left, up in ((1, 0), (0, 1))
+    for sign in (1, -1)
+]
+EXTRA = {"body": [PANEL], "carrier": [1] * 4, "carried": EDGES}  # the edges are sights 4 to 7
+START, TURN = Rotation.from_rotvec([0.4, -0.3, 0.8]), np.array([0.5, -0.6, 0.4])
+ENDS = np.deg2rad([[-25.0, 30, 3, -2], [48, -48, -1, -3]])
+RATES = np.array([-0.01, 0.012, 0.01]), np.array([-0.04, 0.03, 0.006, -0.004])  # the other way at first
+SETTINGS = TrajectorySettings(duration=45.0, node_tube=np.inf)
+DEPTH = np.deg2rad(1.5)  # at most so far into every constraint the curve goes that knows of none
+
+
+def straight():
+    share = np.linspace(0, 1, 5)[:, None]
+    return Path(
+        attitudes=(START * Rotation.from_rotvec(share * TURN)).as_matrix(),
+        joints=ENDS[0] + share * (ENDS[1] - ENDS[0]),
+        edge_costs=np.ones(4),
+    )
+
+
+PATH = straight()
+
+
+def query(rows, craft=CRAFT, settings=SETTINGS, path=PATH):
+    return FitQuery(
+        path=path,
+        spacecraft=craft,
+        settings=settings,
+        cones=rows,
+        start_angular_velocity=RATES[0],
+        start_joint_rates=RATES[1],
+    )
+
+
+def states(trajectory, count=2001):
+    """Attitudes and joints at many times."""
+    t = np.linspace(0, trajectory.duration, count)
+    return attitudes_at(trajectory, t), joints_of(trajectory, t)[0]
+
+
+@cache
+def alone():
+    """States of the fit without constraints, and what it sees: (k, S, 3), in body axes and inertial."""
+    (fit,) = fit_batch([query(None)])
+    assert fit.status is Status.OK
+    attitudes, joints = states(fit.trajectory)
+    seen = seen_by(CRAFT, table([], 3, **EXTRA), joints)
+    return attitudes, joints, seen, np.einsum("kij,ksj->ksi", attitudes, seen)
+
+
+def beside(vectors, degrees):
+    """A direction beside the middle of a curve of unit vectors (k, 3), so that it passes by at that angle."""
+    middle = len(vectors) // 2
+    along = vectors[middle + 1] - vectors[middle - 1]
+    away = np.cross(vectors[middle], along)
+    angle = np.deg2rad(degrees)
+    return tuple(np.cos(angle) * vectors[middle] + np.sin(angle) * away / np.linalg.norm(away))
+
+
+def in_the_way(row):
+    """A row with such an angle that the curve without constraints breaks it, but not at its ends."""
+    attitudes, joints, _, _ = alone()
+    side = 1.0 if row.frame == JOINTS else row.side
+    of_row = table([[[row]]], 3, **EXTRA)
+    held = side * np.min(
+        [side * row_values(CRAFT, of_row, 0, s, attitudes, joints) for s in row.bound], axis=0
+    )
+    worst, at_ends = np.min(side * held), np.min(side * held[[0, -1]])
+    assert worst < at_ends
+    return replace(row, half_angle=side * (worst + min(DEPTH, 0.4 * (at_ends - worst))))
+
+
+def single_rows():
+    """By kind, a row that stands in the way."""
+    _, _, body, sky = alone()
+    rows = {
+        "device out of a cone in the sky": Row(axis=beside(sky[:, 2], 4), bound=(2,)),
+        "device in a cone in the sky": Row(axis=tuple(sky[-1, 0]), side=-1, bound=(0,)),
+        "axis of the body out of a cone in the sky": Row(axis=beside(sky[:, 3], 4), bound=(3,)),
+        "edge of a field off the sky": Row(axis=beside(sky[:, 5], -5), bound=(5,)),
+        "device out of a cone in the body": Row(frame=BODY, axis=beside(body[:, 1], -3), bound=(1,)),
+        "device in a cone in the body": Row(frame=BODY, axis=tuple(body[-1, 0]), side=-1, bound=(0,)),
+        "device off the beam of another": Row(frame=SIGHT, partner=1, bound=(0,)),
+        "device near the beam of another": Row(frame=SIGHT, partner=0, side=-1, bound=(1,)),
+        "edge of a field off the beam of another": Row(frame=SIGHT, partner=0, bound=(6,)),
+        "joints": Row(frame=JOINTS, axis=(np.cos(0.2), -np.sin(0.2), 0), bound=(0,)),
+    }
+    return {name: in_the_way(row) for name, row in rows.items()}
+
+
+def field_of_view():
+    """A star stays out of a rectangular field: beyond an edge, or farther off than the corners."""
+    _, _, _, sky = alone()
+    star, corner = beside(sky[:, 1], -2), np.arccos(np.cos(FIELD) ** 2)
+    past = [[Row(axis=star, half_angle=np.pi / 2, bound=(edge,))] for edge in (4, 5, 6, 7)]
+    return [*past, [Row(axis=star, half_angle=corner, bound=(1,))]]
+
+
+def masked():
+    """Terminal 1 stays out of a box of yaw and pitch: before, past or above it."""
+    _, joints, _, _ = alone()
+    middle = joints[len(joints) // 2]
+    walls = ((-1, 0, -middle[0] + 0.1), (1, 0, middle[0] + 0.1), (0, 1, middle[2] + 0.03))
+    return [[Row(frame=JOINTS, axis=(*f, 0), half_angle=d, bound=(0,))] for *f, d in walls]
+
+
+def tables():
+    """What stands in the way, by name: single rows, and mixtures of them in entries and groups."""
+    rows = single_rows()
+    never = Row(axis=(0, 0, 1), half_angle=3.0, bound=(0, 1, 2))
+    sun, mask, beam = (
+        rows[name]
+        for name in (
+            "device out of a cone in the sky",
+            "device out of a cone in the body",
+            "device off the beam of another",
+        )
+    )
+    found = {name: [[[row]]] for name, row in rows.items()}
+    found["field"] = [field_of_view()]
+    found["box of joints"] = [masked()]
+    found["entry of three, beside one that never holds"] = [[[never], [sun, mask, beam]]]
+    found["any of two entries"] = [[[sun, rows["joints"]], [mask, rows["device in a cone in the sky"]]]]
+    found["all"] = [
+        *([[row]] for name, row in rows.items() if "edge" not in name and "near" not in name),
+        masked(),
+    ]
+    return {name: table(own, 3, **EXTRA) for name, own in found.items()}
+
+
+NAMES = [
+    "device out of a cone in the sky",
+    "device in a cone in the sky",
+    "axis of the body out of a cone in the sky",
+    "edge of a field off the sky",
+    "device out of a cone in the body",
+    "device in a cone in the body",
+    "device off the beam of another",
+    "device near the beam of another",
+    "edge of a field off the beam of another",
+    "joints",
+    "field",
+    "box of joints",
+    "entry of three, beside one that never holds",
+    "any of two entries",
+    "all",
+]
+
+
+@cache
+def fits():
+    """Tables with their fits, made together."""
+    rows = tables()
+    made = fit_batch([query(own) for own in rows.values()])
+    assert list(rows) == NAMES
+    return {name: (rows[name], fit) for name, fit in zip(rows, made, strict=True)}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_curves_keep_out_of_what_stands_in_the_way_at_all_times(name):
+    rows, fit = fits()[name]
+    assert fit.status is Status.OK, fit.message
+    attitudes, joints = states(fit.trajectory)
+    assert np.min(least_margins(CRAFT, rows, *alone()[:2])) < np.deg2rad(-0.5)
+    assert np.min(least_margins(CRAFT, rows, attitudes, joints)) > np.deg2rad(0.2)
+    np.testing.assert_allclose([attitudes[0], attitudes[-1]], PATH.attitudes[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose([joints[0], joints[-1]], ENDS, atol=1e-12)
+
+
+def test_a_fit_among_rows_of_every_kind_is_the_same_alone_and_its_margin_is_told():
+    rows, fit = fits()["all"]
+    assert set(rows.frame) == {INERTIAL, BODY, SIGHT, JOINTS}
+    (other,) = fit_batch([query(rows)])
+    for part in ("coefficients", "joint_coefficients"):
+        np.testing.assert_array_equal(getattr(fit.trajectory, part), getattr(other.trajectory, part))
+    sampled = np.min(least_margins(CRAFT, rows, *states(fit.trajectory, 20001)))
+    with jax.enable_x64(True):
+        found = quick_jit(least_margin)(fit.trajectory, CRAFT, rows)
+    assert sampled - 1e-5 < float(found) <= sampled + 1e-12
+
+
+def test_the_shortest_motion_keeps_clear_of_every_kind():
+    rows, timed = fits()["entry of three, beside one that never holds"]
+    (fit,) = fit_batch([query(rows, settings=replace(SETTINGS, duration="minimum"))])
+    assert fit.status is Status.OK, fit.message
+    assert fit.trajectory.duration < 0.8 * timed.trajectory.duration
+    assert np.min(least_margins(CRAFT, rows, *states(fit.trajectory))) >= 0
+
+
+def optimum(rows, craft, held):
+    """A number of the fit that is held, among rows and of a spacecraft."""
+    path = Path(
+        attitudes=padded(PATH.attitudes, FEWEST_NODES),
+        joints=padded(PATH.joints, FEWEST_NODES),
+        edge_costs=np.zeros(0),
+    )
+    rates = np.stack([np.concatenate(RATES), np.zeros(7)])
+    return metric(refit(held, path, craft, SETTINGS, rows, rates))
+
+
+@cache
+def told():
+    return quick_jit(jax.value_and_grad(optimum, (0, 1), allow_int=True))
+
+
+def shifted(rows, share):
+    """Rows and spacecraft, all of whose angles and directions are moved by a share of some step."""
+    rng = np.random.default_rng(4)
+
+    def turned(vectors):
+        return Rotation.from_rotvec(share * 0.3 * rng.normal(size=3)).apply(vectors)
+
+    own = replace(
+        rows,
+        half_angle=rows.half_angle + share * 0.1 * rng.normal(size=len(rows.axis)),
+        axis=np.where((rows.frame == JOINTS)[:, None], rows.axis, turned(rows.axis)),
+        body=turned(rows.body),
+        carried=turned(rows.carried),
+    )
+    terminals = [replace(one, mount=one.mount + share * 0.1 * rng.normal()) for one in CRAFT.terminals]
+    cameras = [replace(one, boresight=turned(one.boresight)) for one in CRAFT.instruments]
+    return own, replace(CRAFT, terminals=tuple(terminals), instruments=tuple(cameras))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "axis of the body out of a cone in the sky",
+        "device out of a cone in the body",
+        "device in a cone in the body",
+        "device off the beam of another",
+        "edge of a field off the beam of another",
+        "joints",
+        "box of joints",
+        "entry of three, beside one that never holds",
+    ],
+)
+def test_derivatives_at_rows_that_bind_are_those_of_fits_that_are_made_anew(name):
+    rows, fit = fits()[name]
+    rows = replace(rows, inner=True, nested=True)  # all of them, so that they are compiled for but once
+    held, step = fit.origin.hold(), 2e-5
+    binding = {*held.zones.zone[held.zones.on].tolist()}
+    expected_rows = {"box of joints": {1, 2}, "entry of three, beside one that never holds": {1, 2, 3}}
+    assert binding == expected_rows.get(name, {0})
+
+    def anew(share):
+        own, craft = shifted(rows, share)
+        (fit,) = fit_batch([query(own, craft)])
+        return float(told()(own, craft, fit.origin.hold())[0])
+
+    with jax.enable_x64(True):
+        _, slopes = told()(rows, CRAFT, held)
+        found = (anew(step) - anew(-step)) / (2 * step)
+    expected = 0.0
+    ahead, behind = (jax.tree.leaves(shifted(rows, sign * 1e-6)) for sign in (1, -1))
+    for slope, more, less in zip(jax.tree.leaves(slopes), ahead, behind, strict=True):
+        if np.asarray(more).dtype.kind == "f":
+            expected += float(np.sum(slope * (np.asarray(more) - less))) / 2e-6
+    assert expected == pytest.approx(found, rel=1e-5)
+
+
+RNG = np.random.default_rng(12)
+BASIS = Basis.even(6)
+PLACES = np.linspace(0.02, 0.98, 13)
+KINDS = [
+    (INERTIAL, 0, 1.0),
+    (INERTIAL, 0, -1.0),
+    (BODY, 0, 1.0),
+    (BODY, 0, -1.0),
+    (SIGHT, 1, 1.0),
+    (SIGHT, 2, -1.0),
+    (SIGHT, 4, 1.0),
+    (JOINTS, 0, 1.0),
+]
+
+
+def unit(*shape):
+    vectors = RNG.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_problem(mount):
+    """Rows of all kinds that bind all sights they may, about a chart of its own."""
+    craft = make_spacecraft(2, 1)
+    craft = replace(craft, terminals=(craft.terminals[0], replace(craft.terminals[1], mount=mount)))
+    rows = []
+    for frame, partner, side in KINDS:
+        normal = RNG.normal(size=2)
+        axis = (*normal / np.linalg.norm(normal), 0) if frame == JOINTS else tuple(unit())
+        bound = (0, 1) if frame == JOINTS else tuple({*range(6)} - {partner if frame == SIGHT else None})
+        half_angle = RNG.uniform(0.3, 1.2)
+        row = Row(frame=frame, axis=axis, partner=partner, side=side, bound=bound, half_angle=half_angle)
+        rows.append([[row]])
+    cones = table(rows, 3, body=unit(1), carrier=RNG.permutation(2), carried=unit(2))
+    nodes = wandering(5, 2, seed=1, step=0.4)
+    return Problem.of(fitting(nodes.attitudes, np.linspace(0, 1, 6))[0], craft, cones)
+
+
+PROBLEMS = [random_problem(0.5), random_problem(-2.0)]
+CURVES = RNG.normal(size=(2, 4, len(PLACES), 7))
+
+
+def motion(curves):
+    return evaluate(PROBLEMS, np.stack([PLACES, PLACES]), curves)
+
+
+def test_margins_of_a_stack_are_those_of_rotations():
+    own = motion(CURVES)
+    for number, problem in enumerate(PROBLEMS):
+        margins = pair_margins_of(
+            problem.spacecraft, problem.cones, own.attitude[number], CURVES[number, 0, :, 3:]
+        )
+        np.testing.assert_allclose(own.margins[number], margins, atol=1e-12)
+
+
+def test_of_a_constraint_only_the_rows_of_its_best_entry_count():
+    entry, group = np.array([0, 0, 2, 3, 4, 4, 6, 7]), np.array([0, 0, 0, 3, 4, 4, 4, 7])
+
+    def looked_at(**changes):  # a terminal and an axis of the body
+        bound = np.isin(np.arange(6), (0, 3))
+        cones = [replace(one.cones, bound=one.cones.bound & bound, **changes) for one in PROBLEMS]
+        own = [replace(one, cones=rows) for one, rows in zip(PROBLEMS, cones, strict=True)]
+        return evaluate(own, np.stack([PLACES, PLACES]), CURVES).margins
+
+    every, found = looked_at(), looked_at(entry=entry, group=group, nested=True)
+    of_rows = every.min(axis=2)
+    for curve, place in np.ndindex(found.shape[:2]):
+        row = of_rows[curve, place]
+        kept = {3, 7}
+        kept |= {0, 1} if min(row[0], row[1]) >= row[2] else {2}
+        kept |= {4, 5} if min(row[4], row[5]) >= row[6] else {6}
+        for number in range(8):
+            expected = every[curve, place, :, number] if number in kept else np.inf
+            np.testing.assert_array_equal(found[curve, place, :, number], expected)
+    assert {*np.isfinite(found[:, :, 0, 2]).ravel().tolist()} == {True, False}
+
+
+def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():
+    own, step = motion(CURVES), 1e-6
+    index = np.nonzero(np.isfinite(own.margins))
+    slopes = own.margin_slopes(*index)
+    for axis in range(7):
+        change = np.zeros_like(CURVES)
+        change[:, 0, :, axis] = step
+        ahead, behind = (motion(CURVES + sign * change).margins[index] for sign in (1, -1))
+        np.testing.assert_allclose(slopes[:, axis], (ahead - behind) / (2 * step), atol=1e-7)
+
+
+def test_no_step_changes_a_margin_by_more_than_its_reach_and_what_cannot_move_has_none():
+    own, which = motion(CURVES), np.array([1])
+    index = np.nonzero(np.isfinite(own.margins[which]))
+    slopes = own.margin_slopes(index[0] + 1, *index[1:])
+    closest = np.zeros(len(KINDS))
+    for _ in range(50):
+        step = RNG.normal(size=(1, len(PLACES), 7)) * RNG.integers(0, 2, 7)
+        reach = own.reach(step, which)[index]
+        change = np.abs(np.einsum("ra,ra->r", slopes, step[0, index[1]]))
+        assert np.all(change <= reach * (1 + 1e-12))
+        shares = np.divide(change, reach, out=np.zeros_like(change), where=reach > 0)
+        np.maximum.at(closest, index[3], shares)
+    assert np.all(closest > 0.8)
+    step = np.zeros((1, len(PLACES), 7))
+    step[..., :3] = 1.0
+    frames = np.array([frame for frame, _, _ in KINDS])
+    np.testing.assert_array_equal(np.any(own.reach(step, which)[0] > 0, axis=(0, 1)), frames == INERTIAL)
+
+
+def test_rows_that_a_step_may_reach_lose_what_their_slopes_say():
+    rows = BASIS.rows(PLACES)
+    coefficients, change = RNG.normal(size=(2, BASIS.size, 7))
+    curves = np.stack([rows @ coefficients[::-1], rows @ coefficients])
+    own = motion(curves)
+    zones = Zones(own, np.stack([rows, rows]), own.margins - 0.01)
+    step = Step(np.array([1]), 0.05 * change[None], 0.05 * (rows @ change)[None], np.zeros(1))
+    lessened, bound = zones.change(step)[0], np.isfinite(own.margins[1])
+    index = np.nonzero(bound)
+    every = (np.ones_like(index[0]), *index)
+    by_slopes = np.einsum("ran,na->r", zones.slopes(every).full, step.coefficients[0])
+    looked = lessened[index] != 0
+    assert 0.1 < looked.mean() < 0.9
+    np.testing.assert_allclose(lessened[index][looked], by_slopes[looked], rtol=1e-9)
+    idle = by_slopes == 0  # what nothing moves
+    assert np.all((zones.room[1][index] >= by_slopes + zones.near)[~looked & ~idle])
+
+
+def test_what_breaks_a_row_goes_by_the_name_of_what_it_is_fixed_to():
+    rows = fits()["all"][0]
+    job = SimpleNamespace(spacecraft=CRAFT, cones=rows)
+    called = []
+    for sight in range(8):
+        margins = np.full((5, 8, len(rows.axis)), 0.1)
+        assert _breach(margins, job) is None
+        margins[3, sight, 1] = -0.2
+        name, depth = _breach(margins, job)
+        called.append(name)
+        assert depth == 0.2
+    assert called == ["terminal-1", "terminal-2", "camera-1", "the body", *["terminal-2"] * 4]
