@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 from pointing import Problem, make_problem, random_problem
+from pointing_kinds import KINDS, one_of, past_a_plane
 from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
@@ -19,6 +20,7 @@ from jaxplan.decomposition import sensitivity
 from jaxplan.decomposition.descent import active_terms
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.geometry.directions import pointing
+from jaxplan.model.constraints import JOINTS
 from jaxplan.path import Goal
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -43,6 +45,7 @@ def inputs_of(problem: Problem) -> Inputs:
         "own limits": craft.joint_limits,
         "boresights": craft.fixed_boresights,
         "cones": problem.cones.axis,
+        "body": problem.cones.body,
         "half-angles": problem.cones.half_angle,
     }
     if targets.yaw_limit is not None:
@@ -63,19 +66,21 @@ def changed(problem: Problem, inputs: Inputs, exp: Callable = so3.exp) -> Proble
         for instrument, boresight in zip(craft.instruments, inputs["boresights"], strict=True)
     )
     targets = replace(problem.targets, directions=inputs["targets"])
+    joints = (problem.cones.frame == JOINTS)[:, None]  # what these bound stays a yaw or a pitch
+    axis = inputs["cones"] * ~joints + problem.cones.axis * joints
     if "goal limits" in inputs:
         targets = replace(targets, yaw_limit=inputs["goal limits"][0], pitch_limit=inputs["goal limits"][1])
     return Problem(
         spacecraft=replace(craft, terminals=terminals, instruments=instruments),
         start=problem.start @ exp(inputs["turn"]),
         targets=targets,
-        cones=replace(problem.cones, axis=inputs["cones"], half_angle=inputs["half-angles"]),
+        cones=replace(problem.cones, axis=axis, half_angle=inputs["half-angles"], body=inputs["body"]),
     )
 
 
 def found_anew(problem: Problem, inputs: Inputs) -> np.ndarray:
     unit = dict(inputs)
-    for name in ("targets", "boresights", "cones"):
+    for name in ("targets", "boresights", "cones", "body"):
         unit[name] = inputs[name] / np.linalg.norm(inputs[name], axis=-1, keepdims=True)
     turned = changed(problem, unit, lambda turn: Rotation.from_rotvec(turn).as_matrix())
     goal = turned.decompose(max_goals=1).goals[0]
@@ -156,6 +161,10 @@ def unit(vector: np.ndarray) -> np.ndarray:
 GROUPS = {
     "three terminals": three_terminals,
     "two terminals and an instrument": with_an_instrument,
+    "every kind of row": lambda: [
+        *(one_of(kind, seed=number) for number, kind in enumerate(KINDS)),
+        past_a_plane(),
+    ],
     "four terminals": lambda: [random_problem(seed) for seed in (5, 15, 25, 35)],
 }
 

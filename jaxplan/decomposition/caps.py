@@ -221,6 +221,9 @@ def _of_joints(mounts: np.ndarray, joint_limits: np.ndarray) -> tuple[np.ndarray
         half_angle[:, row + 2] -= pitch
     axis[:, 4, 0], axis[:, 4, 1] = -np.cos(mounts), -np.sin(mounts)
     half_angle[yaw >= np.pi / 2, 4] = 0
+    half_angle[yaw >= np.pi, :2] = (
+        0  # one of two opposite halves is always met, and neither asks for anything
+    )
     group = np.arange(5 * count).reshape(count, 5)
     group[:, 1] = np.where(yaw > np.pi / 2, group[:, 0], group[:, 1])
     return axis.reshape(-1, 3), half_angle.reshape(-1), group.reshape(-1)
