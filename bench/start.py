@@ -48,6 +48,7 @@ def seconds(root: Path, home: str) -> list[float]:
         [sys.executable, "-c", PROGRAM],
         capture_output=True,
         check=True,
+        cwd=root,  # which python -c looks into first
         env=inherited | {"HOME": home, "PYTHONPATH": str(root)},
     )
     loading, planning, *rest = map(float, done.stdout.split())

@@ -389,8 +389,11 @@ def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
     """
     xp, given, side, half_angle = arrays(score, rows.side, rows.half_angle)
     cosine = side * given
-    beyond = xp.abs(cosine) >= 1  # where the arc cosine has no derivative
-    angle = xp.where(beyond, xp.where(cosine > 0, 0, np.pi), xp.arccos(xp.where(beyond, 0, cosine)))
+    if xp is np:
+        angle = np.arccos(np.clip(cosine, -1, 1))
+    else:
+        beyond = xp.abs(cosine) >= 1  # where the arc cosine has no derivative
+        angle = xp.where(beyond, xp.where(cosine > 0, 0, np.pi), xp.arccos(xp.where(beyond, 0, cosine)))
     found = side * (angle - half_angle)
     return xp.where(rows.frame == JOINTS, -given - half_angle, found) if rows.inner else found
 
