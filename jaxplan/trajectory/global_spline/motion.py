@@ -40,7 +40,6 @@ class Motion:
         tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
         loads: (G, S, Q, 3) of the platform.
         body: (G, S, D, 3) sights in body axes.
-        axes: (G, S, Z, 3) of the rows, in body axes.
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best.
@@ -53,7 +52,6 @@ class Motion:
     tangent: np.ndarray
     loads: np.ndarray
     body: np.ndarray
-    axes: np.ndarray
     cosines: np.ndarray
     margins: np.ndarray
     _load_slopes: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
@@ -80,6 +78,22 @@ class Motion:
         """Of the rows, all (G, Z) but for axes, which are (G, Z, 3) and of rows of joints ``f``."""
         names = ("side", "frame", "partner", "axis")
         return {name: np.stack([getattr(problem.cones, name) for problem in self.problems]) for name in names}
+
+    @cached_property
+    def _moving(self) -> np.ndarray:
+        """(G, S, Z, 3) axes where some move."""
+        return np.stack([one.axes(own) for one, own in zip(self.problems, self.places, strict=True)])
+
+    def _axes(self, curve: np.ndarray, place: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """(R, 3) of some rows, in body axes."""
+        moving = self.problems[0].cones.paths
+        given = self._moving[curve, place, row] if moving else self._rows["axis"][curve, row]
+        turned = np.einsum("ri,rij->rj", given, self.attitude[curve, place])
+        if not self.problems[0].cones.inner:
+            return np.asarray(turned)
+        frame = self._rows["frame"][curve, row][:, None]
+        sights = self.body[curve, place, self._rows["partner"][curve, row]]
+        return np.where(frame == INERTIAL, turned, np.where(frame == SIGHT, sights, given))
 
     @cached_property
     def finite(self) -> np.ndarray:
@@ -146,7 +160,7 @@ class Motion:
             (R, 3 + 2n) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of
             joints ``f``.
         """
-        seen, axis = self.body[curve, place, sight], self.axes[curve, place, row]
+        seen, axis = self.body[curve, place, sight], self._axes(curve, place, row)
         cosine, side = self.cosines[curve, place, sight, row], self._rows["side"][curve, row]
         factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
         slopes = np.zeros((len(place), self.curves.shape[3]))
@@ -206,7 +220,6 @@ _ARRAYS = (
     "tangent",
     "loads",
     "body",
-    "axes",
     "cosines",
     "margins",
 )
@@ -220,56 +233,35 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
         places: (G, S) in [0, 1].
         curves: (G, 4, S, 3 + 2n) values and derivatives.
     """
-    found = [
-        kernels.by_chunks(
-            lambda part, own, problem=problem: kernels.values(  # type: ignore[misc]
-                problem.chart.attitude, problem.chart.turn, part, own, problem.inertia, **_choices(problem)
+    found = []
+    for problem, *own in zip(problems, places, curves, strict=True):
+        attitude, tangent, loads = kernels.by_chunks(
+            lambda part, curve, problem=problem: kernels.values(  # type: ignore[misc]
+                problem.chart.attitude, problem.chart.turn, part, curve, problem.inertia, **_choices(problem)
             ),
             *own,
         )
-        for problem, *own in zip(problems, places, curves, strict=True)
-    ]
-    attitude, tangent, loads = (np.stack(arrays) for arrays in zip(*found, strict=True))
-    joints = curves[:, 0, :, 3:]
-    body = np.stack([problem.sights.in_body(own) for problem, own in zip(problems, joints, strict=True)])
-    axes = _axes(problems, places, attitude, body)
-    cosines = np.asarray(body @ np.swapaxes(axes, -1, -2))
-    return Motion(
-        problems=problems,
-        places=places,
-        curves=curves,
-        attitude=attitude,
-        tangent=tangent,
-        loads=loads,
-        body=body,
-        axes=axes,
-        cosines=cosines,
-        margins=np.stack([_margins(*own) for own in zip(problems, cosines, joints, strict=True)]),
-    )
+        found.append((attitude, tangent, loads, *_pointing(problem, own[0], attitude, own[1][0, :, 3:])))
+    names = ("attitude", "tangent", "loads", "body", "cosines", "margins")
+    parts = {name: np.stack(arrays) for name, arrays in zip(names, zip(*found, strict=True), strict=True)}
+    return Motion(problems=problems, places=places, curves=curves, **parts)
 
 
-def _axes(
-    problems: Sequence[Problem], places: np.ndarray, attitude: np.ndarray, body: np.ndarray
-) -> np.ndarray:
-    """(G, S, Z, 3) of the rows, in body axes."""
-    cones = [problem.cones for problem in problems]
-    if cones[0].paths:
-        inertial = np.stack([problem.axes(own) for problem, own in zip(problems, places, strict=True)])
-    else:
-        inertial = np.stack([own.axis for own in cones])[:, None]
-    turned = inertial @ attitude
-    if not cones[0].inner:
-        return np.asarray(turned)
-    return np.stack([axes_in_body(*own) for own in zip(cones, turned, body, strict=True)])
-
-
-def _margins(problem: Problem, cosines: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """(S, D, Z) as `Motion` has them, from cosines (S, D, Z) and joints (S, 2n)."""
-    cones = problem.cones
+def _pointing(
+    problem: Problem, places: np.ndarray, attitude: np.ndarray, joints: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Sights, cosines and margins of one curve, as `Motion` has them."""
+    cones, body = problem.cones, problem.sights.in_body(joints)
+    inertial = problem.axes(places) if cones.paths else cones.axis
+    axes = axes_in_body(cones, inertial @ attitude, body)
+    cosines = body @ np.swapaxes(axes, -1, -2)
     values = joint_values(cones, joints) if cones.inner else None
-    found = margins_of_scores(cones, scores(cones, cosines, values))
-    found = np.where(cones.bound.T, found, np.inf)
-    return np.where(counted(cones, np.min(found, axis=1, initial=np.inf))[:, None], found, np.inf)
+    margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, values)))
+    np.copyto(margins, np.inf, where=~cones.bound.T)
+    if np.any(cones.entry != cones.group):
+        kept = counted(cones, np.min(margins, axis=1, initial=np.inf))
+        np.copyto(margins, np.inf, where=~kept[:, None])
+    return body, cosines, margins
 
 
 def _choices(problem: Problem) -> dict[str, bool]:
