@@ -1,6 +1,6 @@
 """The folder in which JAX keeps what it compiles, so that only the first process ever waits for it.
 
-A first plan compiles for ten seconds; read from the folder it takes two. The folder is the user's cache
+A first plan compiles for ten seconds; read from the folder it takes three. The folder is the user's cache
 folder, ``~/.cache/jaxplan`` or that of ``XDG_CACHE_HOME``, with a part for each kind of processor, since code
 for one may not run on another. It is used unless the user has told JAX otherwise, and silently not where it
 cannot be written or may not be trusted: whoever can write there can have us run any code. What JAX compiles
@@ -26,7 +26,8 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
     """Keep compiled code in another folder, or in none.
 
     What JAX compiles is by default kept between processes in the user's cache folder. An environment variable
-    JAX_COMPILATION_CACHE_DIR, or the setting of ``jax.config`` with this name, moves it, too.
+    JAX_COMPILATION_CACHE_DIR, or the setting of ``jax.config`` with this name, moves it, too; JAX then keeps
+    only what took a second to compile, unless it is told otherwise.
 
     Args:
         folder: made, for this user alone, if it does not exist; None to keep nothing. Whoever can write there
@@ -34,12 +35,17 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
 
     Raises:
         OSError: if it cannot be made.
-        ValueError: if nothing can be written there, or others than the user may write there.
+        TypeError: if it is no path.
+        ValueError: if it is empty, nothing can be written there, or others than the user may write there.
 
     Example:
         >>> jp.compilation_cache("/scratch/compiled")
         >>> jp.compilation_cache(None)
     """
+    if not (folder is None or isinstance(folder, str | os.PathLike)):
+        raise TypeError(f"folder must be a path, or None to keep nothing, not {type(folder).__name__}")
+    if folder is not None and not os.fspath(folder):
+        raise ValueError("folder is empty: name one, or pass None to keep nothing")
     place = None if folder is None else Path(folder).expanduser().absolute()
     if place is not None:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -59,6 +65,8 @@ def keep_by_default() -> None:
     _decided = True
     try:
         place = _users_folder()
+        if not place.is_absolute():  # as where HOME is not: each folder would get its own
+            return
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         if _fault(place):
             return

@@ -179,7 +179,8 @@ def interval_scores(
     turned = jnp.sum(attitudes[:, None] * jnp.asarray(rows.axis)[:, :, None], axis=-2)
     axes = constraints.axes_in_body(rows, turned, seen)
     cosines = jnp.sum(seen[:, :, None] * axes[:, None], axis=-1)  # (intervals + 1, S, Z)
-    score = constraints.scores(rows, cosines, constraints.joint_values(rows, angles))
+    values = constraints.joint_values(rows, angles) if rows.inner else None
+    score = constraints.scores(rows, cosines, values)
     bend = constraints.score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
     bound = constraints.edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
     return jnp.max(jnp.where(rows.bound.T, bound, -jnp.inf), axis=-2, initial=-jnp.inf)

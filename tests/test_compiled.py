@@ -110,8 +110,9 @@ jax.clear_caches()
         ("import jaxplan as jp; jp.compilation_cache(None)", {}, None),
         ("", {"XDG_CACHE_HOME": "/proc/self/nowhere"}, None),
         ("", {"XDG_CACHE_HOME": "file"}, "home"),  # not absolute, so it is not looked at
+        ("", {"HOME": "home"}, None),
     ],
-    ids=["JAX's variable", "JAX's setting", "off", "unwritable", "relative"],
+    ids=["JAX's variable", "JAX's setting", "off", "unwritable", "relative", "relative home"],
 )
 def test_what_the_user_has_chosen_is_left_alone(tmp_path, monkeypatch, before, environment, wanted):
     monkeypatch.chdir(tmp_path)
@@ -126,6 +127,15 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, mode):
     Path(folder).chmod(mode)
     assert fresh_python(COUNT + ANGLE + TELL, tmp_path)[0] == [0, 0, None]
     with pytest.raises(ValueError, match=r"folder = .*: others may write there"):
+        jp.compilation_cache(folder)
+
+
+@pytest.mark.parametrize(
+    ("folder", "error", "said"),
+    [(3, TypeError, "folder must be a path.*not int"), ("", ValueError, "folder is empty")],
+)
+def test_what_is_no_folder_is_refused_by_name(folder, error, said):
+    with pytest.raises(error, match=said):
         jp.compilation_cache(folder)
 
 

@@ -197,7 +197,7 @@ def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[
 
 
 def _kinds(cones: "Constraints", terminals: int) -> Iterator[str]:
-    """Of what the axes belong to, and what they may bind."""
+    """Check what each axis belongs to, and whether its row may bind what it binds."""
     frame, bound = cones.frame, cones.bound != 0
     if not _whole(frame, 4):
         yield "cones.frame is none of the four that there are"
@@ -217,7 +217,7 @@ def _kinds(cones: "Constraints", terminals: int) -> Iterator[str]:
 
 
 def _nests(cones: "Constraints") -> Iterator[str]:
-    """Of how rows make up entries, and these constraints."""
+    """Check that rows are numbered into entries, and entries into constraints."""
     row = np.arange(len(cones.frame))
     for name in ("entry", "group"):
         first = getattr(cones, name)
@@ -231,7 +231,7 @@ def _nests(cones: "Constraints") -> Iterator[str]:
 
 
 def _whole(numbers: np.ndarray, count: int) -> bool:
-    """Whether all are whole and from zero on below a count."""
+    """Tell whether all numbers are whole, at least zero and below a count."""
     return bool(np.all((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)))
 
 

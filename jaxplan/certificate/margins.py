@@ -115,7 +115,7 @@ class Bindings:
 
     @classmethod
     def joined(cls, several: "Sequence[Bindings]") -> "Bindings":
-        """Those of several trajectories of the same views, of which no axis moves; or of one."""
+        """Join the pairs of several trajectories of the same views, none with axes that move; or of one."""
         if len(several) == 1:
             return several[0]
         names = ("row", "sight", "frame", "partner", "entry", "axis", "flip", "angle", "side", "view")
@@ -325,7 +325,7 @@ class Bindings:
                 yield f"the margin of {sight} to {place} {proof}"
 
     def _kind(self, pair: int) -> tuple[str, str]:
-        """What the row of a pair is called, and where a sight is that breaks it."""
+        """Name the kind of a pair's row, and the side on which a sight breaks it."""
         if self._linear[pair]:
             return "mask", "inside"
         outside = self.flip[pair] * self.side[pair] > 0

@@ -120,7 +120,7 @@ class Samples:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Views:
-    """What is looked at beside the boresights of devices from inertial axes: nothing, unless it is given.
+    """Directions that are sampled beside the inertial boresights of the devices; none by default.
 
     Attributes:
         body: (b, 3) unit vectors, axes of the body that are sights.

@@ -79,7 +79,7 @@ def _validate(options: argparse.Namespace) -> int:
 
 
 def _findings(name: str) -> dict[str, Any]:
-    """What a file holds and what is wrong with it."""
+    """Collect what a scenario file holds, its faults, and what its start and goal break."""
     from jaxplan.scenario import ScenarioError
 
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
@@ -102,7 +102,7 @@ def _findings(name: str) -> dict[str, Any]:
 
 
 def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
-    """What the start breaks, and a goal that is given and does not depend on when it is reached."""
+    """List what the start breaks, and the goal where it is a given state among nothing that moves."""
     from jaxplan.planner import Plan
     from jaxplan.planner.check import start_attitude, start_breaches
     from jaxplan.planner.goals import find_goals

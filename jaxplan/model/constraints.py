@@ -286,15 +286,9 @@ def best_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
     Returns:
         (..., Z); of rows that do not lead their constraint, and of padding, +inf.
     """
-    xp, worst = arrays(margin)
-    number = np.arange(worst.shape[-1])
-    if rows.nested:
-        same_entry = rows.entry[:, None] == rows.entry[None, :]
-        worst = xp.min(xp.where(same_entry, worst[..., None, :], xp.inf), axis=-1, initial=xp.inf)
-        worst = xp.where(rows.entry == number, worst, -xp.inf)  # once, at its first row
-    same_group = rows.group[:, None] == rows.group[None, :]
-    best = xp.max(xp.where(same_group, worst[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
-    return xp.where(rows.group == number, best, xp.inf)
+    xp, given = arrays(margin)
+    _, best = _entries_and_constraints(rows, given)
+    return xp.where(rows.group == np.arange(given.shape[-1]), best, xp.inf)
 
 
 def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
@@ -308,13 +302,25 @@ def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
         (..., Z) int, numbers of entries as in `Constraints.entry`.
     """
     xp, given = arrays(margin)
-    same_entry = rows.entry[:, None] == rows.entry[None, :]
-    same_group = rows.group[:, None] == rows.group[None, :]
-    of_entry = xp.min(xp.where(same_entry, given[..., None, :], xp.inf), axis=-1, initial=xp.inf)
-    best = xp.max(xp.where(same_group, of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
-    as_good = same_group & (of_entry[..., None, :] == best[..., :, None])
+    of_entry, best = _entries_and_constraints(rows, given)
+    as_good = _same(rows.group) & (of_entry[..., None, :] == best[..., :, None])
     count = rows.entry.shape[0]
     return xp.min(xp.where(as_good, rows.entry, count), axis=-1, initial=count)
+
+
+def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Margins of each row's entry and of its constraint, (..., Z) each: THE rule of entries and groups."""
+    xp = array_module(margin)
+    of_entry = margin
+    if rows.nested:
+        of_entry = xp.min(xp.where(_same(rows.entry), margin[..., None, :], xp.inf), axis=-1, initial=xp.inf)
+    best = xp.max(xp.where(_same(rows.group), of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
+    return of_entry, best
+
+
+def _same(number: AnyArray) -> AnyArray:
+    """(Z, Z) whether two rows have the same number."""
+    return number[:, None] == number[None, :]
 
 
 def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:

@@ -74,7 +74,8 @@ def _scores(cones: Constraints, zone_axes: ArrayLike, sight: Sight, edges: bool)
     """Score of each sight, the worst on each interval, or at the end alone: (a, o, k or 1, d, z)."""
     axes, body = jnp.asarray(zone_axes), jnp.asarray(sight.body)
     dots = dot(axes[:, :, None, :, None, :], body[..., None])
-    score = constraints.scores(cones, dots, constraints.joint_values(cones, sight.joints))
+    values = constraints.joint_values(cones, sight.joints) if cones.inner else None
+    score = constraints.scores(cones, dots, values)
     if edges:
         score = constraints.edge_bound(score[:, :, :-1], score[:, :, 1:], sight.sag(cones)[:, :, None])
     else:
