@@ -17,7 +17,6 @@ from _machine import print_machine
 from _options import positive
 
 from jaxplan.cases import paper_case
-from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha_rules
 from jaxplan.search.fields import distance_fields
@@ -40,8 +39,7 @@ def median_us(call: Callable[[], object], repeats: int) -> float:
 
 def expansion_times(repeats: int) -> None:
     scenario = paper_case(2)
-    attitude = start_attitude(scenario)
-    scene = make_scene(scenario, find_goals(scenario, attitude)[0], attitude)
+    scene = make_scene(scenario, find_goals(scenario)[0])
     with jax.enable_x64(True):
         node, rng = make_root(scene), np.random.default_rng(0)
         moves = mha_rules.propose(scene, node, rng, scenario.search, 0)
@@ -82,9 +80,8 @@ def case_searches(repeats: int) -> None:
     print("\ncase  planner      steps (needed)  expansions  median ms over seeds")
     for number in (1, 2, 3, 4):
         scenario = paper_case(number)
-        attitude = start_attitude(scenario)
-        goal = find_goals(scenario, attitude)[0]
-        scene = make_scene(scenario, goal, attitude)
+        goal = find_goals(scenario)[0]
+        scene = make_scene(scenario, goal)
         needed = scene.straight_steps
         for method, search in PLANNERS.items():
             search(scene, scenario.search)

@@ -42,13 +42,15 @@ if TYPE_CHECKING:
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
-    from jaxplan.zones import KeepIn, KeepOut
+    from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 _HOMES = {
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.moving",
+    "FixedVector": "jaxplan.zones",
     "GivenState": "jaxplan.scenario",
     "Instrument": "jaxplan.spacecraft",
+    "JointBound": "jaxplan.zones",
     "KeepIn": "jaxplan.zones",
     "KeepOut": "jaxplan.zones",
     "MovingTargets": "jaxplan.scenario",
@@ -95,8 +97,10 @@ _HOMES = {
 __all__ = [
     "Constellation",
     "DirectionPath",
+    "FixedVector",
     "GivenState",
     "Instrument",
+    "JointBound",
     "KeepIn",
     "KeepOut",
     "MovingTargets",

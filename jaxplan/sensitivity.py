@@ -18,7 +18,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.display import shown
 from jaxplan.given import expect
@@ -27,7 +26,7 @@ from jaxplan.path import Goal, Path
 from jaxplan.planner import Plan
 from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import fit, fitted_plan, judged
-from jaxplan.planner.check import prove, start_attitude
+from jaxplan.planner.check import prove
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, MovingTargets, Scenario
@@ -35,7 +34,6 @@ from jaxplan.scenario.moments import moves
 from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
-from jaxplan.zones import tabulate
 
 _A_PLAN = "jp.plan makes one of a scenario"
 
@@ -123,10 +121,9 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     if isinstance(asked, MovingTargets):
         raise ValueError(f"{scenario.name} has targets that move: `hold` refuses them")
-    cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-    start = so3.exp(scenario.start.rotation_vector)
+    cones, start = scenario.constraints, scenario.start.attitude
     if isinstance(asked, GivenState):
-        attitude, joints = so3.exp(asked.rotation_vector), jnp.asarray(asked.joints)
+        attitude, joints = jnp.asarray(asked.attitude), jnp.asarray(asked.joints)
     else:
         goal: Any = differentiable_goal(held.goal, craft, start, asked, cones)
         attitude, joints = goal.attitude, goal.joints
@@ -193,14 +190,13 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     _expect_still(scenario)
     make_room()
     clock = Clock(np.inf)
-    attitude = start_attitude(scenario)
-    goals = find_goals(scenario, attitude)
+    goals = find_goals(scenario)
     if isinstance(goals, Plan):
         return goals, None
     earlier = plan.goal.attitude
     goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - earlier)))
     attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
-    attitudes[0], attitudes[-1] = attitude, goal.attitude
+    attitudes[0], attitudes[-1] = scenario.start.attitude, goal.attitude
     joints[0], joints[-1] = scenario.start.joints, goal.joints
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     with clock.step("trajectory"):

@@ -5,9 +5,8 @@ Devices are numbered terminals first, then instruments. Joints are one vector ``
 points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitudes map body to inertial.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import wraps
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.directions import azimuth_elevation, pointing
+from jaxplan.once import made_once
 
 
 def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:
@@ -83,23 +83,6 @@ def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
     array = np.array(values)
     array.flags.writeable = False
     return array
-
-
-def _made_once(stack: Callable[["Spacecraft"], np.ndarray]) -> Callable[["Spacecraft"], np.ndarray]:
-    """What keeps an array of numpy for the next time; one of JAX may belong to a trace that ends."""
-
-    @wraps(stack)
-    def kept(craft: "Spacecraft") -> np.ndarray:
-        known: dict[str, np.ndarray] = craft.__dict__
-        name = f"_{stack.__name__}"
-        if name in known:
-            return known[name]
-        array = stack(craft)
-        if isinstance(array, np.ndarray):
-            known[name] = array
-        return array
-
-    return kept
 
 
 @shown("mount deg", "yaw_limit deg", "pitch_limit deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
@@ -186,31 +169,31 @@ class Spacecraft:
         return tuple(f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals)
 
     @property
-    @_made_once
+    @made_once
     def joint_limits(self) -> np.ndarray:
         """(2n,) rad: the bound of each joint's angle."""
         return stacked([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
 
     @property
-    @_made_once
+    @made_once
     def joint_rate_limits(self) -> np.ndarray:
         """(2n,) rad/s."""
         return stacked([t.rate_limit for t in self.terminals] * 2)
 
     @property
-    @_made_once
+    @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
         """(2n,) rad/s^2."""
         return stacked([t.acceleration_limit for t in self.terminals] * 2)
 
     @property
-    @_made_once
+    @made_once
     def mounts(self) -> np.ndarray:
         """(n,) rad."""
         return stacked([t.mount for t in self.terminals])
 
     @property
-    @_made_once
+    @made_once
     def fixed_boresights(self) -> np.ndarray:
         """(number of instruments, 3) unit vectors in body axes."""
         return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)

@@ -43,6 +43,7 @@ def table(constraints, devices, *, body=(), carrier=(), carried=()):
         bound=np.array([[sight in row.bound for sight in range(sights)] for row in rows]),
         entry=np.array(entry + padding),
         group=np.array(group + padding),
+        zone=np.arange(size),
         body=np.array(body, float).reshape(-1, 3),
         carrier=np.array(carrier, int),
         carried=np.array(carried, float).reshape(-1, 3),

@@ -32,6 +32,7 @@ def table(rows: list[dict], body: np.ndarray, size: int = 16, **carried: np.ndar
         bound=np.zeros((size, count), bool),
         entry=np.arange(size),
         group=np.arange(size),
+        zone=np.arange(size),
         body=body,
         carrier=np.zeros(0, int),
         carried=np.zeros((0, 3)),

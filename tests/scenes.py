@@ -80,7 +80,7 @@ def scene_of(scenario: Scenario, goal: Goal | None = None) -> Scene:
         end = Rotation.from_rotvec(scenario.goal.rotation_vector)
         slew = (start.inv() * end).magnitude()
         goal = Goal(attitude=end.as_matrix(), joints=scenario.goal.joints, slew_angle=slew)
-    return make_scene(scenario, goal, start.as_matrix())
+    return make_scene(scenario, goal)
 
 
 def with_search(scenario: Scenario, **changes: object) -> Scenario:

@@ -10,7 +10,6 @@ from scenes import boresights, edge_states, make_scenario, sampled_margin, scene
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import RANDOM_KINDS, paper_case, random_scenario
-from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import SearchSettings, dump_scenario, parse_scenario
 from jaxplan.scenario.model import SEARCH_METHODS
@@ -33,15 +32,13 @@ WASTAR_SOLVES = {"keep_out": 5, "keep_in": 5, "hard_keep_out": 5, "hard_keep_in"
 @cache
 def paper_scene(number: int) -> tuple[Scene, SearchSettings]:
     scenario = paper_case(number)
-    attitude = start_attitude(scenario)
-    return make_scene(scenario, find_goals(scenario, attitude)[0], attitude), scenario.search
+    return make_scene(scenario, find_goals(scenario)[0]), scenario.search
 
 
 @cache
 def random_scene(kind: str, seed: int) -> tuple[Scene, SearchSettings]:
     scenario = random_scenario(seed, kind)
-    attitude = start_attitude(scenario)
-    return make_scene(scenario, find_goals(scenario, attitude)[0], attitude), scenario.search
+    return make_scene(scenario, find_goals(scenario)[0]), scenario.search
 
 
 def margins_along(scene: Scene, result: SearchResult, samples: int = 31) -> np.ndarray:

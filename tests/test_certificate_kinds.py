@@ -40,6 +40,7 @@ def table_of(craft, rows, body=(), carried=()):
         bound=bound,
         entry=np.array([one.get("entry", row) for row, one in enumerate(rows)]),
         group=np.array([one.get("group", one.get("entry", row)) for row, one in enumerate(rows)]),
+        zone=np.arange(len(rows)),
         body=np.array(body).reshape(-1, 3),
         carrier=np.array(carrier, int),
         carried=np.array(vectors).reshape(-1, 3),
@@ -221,6 +222,7 @@ def just_kept(trajectory, craft, table, row, sight, excess):
         **{name: getattr(table, name)[[row]] for name in parts},
         entry=np.zeros(1, int),
         group=np.zeros(1, int),
+        zone=np.zeros(1, int),
         paths=table.paths[row : row + 1],
         nested=False,
     )

@@ -56,6 +56,7 @@ def every_kind():
         bound=bound,
         entry=np.array([0, 1, 2, 2, 4, 5, 6, 7]),
         group=np.array([0, 1, 1, 1, 4, 5, 5, 7]),
+        zone=np.arange(8),
         body=own.fixed[1:],
         carrier=own.carrier,
         carried=own.carried,

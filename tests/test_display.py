@@ -36,7 +36,7 @@ from jaxplan.trajectory.global_spline import held as global_spline
 from jaxplan.trajectory.paper import refit as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"
@@ -195,10 +195,19 @@ def results(plan, failed, scenario):
     still = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(6)}
     rates = {"trial": 0, "objective": 1.0, "success_rate": 0.5, "search.heuristic_weight": np.nan}
     moving = KeepOut(name="Moon", direction=turning, half_angle=0.2)
+    panel = FixedVector(along=np.eye(3)[0], to="terminal-1")
+    corner = JointBound(name="corner", device="terminal-1", normal=np.array([0.6, 0.8]), least=-1.0)
     return [
         *(scenario, plan.scenario, scenario.start, scenario.goal, scenario.search, scenario.trajectory),
         *(scenario.spacecraft, *craft.terminals, *scenario.spacecraft.instruments, *scenario.keep_out),
-        *(*scenario.keep_in, moving, turning, MovingTargets(directions=(np.eye(3)[0], turning))),
+        *(
+            *scenario.keep_in,
+            moving,
+            panel,
+            corner,
+            turning,
+            MovingTargets(directions=(np.eye(3)[0], turning)),
+        ),
         *(plan, plan.goal, plan.search, path, trajectory, plan.report, failed, trajectory.platform_pieces),
         *(MovingGoal(**vars(plan.goal), time=40.0, **still), trajectory.sample(1.0)),
         *(trajectory.sample(np.linspace(0, trajectory.duration, 1000)), jp.hold(plan)),

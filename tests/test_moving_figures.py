@@ -12,7 +12,6 @@ from jaxplan.plotting import samples, unfolded
 from jaxplan.plotting.globe_map import view_of
 from jaxplan.plotting.marks import zone_ways, zones_at
 from jaxplan.plotting.view import circle
-from jaxplan.scenario.moments import axis_at, is_moving
 from jaxplan.zones import KeepOut
 
 
@@ -39,7 +38,7 @@ def closed():
 def test_margins_over_time_are_to_zones_where_they_are_then(plan):
     motion = samples.motion(plan)
     scenario = plan.scenario
-    found = samples.margins(scenario, motion.boresights, motion.times)
+    found = samples.margins(scenario, motion)
     names = scenario.spacecraft.device_names
     for zone in (*scenario.keep_out, *scenario.keep_in):
         rows = {names[margin.device]: margin.values for margin in found if margin.zone == zone.name}
@@ -54,7 +53,7 @@ def test_margins_over_time_are_to_zones_where_they_are_then(plan):
 def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan):
     scenario = plan.scenario
     axes = jp.plot.sphere(plan)
-    first = {zone.name: axis_at(zone) for zone in zones_at(scenario, 0.0)}
+    first = {zone.name: zone.axis_at() for zone in zones_at(scenario, 0.0)}
     ways = {zone.name: (zone, way) for zone, way in zone_ways(plan)}
     assert set(ways) == {"earth", "link ahead"}
     lines = [line.get_xydata() for line in axes.lines]
@@ -106,13 +105,13 @@ def test_a_film_shows_zones_where_they_are(plan):
     film = jp.plot.animate(plan, frames=2)
     (axes,) = film.figure.axes
     view = view_of(plan, None)
-    zones = [zone for zone in (*plan.scenario.keep_out, *plan.scenario.keep_in) if is_moving(zone)]
+    zones = [zone for zone in (*plan.scenario.keep_out, *plan.scenario.keep_in) if zone.moves]
     assert zones
     for number, time in ((0, 0.0), (samples.INSTANTS - 1, 80.0)):
         film.picture(number)
         bold = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 1.1]
         for zone in zones:
-            edge = view.sides(circle(axis_at(zone, time), zone.half_angle))[0]
+            edge = view.sides(circle(zone.axis_at(time), zone.half_angle))[0]
             same = [line for line in bold if line.shape == edge.shape]
             assert sum(np.allclose(line, edge, atol=1e-9, equal_nan=True) for line in same) == 1
         assert [text.get_text() for text in axes.texts].count("earth") == 1

@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan import scenario as sc
 from jaxplan import sky
 from jaxplan.moving import DirectionPath
-from jaxplan.scenario.moments import at, known_until, moves, target_rates
+from jaxplan.scenario.moments import known_until, moves, target_rates, targets_at
 
 TIMES = [0.0, 20.0, 40.0, 60.0, 80.5]
 SAMPLES = great_circle(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.1]), 0.001, np.array(TIMES)).tolist()
@@ -102,19 +102,20 @@ def test_a_scenario_at_an_instant_has_directions_of_then_and_nothing_that_moves(
     read = sc.scenario_from_dict(TABLES)
     assert moves(read)
     assert known_until(read) == (80.5, "the target of fore")
-    then = at(read, 33.0)
-    assert not moves(then)
+    then = read.constraints.at(33.0)
+    assert not then.paths
     expected = great_circle(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.1]), 0.001, np.array(33.0))
-    np.testing.assert_allclose(then.keep_out[0].direction, expected, atol=1e-9)
-    np.testing.assert_allclose(then.goal.directions, [expected, [0, 0, 1]], atol=1e-9)
+    np.testing.assert_allclose(then.axis[0], expected, atol=1e-9)
+    np.testing.assert_allclose(targets_at(read.goal, 33.0).directions, [expected, [0, 0, 1]], atol=1e-9)
     rates = target_rates(read.goal, 33.0)
     np.testing.assert_allclose(np.linalg.norm(rates, axis=1), [0.001, 0], atol=1e-9)
     still = sc.scenario_from_dict(
         changed((("goal", "targets"), [[1, 0, 0], [0, 0, 1]]), (("keep_out",), None), (("keep_in",), None))
     )
-    assert at(still, 33.0) is still
+    assert still.constraints.at(33.0) is still.constraints
+    assert targets_at(still.goal, 33.0) is still.goal
     with pytest.raises(ValueError, match=r"must lie in \[0, 80.5\] s"):
-        at(read, 81.0)
+        targets_at(read.goal, 81.0)
 
 
 def test_satellites_and_bodies_of_the_sky_become_paths_as_seen_from_the_observer():

@@ -18,7 +18,7 @@ from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.scenario import MovingTargets, Targets
-from jaxplan.scenario.moments import at, axis_at, known_until
+from jaxplan.scenario.moments import known_until, targets_at
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
 from jaxplan.zones import KeepIn, KeepOut
@@ -159,7 +159,7 @@ def test_a_goal_that_does_not_meet_its_targets_is_not_certified(plans):
 def test_start_and_goal_are_judged_by_zones_as_they_are_then(scene):
     craft = scene.spacecraft
     start = beams(craft, Rotation.from_rotvec(scene.start.rotation_vector).as_matrix(), scene.start.joints)[0]
-    goal = axis_at(replace(scene.keep_in[0], direction=scene.goal.directions[1]), 80.0)
+    goal = scene.goal.directions[1].at(80.0)
     aside = np.array([0.3, -0.5, 0.8])
 
     def passing(direction, when):
@@ -195,12 +195,19 @@ def test_a_zone_that_sweeps_over_the_start_drives_the_device_away(scene):
     assert sampled(plan.trajectory, scene.spacecraft, [zone], 20_001).min() >= 0
 
 
+def row_of(scene, rows, zone):
+    """Axis and half angle of a zone's row."""
+    (row,) = np.flatnonzero(rows.zone == scene.zones.index(zone))
+    return rows.axis[row], rows.half_angle[row]
+
+
 def test_what_a_search_takes_for_moving_zones_leaves_both_ends_clear(plans, scene):
     plan = plans[80.0]
     attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
-    seen = swept(scene, plan.goal, attitude)
-    wide, link = seen.keep_out[0], seen.keep_in[0]
-    assert seen.keep_out[1] is scene.keep_out[1]
+    seen = swept(scene, plan.goal)
+    wide, still, link = (row_of(scene, seen, zone) for zone in (*scene.keep_out, *scene.keep_in))
+    np.testing.assert_array_equal(still[0], scene.keep_out[1].direction)
+    assert still[1] == scene.keep_out[1].half_angle
     times = np.linspace(0, 80, 50)
     ends = {
         "start": np.concatenate(
@@ -211,14 +218,14 @@ def test_what_a_search_takes_for_moving_zones_leaves_both_ends_clear(plans, scen
         ),
     }
     for directions in ends.values():
-        assert np.all(np.arccos(directions @ wide.direction) >= wide.half_angle)
-        assert np.arccos(directions[0] @ link.direction) <= link.half_angle
+        assert np.all(np.arccos(directions @ wide[0]) >= wide[1])
+        assert np.arccos(directions[0] @ link[0]) <= link[1]
     # nothing here is near the Earth, so its cone holds it all the time
-    apart = np.arccos(np.clip(scene.keep_out[0].direction.at(times) @ wide.direction, -1, 1)).max()
-    assert wide.half_angle >= scene.keep_out[0].half_angle + apart - 1e-9
+    apart = np.arccos(np.clip(scene.keep_out[0].direction.at(times) @ wide[0], -1, 1)).max()
+    assert wide[1] >= scene.keep_out[0].half_angle + apart - 1e-9
     core = always(scene, plan.goal)
-    assert core.keep_out[0].half_angle <= scene.keep_out[0].half_angle - apart + 1e-9
-    assert core.keep_in[0].half_angle >= scene.keep_in[0].half_angle + np.deg2rad(2.4)
+    assert row_of(scene, core, scene.keep_out[0])[1] <= scene.keep_out[0].half_angle - apart + 1e-9
+    assert row_of(scene, core, scene.keep_in[0])[1] >= scene.keep_in[0].half_angle + np.deg2rad(2.4)
 
 
 def ring(scene, device, axis, rate):
@@ -243,18 +250,18 @@ def test_no_path_is_only_claimed_of_what_is_forbidden_at_every_instant(scene):
     slow = jp.plan(ring(scene, "port", start, 1e-4), throw=False)
     assert slow.status is jp.Status.NO_PATH
     assert "overlap in a ring" in slow.message
-    assert find_barrier(make_scene(always(slow.scenario, slow.goal), slow.goal, attitude)) is not None
+    assert find_barrier(make_scene(slow.scenario, slow.goal, always(slow.scenario, slow.goal))) is not None
     quick = ring(scene, "port", start, 0.01)  # it is off the start before half of the time is over
-    assert find_barrier(make_scene(at(quick, 0.0), slow.goal, attitude)) is not None
-    assert find_barrier(make_scene(always(quick, slow.goal), slow.goal, attitude)) is None
+    assert find_barrier(make_scene(quick, slow.goal, quick.constraints.at(0.0))) is not None
+    assert find_barrier(make_scene(quick, slow.goal, always(quick, slow.goal))) is None
     # In a duration that is to be found, targets may move on; and zones, as long as they are known.
     free = with_duration(slow.scenario, "minimum")
-    assert find_barrier(make_scene(always(free, slow.goal), slow.goal, attitude)) is None
-    goal = at(scene, slow.goal.time).goal
+    assert find_barrier(make_scene(free, slow.goal, always(free, slow.goal))) is None
+    goal = targets_at(scene.goal, slow.goal.time)
     for rate, duration, parted in ((1e-5, "minimum", True), (1.4e-3, 80.0, True), (1.4e-3, "minimum", False)):
         rings = with_duration(replace(ring(scene, "port", start, rate), goal=goal), duration)
         assert known_until(rings)[0] == 120 > slow.goal.time
-        assert (find_barrier(make_scene(always(rings, slow.goal), slow.goal, attitude)) is not None) == parted
+        assert (find_barrier(make_scene(rings, slow.goal, always(rings, slow.goal))) is not None) == parted
 
 
 def test_a_duration_beyond_what_is_known_is_missed_and_says_what_to_give(scene):
@@ -374,9 +381,8 @@ def test_fits_that_do_not_settle_end_in_a_longer_time_or_miss_the_goal(scene, pl
         curve = plans[80.0].trajectory.scaled(duration / 80.0)
         return Fit(trajectory=curve, status=jp.Status.OK if word else timed, message="")
 
-    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
     free = with_duration(scene, "stretched")
-    found = meet(free, attitude, plans[80.0].goal, plans[80.0].path, fit)
+    found = meet(free, plans[80.0].goal, plans[80.0].path, fit)
     last, time, node = asked[-1]
     assert last == time == found.goal.time
     np.testing.assert_array_equal(node, found.goal.attitude)
@@ -390,7 +396,7 @@ def test_fits_that_do_not_settle_end_in_a_longer_time_or_miss_the_goal(scene, pl
 
 
 def test_a_second_look_takes_moving_zones_as_they_are_in_the_middle(plans, scene):
-    attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
-    middle = swept(scene, plans[80.0].goal, attitude, 0.0)
-    np.testing.assert_allclose(middle.keep_out[0].direction, scene.keep_out[0].direction.at(40.0))
-    assert middle.keep_out[0].half_angle == pytest.approx(scene.keep_out[0].half_angle, abs=1e-12)
+    middle = swept(scene, plans[80.0].goal, 0.0)
+    axis, half_angle = row_of(scene, middle, scene.keep_out[0])
+    np.testing.assert_allclose(axis, scene.keep_out[0].direction.at(40.0))
+    assert half_angle == pytest.approx(scene.keep_out[0].half_angle, abs=1e-12)

@@ -69,7 +69,7 @@ def test_limits_and_margins_of_the_papers_cases_hold_at_a_hundred_thousand_insta
     craft, trajectory = plan.scenario.spacecraft, plan.trajectory
     t = np.linspace(0, trajectory.duration, INSTANTS)
     attitudes, joints = evaluate(trajectory, t)
-    scene = make_scene(plan.scenario, plan.goal, attitudes[0])
+    scene = make_scene(plan.scenario, plan.goal)
     margin = sampled_margin(scene, attitudes, joints)
     assert np.all(margin >= 0)
     assert margin.min() >= plan.report.min_margin - 1e-9
@@ -148,7 +148,7 @@ def test_the_shortest_of_ways_is_gone_to_the_nearest_goal(case_plans, duration):
 
 def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
     scenario = jp.paper_case(1)
-    nearest, *others = find_goals(scenario, Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix())
+    nearest, *others = find_goals(scenario)
     assert others
     finish = chain.finish
 

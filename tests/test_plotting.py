@@ -2,6 +2,7 @@
 
 import inspect
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import matplotlib as mpl
@@ -16,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan import path as motions
-from jaxplan import zones as zone_margins
 from jaxplan.certificate import Report
 from jaxplan.model import constraints
 from jaxplan.path import Goal, Path
@@ -203,7 +203,7 @@ def test_no_line_across_the_map_has_a_streak() -> None:
 
 
 def _mixed_scenario() -> Scenario:
-    """Four terminals, an instrument, every kind of zone; the groups change hands along `_mixed_ways`."""
+    """Four terminals, an instrument, every kind of zone; the groups change hands along `_mixed_moves`."""
     keep_out = (
         KeepOut(name="sun", direction=_unit([1, 2, 3]), half_angle=0.3),
         KeepOut(
@@ -225,15 +225,26 @@ def _mixed_scenario() -> Scenario:
     return make_scenario(4, 1, keep_out=keep_out, keep_in=keep_in)
 
 
-def _mixed_ways() -> np.ndarray:
-    ways = np.random.default_rng(6).standard_normal((200, 5, 3))
-    return ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+def _mixed_moves(scenario: Scenario) -> samples.Motion:
+    """Random states, one an instant."""
+    rng, craft = np.random.default_rng(6), scenario.spacecraft
+    times = np.arange(200.0)
+    values = SimpleNamespace(
+        attitude=Rotation.random(200, rng=rng).as_matrix(),
+        joints=rng.uniform(-1.5, 1.5, (200, len(craft.joint_names))),
+    )
+    ways = craft.boresights(values.attitude, values.joints)
+    return samples.Motion(times=times, values=values, boresights=ways, node_times=times[[0, -1]])
 
 
 def test_margins_are_those_of_every_zone_and_device_it_binds() -> None:
-    scenario, ways = _mixed_scenario(), _mixed_ways()
+    scenario = _mixed_scenario()
+    moves = _mixed_moves(scenario)
+    ways = moves.boresights
     names = scenario.spacecraft.device_names
-    found = {(names[margin.device], margin.zone): margin.values for margin in samples.margins(scenario, ways)}
+    found = {
+        (names[margin.device], margin.zone): margin.values for margin in samples.margins(scenario, moves)
+    }
     expected = {}
     for zone in (*scenario.keep_out, scenario.keep_in[0]):
         for device in zone.devices or names:
@@ -246,11 +257,13 @@ def test_margins_are_those_of_every_zone_and_device_it_binds() -> None:
 
 
 def test_a_group_counts_as_its_best_zone() -> None:
-    scenario, ways = _mixed_scenario(), _mixed_ways()
+    scenario = _mixed_scenario()
+    moves = _mixed_moves(scenario)
+    ways = moves.boresights
     names = scenario.spacecraft.device_names
     found = {
         names[margin.device]: margin.values
-        for margin in samples.margins(scenario, ways)
+        for margin in samples.margins(scenario, moves)
         if margin.zone == "link"
     }
     east, west = scenario.keep_in[1:3]
@@ -270,12 +283,14 @@ def test_a_group_counts_as_its_best_zone() -> None:
 
 
 def test_the_smallest_margin_is_that_of_the_scene() -> None:
-    scenario, ways = _mixed_scenario(), _mixed_ways()
-    cones = zone_margins.tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names)
+    scenario = _mixed_scenario()
+    moves = _mixed_moves(scenario)
+    ways = moves.boresights
+    cones = scenario.constraints
     expected = constraints.constraint_margins(cones, constraints.pair_margins(cones, ways, cones.axis)).min(
         axis=-1
     )
-    values = np.nanmin([margin.values for margin in samples.margins(scenario, ways)], axis=0)
+    values = np.nanmin([margin.values for margin in samples.margins(scenario, moves)], axis=0)
     np.testing.assert_allclose(values, expected, atol=1e-9)
 
 

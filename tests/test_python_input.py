@@ -76,6 +76,7 @@ def named(place: str, terminals: int) -> str:
     for attribute, key in KEYS.items():
         place = re.sub(rf"\.{attribute}\b", f".{key}", place)
     place = place.replace(".direction.samples", ".direction_samples").replace(".direction.times", ".times")
+    place = place.replace(".vectors[", ".vector[").replace(".joint_bounds[", ".joint_bound[")
     place = re.sub(r"(targets\[\d\])\.samples", r"\1.direction_samples", place)
     joint = re.search(r"\.joints\[(\d)\]", place)
     if joint:

@@ -15,7 +15,17 @@ from scipy.spatial.transform import Rotation
 import jaxplan.scenario as sc
 from jaxplan.scenario.bodies import SKY
 from jaxplan.scenario.kinds import shortest_degrees
-from jaxplan.scenario.layout import KEEP_IN, KEEP_OUT, SCENARIO, SEARCH, SPACECRAFT, TERMINAL, TRAJECTORY
+from jaxplan.scenario.layout import (
+    JOINT_BOUND,
+    KEEP_IN,
+    KEEP_OUT,
+    SCENARIO,
+    SEARCH,
+    SPACECRAFT,
+    TERMINAL,
+    TRAJECTORY,
+    VECTOR,
+)
 from jaxplan.scenario.states import STATE, TARGETS
 
 EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
@@ -62,7 +72,7 @@ def test_a_file_is_read_in_radians_and_seconds():
     np.testing.assert_array_equal(s.start.joints, [0.9272, 1.2532, 0.1686, 0.1439])
     np.testing.assert_array_equal(s.goal.joint_rates, [0, 0, 0, 0.004])
     assert s.goal.pitch_limit == pytest.approx(math.radians(8), rel=1e-15)
-    assert [zone.devices for zone in s.keep_out] == [("star-tracker", "aft"), ()]
+    assert [zone.devices for zone in s.keep_out] == [("star-tracker", "aft"), (), ("fore",), ("aft",)]
     assert (s.keep_in[0].devices, s.keep_in[0].any_of) == (("fore",), "relay")
     assert s.search.terminal_step_scale == {"fore": 0.5}
     assert (s.search.attitude_moves, s.search.clearance) == (7, pytest.approx(math.radians(0.7)))
@@ -245,14 +255,15 @@ def test_saving_replaces_the_file_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "table", [SCENARIO, SKY, SPACECRAFT, TERMINAL, KEEP_OUT, KEEP_IN, SEARCH, TRAJECTORY]
+    "table", [SCENARIO, SKY, SPACECRAFT, TERMINAL, VECTOR, KEEP_OUT, KEEP_IN, JOINT_BOUND, SEARCH, TRAJECTORY]
 )
 def test_the_layout_covers_the_model(table):
     needed = {f.name for f in fields(table.model) if f.default is MISSING and f.default_factory is MISSING}
     optional = {f.name for f in fields(table.model)} - needed
     read_only = {"schema_version", "sky"} if table is SCENARIO else set()
     read_only |= {"moving", "times"} if table in (KEEP_OUT, KEEP_IN) else set()  # parts of a direction
-    required = {entry.attribute for entry in table.fields if entry.required} - read_only
+    instead = {entry.instead_of for entry in table.fields}  # of these one is required, whichever
+    required = {entry.attribute for entry in table.fields if entry.required} - read_only - instead
     assert required == needed
     assert {entry.attribute for entry in table.fields} - required - read_only == optional
 
@@ -269,8 +280,12 @@ def test_the_example_file_uses_every_key():
     assert keys(STATE, "quaternion_wxyz", "yaw_deg", "pitch_deg") == set(used["start"])
     assert keys(TARGETS) == set(used["goal"])
     moving = ("satellite", "direction_samples", "times_s")
-    assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *moving) == set(used["keep_out"][0])
-    assert keys(KEEP_IN, *moving) == set(used["keep_in"][0])
+    other_axes = ("axis_body", "axis_device")
+    assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *moving, *other_axes) == set(used["keep_out"][0])
+    assert keys(KEEP_IN, *moving, *other_axes) == set(used["keep_in"][0])
+    assert keys(VECTOR) == set(used["keep_in"][0]["vector"][0])
+    assert keys(JOINT_BOUND) == set(used["joint_bound"][0])
+    assert {"axis_body", "axis_device"} <= {key for zone in used["keep_out"] for key in zone}
     # methods are written even where they are the default
     assert keys(SEARCH) == set(used["search"])
     assert keys(TRAJECTORY) == set(used["trajectory"])

@@ -265,7 +265,7 @@ def test_a_misspelt_key_is_answered_with_the_nearest_one():
         parent, _, key = place.rpartition(".")
         if "[" in key or parent == "search.terminal_step_scale" or key == "keep_out":
             continue
-        misspelt = f"{parent}.{key[:-1]}{key[-2]}".lstrip(".")
+        misspelt = f"{parent}.{key}{key[-1]}".lstrip(".")
         found = faults_of(changed({place: ABSENT, misspelt: at(TABLES, place)}))
         assert f"{misspelt}: unknown key, perhaps {key} is meant" in found
 
@@ -274,9 +274,10 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
     found = faults_of(changed({"keep_out[0].colour": "red", "unit": 1}))
     assert found == (
         "unit: unknown key, the keys are schema_version, name, epoch_utc, spacecraft, start, goal, sky, "
-        "keep_out, keep_in, search, trajectory",
-        "keep_out[0].colour: unknown key, the keys are name, direction, half_angle_deg, body, exclusion_deg, "
-        "moving, satellite, direction_samples, times_s, devices",
+        "keep_out, keep_in, joint_bound, search, trajectory",
+        "keep_out[0].colour: unknown key, the keys are name, direction, axis_body, axis_device, "
+        "half_angle_deg, body, exclusion_deg, moving, satellite, direction_samples, times_s, devices, "
+        "vector, any_of, entry",
     )
 
 
@@ -295,7 +296,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "start.yaw_rad: missing (or yaw_deg), must be numbers, one a terminal",
         "start.pitch_rad: missing (or pitch_deg), must be numbers, one a terminal",
         "keep_out[1].half_angle_deg: missing (or exclusion_deg), must be a number in (0, 180)",
-        "keep_in[0].devices: missing, must be an array of names of devices",
+        "keep_out[2].devices: missing, must be an array of names of devices",
     ],
 )
 def test_a_missing_key_is_named_with_what_it_must_be(line):
@@ -332,7 +333,7 @@ def test_a_missing_key_is_named_with_what_it_must_be(line):
             {"search.terminal_step_scale": {"four": 0.5}},
             "search.terminal_step_scale.four: no such terminal, perhaps fore is meant",
         ),
-        ({"spacecraft.terminal[1].name": "fore", "keep_out[0].devices": ["fore"]},
+        ({"spacecraft.terminal[1].name": "fore", "keep_out": [], "keep_in": [], "joint_bound": []},
          'spacecraft.terminal[1].name = "fore": the same as spacecraft.terminal[0].name'),
     ],
 )  # fmt: skip
@@ -399,7 +400,7 @@ def test_the_wrong_spacecraft_does_not_hide_what_is_wrong_elsewhere():
 def test_too_many_zones_or_faults_end_the_reading():
     zone = TABLES["keep_out"][1]
     assert faults_of(changed({"keep_out": [zone] * 1000})) == (
-        "the file: 1001 zones, more than the 1000 that are allowed",
+        "the file: 1002 zones, more than the 1000 that are allowed",
     )
     found = faults_of({f"key {i}": 0 for i in range(100_000)})
     assert (len(found), found[-1]) == (1001, "too many faults, reading stopped here")

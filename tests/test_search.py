@@ -168,8 +168,7 @@ def test_further_searches_shorten_the_path_and_stay_within_the_effort():
     shorter = 0
     for seed in (3, 10, 15, 17, 19):  # scenes whose straight motion cannot be bent clear
         scenario = random_scenario(seed, "hard_keep_out")
-        start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
-        scene = scene_of(scenario, find_goals(scenario, start)[0])
+        scene = scene_of(scenario, find_goals(scenario)[0])
         once = PLANNERS["mha"](scene, scenario.search)
         settings = replace(scenario.search, improvements=4)
         more, again = (PLANNERS["mha"](scene, settings) for _ in range(2))
@@ -191,8 +190,7 @@ def test_instead_of_a_detour_others_are_looked_for(monkeypatch):
     scenes = []
     for seed in (10, 17, 149, 178, 217):
         scenario = random_scenario(seed, "hard_keep_out")
-        start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
-        scenes.append((scene_of(scenario, find_goals(scenario, start)[0]), scenario.search))
+        scenes.append((scene_of(scenario, find_goals(scenario)[0]), scenario.search))
     looked = [PLANNERS["mha"](*one) for one in scenes]
     monkeypatch.setattr(mha, "DETOUR_LOOKS", 0)
     first = [PLANNERS["mha"](*one) for one in scenes]
@@ -207,8 +205,7 @@ def test_instead_of_a_detour_others_are_looked_for(monkeypatch):
 
 def test_a_bent_straight_motion_is_kept_where_no_search_finds_a_better_path():
     scenario = random_scenario(6, "hard_keep_out")  # bent clear, to 1.025 times its length
-    start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
-    scene = scene_of(scenario, find_goals(scenario, start)[0])
+    scene = scene_of(scenario, find_goals(scenario)[0])
     bent = PLANNERS["mha"](scene, scenario.search)
     assert (bent.status, bent.expansions) == (Status.OK, 0)
     tried = PLANNERS["mha"](scene, replace(scenario.search, improvements=3, max_expansions=1))

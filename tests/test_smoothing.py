@@ -274,8 +274,7 @@ def test_random_scenes_get_paths_that_keep_every_promise(kind):
     shorter = 0
     for seed in range(3):
         scenario = random_scenario(seed, kind)
-        start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
-        scene = scene_of(scenario, find_goals(scenario, start)[0])
+        scene = scene_of(scenario, find_goals(scenario)[0])
         path = found_path(with_search(scenario, max_expansions=300), scene)
         if path is not None:
             smoothed = smooth(scene, scenario.search, path)

@@ -232,6 +232,6 @@ def test_terminals_are_held_by_their_own_zone_or_by_the_nearest_of_a_group():
         turn = np.deg2rad(150)
         attitude = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
         goal = Goal(attitude=np.array(attitude), joints=scenario.goal.joints, slew_angle=turn)
-        found, axes = held_axes(scenario, np.eye(3), goal)
+        found, axes = held_axes(scenario.spacecraft, scenario.constraints, scenario.start, goal)
         assert found.tolist() == held
         np.testing.assert_allclose(axes[found], [look(azimuth) for azimuth in azimuths])

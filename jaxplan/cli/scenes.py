@@ -104,14 +104,14 @@ def _findings(name: str) -> dict[str, Any]:
 def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
     """List what the start breaks, and the goal where it is a given state among nothing that moves."""
     from jaxplan.planner import Plan
-    from jaxplan.planner.check import start_attitude, start_breaches
+    from jaxplan.planner.check import start_breaches
     from jaxplan.planner.goals import find_goals
     from jaxplan.scenario import GivenState
     from jaxplan.scenario.moments import moves
 
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
-        goal = find_goals(scene, start_attitude(scene))
+        goal = find_goals(scene)
     return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
 
 

@@ -31,7 +31,7 @@ devices first (terminals, then instruments), then axes of the body, then vectors
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import jax
 import numpy as np
@@ -134,6 +134,7 @@ class Constraints:
         bound: (Z, S) bool, the sights each row binds; none for padding.
         entry: (Z,) int, the first row of the row's entry.
         group: (Z,) int, the first row of the row's constraint.
+        zone: (Z,) int, number of the stated zone that each row is of; -1 of padding.
         body: (b, 3) unit vectors, axes of the body that are bound beside the devices.
         carrier: (v,) int, terminals whose moving parts have further vectors that are bound.
         carried: (v, 3) these vectors, as `Sights` has them.
@@ -150,6 +151,7 @@ class Constraints:
     bound: np.ndarray
     entry: np.ndarray
     group: np.ndarray
+    zone: np.ndarray
     body: np.ndarray
     carrier: np.ndarray
     carried: np.ndarray
@@ -171,7 +173,7 @@ class Constraints:
 
     def some(self, which: ArrayLike) -> Self:
         """Some of the rows by number (r,), each by itself; of entries and constraints nothing is said."""
-        names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group")
+        names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group", "zone")
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
@@ -184,9 +186,43 @@ class Constraints:
                 found[..., row, :] = path.at(t)
         return found
 
+    def axis_rates(self, time: float) -> np.ndarray:
+        """(Z, 3) 1/s, how fast axes turn at an instant, s; zero for those that stand still."""
+        rates = np.zeros(self.axis.shape)
+        for row, path in enumerate(self.paths):
+            if path is not None:
+                rates[row] = path.rate(time)
+        return rates
+
     def at(self, time: float) -> Self:
         """The constraints as they are at an instant, s; no axis moves."""
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
+
+    def part(self, which: np.ndarray) -> Self:
+        """The rows that are wanted, (Z,) bool, padded anew; of each constraint all or none."""
+        rows = np.flatnonzero(which)
+        padding = np.arange(len(rows), capacity(len(rows)))
+
+        def padded(values: np.ndarray, filling: Any) -> np.ndarray:
+            own = np.asarray(values)[rows]
+            return np.concatenate([own, np.broadcast_to(filling, (len(padding), *own.shape[1:]))])
+
+        paths = [path for row, path in enumerate(self.paths) if which[row]] + [None] * len(padding)
+        return replace(
+            self,
+            axis=padded(self.axis, [0.0, 0.0, 1.0]),
+            frame=padded(self.frame, INERTIAL),
+            partner=padded(self.partner, 0),
+            half_angle=padded(self.half_angle, 0.5),
+            side=padded(self.side, 1.0),
+            bound=padded(self.bound, False),
+            entry=np.concatenate([np.searchsorted(rows, self.entry[rows]), padding]),
+            group=np.concatenate([np.searchsorted(rows, self.group[rows]), padding]),
+            zone=padded(self.zone, -1),
+            paths=tuple(paths) if any(path is not None for path in paths) else (),
+            inner=bool(np.any(self.frame[rows] != INERTIAL)),
+            nested=len(set(self.entry[rows])) < len(rows),
+        )
 
     @property
     def single(self) -> np.ndarray:
@@ -242,19 +278,26 @@ def pair_margins(
     return xp.where(rows.bound, xp.where(xp.isnan(found), -xp.inf, found), xp.inf)
 
 
-def state_margins(rows: Constraints, sights: Sights, attitude: ArrayLike, joints: ArrayLike) -> AnyArray:
-    """Margin of every sight to every row in a state, where no axis moves.
+def state_margins(
+    rows: Constraints,
+    sights: Sights,
+    attitude: ArrayLike,
+    joints: ArrayLike,
+    times: np.ndarray | None = None,
+) -> AnyArray:
+    """Margin of every sight to every row in a state.
 
     Args:
         rows: the constraints.
         sights: what they bind.
         attitude: (..., 3, 3) body to inertial.
         joints: (..., 2n) rad.
+        times: (...) s, at which axes that move are taken; None where none does.
 
     Returns:
         (..., Z, S) rad, see `pair_margins`.
     """
-    _, turn, axis = arrays(attitude, rows.axis)
+    _, turn, axis = arrays(attitude, rows.axis if times is None else rows.axes(times))
     seen = sights.in_body(joints)
     return pair_margins(rows, seen, axes_in_body(rows, axis @ turn, seen), joints)
 

@@ -16,12 +16,10 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-import numpy as np
-
 from jaxplan.certificate import Report
 from jaxplan.path import Goal, MovingGoal, Path, halve
 from jaxplan.planner import messages
-from jaxplan.planner.check import ProofQuery, start_attitude, start_breaches
+from jaxplan.planner.check import ProofQuery, start_breaches
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.meeting import guesses, meet
@@ -31,7 +29,6 @@ from jaxplan.scenario import Scenario, SearchSettings
 from jaxplan.search import Scene, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
-from jaxplan.zones import tabulate
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
@@ -77,16 +74,15 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     Returns:
         The plan, without its timings.
     """
-    attitude = start_attitude(scenario)
     broken = start_breaches(scenario)
     if broken:
         return Plan(scenario=scenario, status=Status.INVALID_START, message=messages.invalid(broken))
     failed = None
     with clock.step("decompose"):
-        times = guesses(scenario, attitude)
+        times = guesses(scenario)
     for time in times:
         with clock.step("decompose"):
-            goals = find_goals(scenario, attitude, time)
+            goals = find_goals(scenario, time)
         if not isinstance(goals, Plan):
             break
         failed = failed or goals
@@ -97,7 +93,7 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     for goal in goals:
         # Where there is none beside all that moving zones sweep, there may be one past them in time.
         for share in (1.0, 0.0) if isinstance(goal, MovingGoal) else (1.0,):
-            yield from _climb(scenario, attitude, goal, clock, best, share)
+            yield from _climb(scenario, goal, clock, best, share)
             if best.over:
                 break
         if best.over:
@@ -123,25 +119,23 @@ class _Best:
         self.over = attempt.status in (Status.OK, Status.TIME_LIMIT)
 
 
-def _climb(
-    scenario: Scenario, attitude: np.ndarray, goal: Goal, clock: Clock, best: _Best, share: float
-) -> Asking[None]:
+def _climb(scenario: Scenario, goal: Goal, clock: Clock, best: _Best, share: float) -> Asking[None]:
     """Climb the ladder at one goal, until it is over.
 
     Args:
         scenario: the problem.
-        attitude: (3, 3) of the start.
         goal: one of the problem's.
         clock: of the plan.
         best: that attempts are added to.
         share: of `swept`.
     """
-    seen, proved = swept(scenario, goal, attitude, share), always(scenario, goal)
-    scene = make_scene(seen, goal, attitude)
+    seen, proved = swept(scenario, goal, share), always(scenario, goal)
+    scene = make_scene(scenario, goal, seen)
     with clock.step("search"):
-        barrier = find_barrier(scene if proved is seen else make_scene(proved, goal, attitude))
+        forbidden = scene if proved is seen else make_scene(scenario, goal, proved)
+        barrier = find_barrier(forbidden)
     if barrier is not None:
-        message = messages.parted(proved, barrier)
+        message = messages.parted(scenario, forbidden, barrier)
         best.add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return
     # It looks for the shortest motion before it says that a duration is too short.
@@ -183,7 +177,7 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
         path=path,
         spacecraft=scenario.spacecraft,
         settings=scenario.trajectory,
-        cones=tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names),
+        cones=scenario.constraints,
         start_angular_velocity=start.angular_velocity,
         start_joint_rates=start.joint_rates,
         end_angular_velocity=end[0],
@@ -203,7 +197,7 @@ def finish(so_far: Plan, path: Path, clock: Clock) -> Asking[Plan]:
     assert goal is not None
     if isinstance(goal, MovingGoal):
         with clock.step("trajectory"):
-            meeting = meet(scenario, start_attitude(scenario), goal, path, fit)
+            meeting = meet(scenario, goal, path, fit)
             fitted, goal = meeting.fit, meeting.goal
             so_far = replace(so_far, goal=goal, path=meeting.path)
     else:

@@ -13,24 +13,17 @@ from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
 from jaxplan.scenario import GivenState, Scenario, Targets
-from jaxplan.scenario.moments import at
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.zones import sight_names
 
 # How far a goal may be from what the scenario asks for, rad.
 GOAL_TOLERANCE = 1e-8
 
 
-def start_attitude(scenario: Scenario) -> np.ndarray:
-    """(3, 3) of the scenario's start, body to inertial."""
-    return np.asarray(so3.exp(np.asarray(scenario.start.rotation_vector, float)))
-
-
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Everything that the scenario's start breaks, a phrase each."""
     start = scenario.start
-    attitude = start_attitude(scenario)
-    return breaches(at(scenario, 0.0), attitude, start.joints, start.angular_velocity, start.joint_rates)
+    return breaches(scenario, start.attitude, start.joints, start.angular_velocity, start.joint_rates)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -73,10 +66,11 @@ def _claim(query: ProofQuery) -> Claim:
     return Claim(
         trajectory=query.trajectory,
         spacecraft=craft,
-        cones=tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
+        cones=scenario.constraints,
         zone_names=_zone_names(scenario),
+        sight_names=sight_names(craft.device_names, scenario.constraints),
         start=EndState(
-            attitude=start_attitude(scenario),
+            attitude=start.attitude,
             joints=start.joints,
             angular_velocity=start.angular_velocity,
             joint_rates=start.joint_rates,
@@ -122,19 +116,19 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
     """
     if plan.trajectory is None:
         return ()
-    scenario, names = plan.scenario, plan.scenario.spacecraft.device_names
+    scenario = plan.scenario
     return prove_margins(
         plan.trajectory,
         scenario.spacecraft,
-        tabulate(scenario.keep_out, scenario.keep_in, names),
+        scenario.constraints,
         zone_names=_zone_names(scenario),
+        sight_names=sight_names(scenario.spacecraft.device_names, scenario.constraints),
     )
 
 
 def _zone_names(scenario: Scenario) -> list[str]:
-    """In the order of the rows of the scenario's cones."""
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    return [zone.name for zone in zones]
+    """Of each row of the scenario's constraints."""
+    return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
@@ -144,7 +138,7 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     """
     asked, craft = scenario.goal, scenario.spacecraft
     off = []
-    slew = so3.distance(start_attitude(scenario), goal.attitude)
+    slew = so3.distance(scenario.start.attitude, goal.attitude)
     if not abs(slew - goal.slew_angle) <= GOAL_TOLERANCE:
         off.append("the goal's slew angle is not that from the start")
     if not isinstance(asked, GivenState):
@@ -155,8 +149,7 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
             if limit is not None and not np.all(np.abs(angles) <= limit + GOAL_TOLERANCE):
                 off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
     if isinstance(asked, GivenState):
-        attitude = so3.exp(np.asarray(asked.rotation_vector, float))
-        joints = asked.joints
+        attitude, joints = asked.attitude, asked.joints
     elif not isinstance(asked, Targets):
         return tuple(off)
     else:

@@ -32,6 +32,7 @@ from jaxplan.scenario.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory
+from jaxplan.zones import sight_names
 
 SCHEMA_VERSION = 1
 
@@ -80,7 +81,8 @@ def plan_table(scenario: Scenario) -> Table:
     craft = scenario.spacecraft
     sizes = {"joints": 2 * len(craft.terminals)}
     array, rotations, times = partial(Array, sizes), partial(Rotations, sizes), partial(Times, sizes)
-    zones = (*(zone.name for zone in scenario.keep_out), *(zone.name for zone in scenario.keep_in))
+    zones = tuple(zone.name for zone in scenario.zones)
+    sights = tuple(sight_names(craft.device_names, scenario.constraints))
 
     def path(edges: str) -> Table:
         return _table(
@@ -116,7 +118,7 @@ def plan_table(scenario: Scenario) -> Table:
         certified=YesNo(),
         min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
         worst_time=Nullable(_POSITIVE),
-        worst_device=Nullable(Known("device", craft.device_names)),
+        worst_device=Nullable(Known("device", sights)),
         worst_zone=Nullable(Known("zone", zones)),
         peaks=ByName(_POSITIVE),
         peak_times=ByName(_POSITIVE),

@@ -13,7 +13,7 @@ import numpy as np
 from jaxplan.path import Goal, MovingGoal, Path
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
-from jaxplan.scenario import MINIMUM, MovingTargets, Scenario
+from jaxplan.scenario import MINIMUM, GivenState, Scenario
 from jaxplan.scenario.moments import known_until, moves, targets_at
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, duration_bound
@@ -42,12 +42,11 @@ class Meeting:
     path: Path
 
 
-def guesses(scenario: Scenario, attitude: np.ndarray) -> tuple[float | None, ...]:
+def guesses(scenario: Scenario) -> tuple[float | None, ...]:
     """When the manoeuvre may end, s, the likeliest first: its duration alone where that is given.
 
     Args:
         scenario: the problem; where nothing moves it does not matter, which is None.
-        attitude: (3, 3) of the start.
     """
     if not moves(scenario):
         return (None,)
@@ -55,25 +54,24 @@ def guesses(scenario: Scenario, attitude: np.ndarray) -> tuple[float | None, ...
     if not isinstance(duration, str):
         return (float(duration),)
     known, _ = known_until(scenario)
-    found = find_goals(_at_first(scenario), attitude)
+    found = find_goals(_at_first(scenario))
     goal = found.goal if isinstance(found, Plan) else found[0]
     if goal is None:
         guess = np.pi / scenario.spacecraft.rate_limit
     else:
         joints = np.stack([scenario.start.joints, goal.joints])
-        turn = np.stack([attitude, goal.attitude])
+        turn = np.stack([scenario.start.attitude, goal.attitude])
         guess = _DETOUR * duration_bound(
             scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
         )
     return tuple(float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS)
 
 
-def meet(scenario: Scenario, attitude: np.ndarray, goal: MovingGoal, path: Path, fit: FitTo) -> Meeting:
+def meet(scenario: Scenario, goal: MovingGoal, path: Path, fit: FitTo) -> Meeting:
     """A motion that ends at its goal when that is there.
 
     Args:
         scenario: in which something moves.
-        attitude: (3, 3) of the start.
         goal: where it is after a duration that is given, or guessed.
         path: to it.
         fit: step 3 of a scenario along a path to a goal.
@@ -86,7 +84,7 @@ def meet(scenario: Scenario, attitude: np.ndarray, goal: MovingGoal, path: Path,
 
     def moved(meeting: Meeting, time: float) -> Meeting | None:
         """The goal at another time, with the path to it; None if there is none any more."""
-        found = find_goals(scenario, attitude, time)
+        found = find_goals(scenario, time)
         if isinstance(found, Plan):
             return None
         was = meeting.goal.attitude
@@ -135,8 +133,8 @@ def _timed(scenario: Scenario, time: float) -> Scenario:
 def _at_first(scenario: Scenario) -> Scenario:
     """The scenario with its targets where they are at first, and no zones."""
     asked = scenario.goal
-    goal = targets_at(asked, 0.0) if isinstance(asked, MovingTargets) else asked
-    return replace(scenario, goal=goal, keep_out=(), keep_in=())
+    goal = asked if isinstance(asked, GivenState) else targets_at(asked, 0.0)
+    return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())
 
 
 def _ending(path: Path, goal: Goal) -> Path:

@@ -8,12 +8,11 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.model.constraints import Constraints
-from jaxplan.planner.validity import sight_name
 from jaxplan.scenario import Scenario
 from jaxplan.scenario.moments import moves
-from jaxplan.search import Barrier, Scene, SearchResult, alone_and_grouped, most_obstructive
+from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.zones import KeepIn, KeepOut, sight_names
 
 if TYPE_CHECKING:
     from jaxplan.planner.record import Plan
@@ -39,10 +38,10 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
             "change goal.targets or the limits"
         )
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
-        zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-        sight = sight_name(craft, rows, found.worst_device)
+        sight = sight_names(craft.device_names, rows)[found.worst_device]
+        zone = rows.zone[found.worst_zone]
         return (
-            f"at best {sight} breaks zone {zones[found.worst_zone].name} "
+            f"at best {sight} breaks zone {scenario.zones[zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
@@ -56,15 +55,16 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
     )
 
 
-def parted(scenario: Scenario, barrier: Barrier) -> str:
-    """Of a device that no motion brings to its goal direction."""
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *alone_and_grouped(scenario.keep_in)[0]]
-    ring = [zones[row] for row in barrier.zones]
+def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
+    """Of a device that no motion brings to its goal direction, in one of the scenario's scenes."""
+    rows = scene.cones
+    ring = [scenario.zones[zone] for zone in rows.zone[list(barrier.zones)]]
+    sight = sight_names(scenario.spacecraft.device_names, rows)[barrier.device]
     names = [zone.name for zone in ring]
     out, inside = (any(isinstance(zone, kind) for zone in ring) for kind in (KeepOut, KeepIn))
     change = " or ".join(["a keep-out zone smaller"] * out + ["a keep-in zone larger"] * inside)
     return (
-        f"{scenario.spacecraft.device_names[barrier.device]} cannot get from its start direction to its goal "
+        f"{sight} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
         f"make {change}, or do not bind the device to it"
     )
@@ -90,12 +90,13 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
     obstacle = most_obstructive(scene)
     if obstacle is None:
         return ""
-    cones, row = obstacle
-    if cones is scene.grouped_cones:
-        group = alone_and_grouped(scenario.keep_in)[1][row].any_of
-        return f"; keep-in group {group} is most in the way"
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *alone_and_grouped(scenario.keep_in)[0]]
-    return f"; zone {zones[row].name} is most in the way"
+    rows, row = obstacle
+    zone = scenario.zones[rows.zone[row]]
+    if rows.single[row]:
+        return f"; zone {zone.name} is most in the way"
+    members = [one for one in scenario.zones if one.any_of == zone.any_of]
+    kind = "keep-in group" if all(isinstance(one, KeepIn) for one in members) else "group"
+    return f"; {kind} {zone.any_of} is most in the way"
 
 
 def farther(nearest: "Plan", plan: "Plan") -> str:

@@ -8,108 +8,87 @@ as they move is for the fit and the certificate to say.
 good, so they serve for the proof that there is no path.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from jaxplan.geometry.directions import separation
+from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal, MovingGoal
 from jaxplan.scenario import MovingTargets, Scenario
-from jaxplan.scenario.moments import Zone, axis_at, known_until
-from jaxplan.search import alone_and_grouped
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.scenario.moments import known_until
 
 _SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
 _ROOM = float(np.deg2rad(0.25))  # at most left to a start or goal by a cone that is cut back for it
 _BROKEN = -1e-8  # rad, a margin
 
 
-def swept(scenario: Scenario, goal: Goal, attitude: np.ndarray, share: float = 1.0) -> Scenario:
-    """The scenario with cones that stand for zones that move over the manoeuvre.
+def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
+    """The constraints with cones that stand for those that move over the manoeuvre.
 
     Args:
-        scenario: one in which nothing moves is returned itself.
+        scenario: of one in which nothing moves they are its own.
         goal: where and when the manoeuvre ends.
-        attitude: (3, 3) of the start.
         share: of what zones sweep that the cones are to hold, 0 for zones as they are in the middle of it.
     """
+    rows = scenario.constraints
     if not isinstance(goal, MovingGoal):
-        return scenario
-    craft, last_time = scenario.spacecraft, goal.time
-    ends = (
-        (0.0, craft.boresights(attitude, scenario.start.joints)),
-        (last_time, craft.boresights(goal.attitude, goal.joints)),
-    )
-
-    def cone(zone: Zone) -> Zone:
-        if not isinstance(zone.direction, DirectionPath):
-            return zone
-        axis, reach = _swing(zone.direction, last_time)
-        side = _side(zone)
-        half_angle = zone.half_angle + side * share * reach
-        for time, seen in ends:
-            bound = [seen[i] for i, name in enumerate(craft.device_names) if _binds(zone, name)]
-            margins = [side * (separation(axis_at(zone, time), one) - zone.half_angle) for one in bound]
-            if min(margins, default=-np.inf) < _BROKEN:
-                continue  # another zone of its group holds there
-            for one, margin in zip(bound, margins, strict=True):
-                nearest = separation(axis, one) - side * np.clip(margin / 2, 0, _ROOM)
-                half_angle = side * min(side * half_angle, side * nearest)
-        return replace(
-            zone, direction=axis, half_angle=float(np.clip(half_angle, _SMALLEST, np.pi - _SMALLEST))
-        )
-
-    return replace(
-        scenario,
-        keep_out=tuple(cone(zone) for zone in scenario.keep_out),
-        keep_in=tuple(cone(zone) for zone in scenario.keep_in),
-    )
+        return rows
+    craft, start = scenario.spacecraft, scenario.start
+    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    ends = []
+    for time, attitude, joints in (
+        (0.0, start.attitude, start.joints),
+        (goal.time, goal.attitude, goal.joints),
+    ):
+        seen = sights.in_body(joints) @ attitude.T
+        ends.append((seen, pair_margins(rows, seen, rows.axes(time))))
+    axis, half_angle = np.array(rows.axis), np.array(rows.half_angle)
+    for row, path in enumerate(rows.paths):
+        if path is None:
+            continue
+        side, bound = rows.side[row], rows.bound[row]
+        axis[row], reach = _swing(path, goal.time)
+        half_angle[row] += side * share * reach
+        for seen, margins in ends:
+            margin = margins[row, bound]
+            if np.all(margin >= _BROKEN):  # else another zone of its group holds there
+                cut = side * separation(axis[row], seen[bound]) - np.clip(margin / 2, 0, _ROOM)
+                half_angle[row] = side * min(side * half_angle[row], np.min(cut, initial=np.inf))
+        half_angle[row] = np.clip(half_angle[row], _SMALLEST, np.pi - _SMALLEST)
+    return replace(rows, axis=axis, half_angle=half_angle, paths=())
 
 
-def always(scenario: Scenario, goal: Goal) -> Scenario:
-    """The scenario with cones for what zones that move forbid at every instant, where they forbid anything.
+def always(scenario: Scenario, goal: Goal) -> Constraints:
+    """The rows, and cones for what those that move forbid at every instant, where they forbid anything.
 
     Where the duration is to be found, that is as long as zones are known; and where targets move then, too,
     so that the goal may be elsewhere, nothing is forbidden for good.
 
     Args:
-        scenario: one in which nothing moves is returned itself.
+        scenario: of one in which nothing moves they are its own.
         goal: where and when the manoeuvre ends.
     """
+    rows = scenario.constraints
     if not isinstance(goal, MovingGoal):
-        return scenario
+        return rows
     time = goal.time
     if isinstance(scenario.trajectory.duration, str):
         if isinstance(scenario.goal, MovingTargets):
-            return replace(scenario, keep_out=(), keep_in=())
+            return rows.part(np.zeros(len(rows.zone), bool))
         time = known_until(scenario)[0]
-
-    def cones(zones: Iterable[Zone]) -> Iterator[Zone]:
-        for zone in zones:
-            if not isinstance(zone.direction, DirectionPath):
-                yield zone
-                continue
-            axis, reach = _swing(zone.direction, time)
-            half_angle = zone.half_angle - _side(zone) * reach
-            if _SMALLEST < half_angle < np.pi - _SMALLEST:
-                yield replace(zone, direction=axis, half_angle=half_angle)
-
-    alone, _ = alone_and_grouped(scenario.keep_in)  # no proof may use the others
-    return replace(scenario, keep_out=tuple(cones(scenario.keep_out)), keep_in=tuple(cones(alone)))
+    axis, half_angle = np.array(rows.axis), np.array(rows.half_angle)
+    kept = rows.single & (rows.zone >= 0)  # no proof may use the others
+    for row, path in enumerate(rows.paths):
+        if path is not None:
+            axis[row], reach = _swing(path, time)
+            half_angle[row] -= rows.side[row] * reach
+            kept[row] &= _SMALLEST < half_angle[row] < np.pi - _SMALLEST
+    return replace(rows, axis=axis, half_angle=half_angle, paths=()).part(kept)
 
 
 def _swing(path: DirectionPath, time: float) -> tuple[np.ndarray, float]:
     """Where an axis is in the middle of the manoeuvre, and how far it gets from there, rad."""
     axis = np.asarray(path.at(time / 2))
     return axis, path.reach(axis, 0.0, time)
-
-
-def _side(zone: KeepOut | KeepIn) -> int:
-    """Whether devices stay outside, +1, or inside, -1."""
-    return -1 if isinstance(zone, KeepIn) else 1
-
-
-def _binds(zone: Zone, device: str) -> bool:
-    return not zone.devices or device in zone.devices

@@ -15,7 +15,7 @@ from jaxplan.model.constraints import (
 )
 from jaxplan.scenario import Scenario
 from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.zones import body_axis_name, sight_names
 
 # What rounding may cost at the very limit, rad; the certificate allows the same.
 ROUNDING = 1e-9
@@ -29,6 +29,7 @@ def breaches(
     joint_rates: np.ndarray,
     *,
     arriving: bool = False,
+    time: float = 0.0,
 ) -> tuple[str, ...]:
     """Everything a state breaks: joint limits, also those that it cannot but break next, rates and zones.
 
@@ -39,6 +40,7 @@ def breaches(
         angular_velocity: (3,) rad/s, body axes.
         joint_rates: (2n,) rad/s.
         arriving: whether the state ends a motion instead of starting one: what was just before counts.
+        time: s, when it is; zones that move are where they are then.
 
     Returns:
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
@@ -67,7 +69,7 @@ def breaches(
         if not rate <= limit * (1 + ROUNDING)
     ]
     found += _overruns(scenario, joints, joint_rates, arriving)
-    return (*found, *_zone_breaches(scenario, attitude, joints))
+    return (*found, *_zone_breaches(scenario, attitude, joints, time))
 
 
 def _overruns(
@@ -87,12 +89,13 @@ def _overruns(
             yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
 
 
-def _zone_breaches(scenario: Scenario, attitude: np.ndarray, joints: np.ndarray) -> Iterator[str]:
-    craft = scenario.spacecraft
-    rows = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    groups = [zone.any_of if isinstance(zone, KeepIn) else None for zone in zones]
-    yield from constraint_breaches(rows, craft, attitude, joints, [zone.name for zone in zones], groups)
+def _zone_breaches(
+    scenario: Scenario, attitude: np.ndarray, joints: np.ndarray, time: float
+) -> Iterator[str]:
+    rows = scenario.constraints.at(time)
+    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
+    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
+    yield from constraint_breaches(rows, scenario.spacecraft, attitude, joints, names, groups)
 
 
 def constraint_breaches(
@@ -117,6 +120,9 @@ def constraint_breaches(
         The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
     """
     sights = rows.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    called = sight_names(spacecraft.device_names, rows)
+    beams = [f"the beam of {name}" for name in spacecraft.device_names]
+    axes = beams + called[len(beams) :]
     table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
     worst = np.min(table, axis=-1, initial=np.inf)
     chosen = chosen_entries(rows, worst)
@@ -125,40 +131,16 @@ def constraint_breaches(
         sight = int(np.argmin(table[row]))
         name = names[row] if groups[row] is None else f"{names[row]}, the nearest of group {groups[row]}"
         overlap = f"{np.rad2deg(-worst[row]):.4g} deg"
-        yield f"{sight_name(spacecraft, rows, sight)} is {overlap} {_where(rows, spacecraft, row, name)}"
+        yield f"{called[sight]} is {overlap} {_where(rows, row, name, axes)}"
 
 
-def _where(rows: Constraints, spacecraft: Spacecraft, row: int, name: str) -> str:
-    """Where a sight is that breaks a row."""
+def _where(rows: Constraints, row: int, name: str, axes: Sequence[str]) -> str:
+    """Where a sight is that breaks a row; `axes` are the names of all sights as axes of others."""
     if rows.frame[row] == JOINTS:
         return f"beyond mask {name}, of its joints"
     side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"
     if rows.frame[row] == INERTIAL:
         return f"{side} zone {name}"
     if rows.frame[row] == SIGHT:
-        return f"{side} cone {name}, about {sight_name(spacecraft, rows, rows.partner[row], 'the beam of ')}"
-    return f"{side} cone {name}, about {_axis_name(rows.axis[row])}"
-
-
-def sight_name(spacecraft: Spacecraft, rows: Constraints, sight: int, device: str = "") -> str:
-    """What a sight is called.
-
-    Args:
-        spacecraft: whose devices are the first sights.
-        rows: the constraints that bind the others.
-        sight: its number.
-        device: what to put before a device's name.
-    """
-    names = spacecraft.device_names
-    if sight < len(names):
-        return device + names[sight]
-    number = sight - len(names)
-    if number < len(rows.body):
-        return _axis_name(rows.body[number])
-    number -= len(rows.body)
-    vector = ", ".join(f"{part:.3g}" for part in rows.carried[number])
-    return f"direction ({vector}) of {names[rows.carrier[number]]}"
-
-
-def _axis_name(axis: np.ndarray) -> str:
-    return f"axis ({', '.join(f'{part:.3g}' for part in axis)}) of the body"
+        return f"{side} cone {name}, about {axes[rows.partner[row]]}"
+    return f"{side} cone {name}, about {body_axis_name(rows.axis[row])}"

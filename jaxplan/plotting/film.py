@@ -190,7 +190,7 @@ class _Picture:
         self.scenario = plan.scenario
         self.moving: list[Artist] = []  # what is drawn of zones that move
         craft = plan.scenario.spacecraft
-        self.margins = [m.values for m in samples.margins(plan.scenario, motion.boresights, motion.times)]
+        self.margins = [m.values for m in samples.margins(plan.scenario, motion)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
         azimuths = craft.mounts
         rest = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)

@@ -37,7 +37,6 @@ from jaxplan.plotting.style import (
     plain,
 )
 from jaxplan.plotting.view import PALE, View, circle, insides
-from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def draw_sphere(axes: Axes, plan: "Plan", view: View, zones: Sequence[KeepOut | 
         draw_line(axes, view, line, {"color": "0.85", "linewidth": 0.5, "zorder": 0.7})
     for last, way in zone_ways(plan):
         edge: Look = zone_outline(last) | {"linewidth": 0.6, "zorder": 1.6}
-        draw_line(axes, view, circle(axis_at(last), last.half_angle), edge)
+        draw_line(axes, view, circle(last.axis_at(), last.half_angle), edge)
         draw_line(axes, view, way, {"color": edge["color"], **ZONE_WAY})
     ways = boresight_ways(plan)
     draw_zones(axes, view, zones, _NOTHING if ways is None else view.project(ways.reshape(-1, 3)))
@@ -132,7 +131,7 @@ def draw_line(axes: Axes, view: View, line: np.ndarray, look: Look) -> list[Line
 
 
 def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> list[Artist]:
-    right, up, inside = insides(view, axis_at(zone), zone.half_angle)
+    right, up, inside = insides(view, zone.axis_at(), zone.half_angle)
     fill = zone_fill(zone)
     colour, hatch = to_rgba(fill["facecolor"]), fill.get("hatch")
     limb = Circle((0, 0), 1, transform=axes.transData)
@@ -144,7 +143,7 @@ def _draw_zone(axes: Axes, view: View, zone: KeepOut | KeepIn) -> list[Artist]:
             area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
             areas.append(area)
     edge: Look = zone_outline(zone) | {"linewidth": 1.1, "zorder": 1.6}
-    return [*areas, *draw_line(axes, view, circle(axis_at(zone), zone.half_angle), edge)]
+    return [*areas, *draw_line(axes, view, circle(zone.axis_at(), zone.half_angle), edge)]
 
 
 def _name_zones(axes: Axes, view: View, zones: Sequence[KeepOut | KeepIn], ways: np.ndarray) -> list[Artist]:
@@ -152,9 +151,9 @@ def _name_zones(axes: Axes, view: View, zones: Sequence[KeepOut | KeepIn], ways:
     labels = Labels(ways)
     texts: list[Artist] = []
     # Those in front first, and of them the smallest, as they have the least room.
-    for zone in sorted(zones, key=lambda zone: (view.depth(axis_at(zone)) < 0, zone.half_angle)):
-        centre = view.project(axis_at(zone))
-        near = view.depth(axis_at(zone)) >= 0
+    for zone in sorted(zones, key=lambda zone: (view.depth(zone.axis_at()) < 0, zone.half_angle)):
+        centre = view.project(zone.axis_at())
+        near = view.depth(zone.axis_at()) >= 0
         size = np.array([_LETTER * len(zone.name), _LINE])
         spots = centre + np.array(_places(zone, size))
         places = [spot for spot in spots if np.hypot(*spot) < 1]

@@ -29,6 +29,7 @@ from jaxplan.plotting.style import (
     plain,
 )
 from jaxplan.plotting.timelines import curve, time_axis
+from jaxplan.zones import sight_names
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -44,7 +45,7 @@ _CROWD = 60  # curves, beyond which they are drawn fainter
 
 
 def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """Margin of every device to every zone that binds it, over time.
+    """Margin of every device to every zone that binds it, over time; so of other directions that zones bind.
 
     The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
     axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
@@ -73,7 +74,7 @@ def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
     """Draw the panel; returns the legend entries of the devices, and of all else."""
-    found = samples.margins(plan.scenario, moves.boresights, moves.times)
+    found = samples.margins(plan.scenario, moves)
     alpha = 0.6 if len(found) <= _CROWD else 0.3
     for margin in found:
         style = device_style(margin.device)
@@ -90,7 +91,7 @@ def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entr
         note(axes, "no zones")
         axes.set_yticks([])
     axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
-    names = device_entries(plan.scenario.spacecraft.device_names)
+    names = device_entries(sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints))
     kinds: Entries = [
         (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
         (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),

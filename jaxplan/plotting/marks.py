@@ -8,13 +8,12 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jaxplan import so3
 from jaxplan.moving import DirectionPath
 from jaxplan.path import MovingGoal
 from jaxplan.plotting import samples
 from jaxplan.plotting.style import GREY, KEEP_IN, KEEP_OUT, Entries, Look, device_style
-from jaxplan.scenario import GivenState, Targets
-from jaxplan.scenario.moments import at, axis_at, is_moving, zone_at
+from jaxplan.scenario import GivenState
+from jaxplan.scenario.moments import targets_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -38,9 +37,12 @@ NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 
 def zone_outline(zone: KeepOut | KeepIn) -> Look:
     """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
-    if isinstance(zone, KeepIn):
-        return {"color": KEEP_IN, "linestyle": (0, (5, 2.5)) if zone.any_of is None else (0, (1, 1.5))}
-    return {"color": KEEP_OUT, "linestyle": "-"}
+    inside = isinstance(zone, KeepIn)
+    alone = (0, (5, 2.5)) if inside else "-"
+    return {
+        "color": KEEP_IN if inside else KEEP_OUT,
+        "linestyle": alone if zone.any_of is None else (0, (1, 1.5)),
+    }
 
 
 def zone_fill(zone: KeepOut | KeepIn) -> Look:
@@ -51,11 +53,10 @@ def zone_fill(zone: KeepOut | KeepIn) -> Look:
 
 
 def zones_at(scenario: "Scenario", time: float, *, moving: bool | None = None) -> list[KeepOut | KeepIn]:
-    """Zones where they are at a time, s: all of them, those that move, or those that do not."""
-    zones: list[KeepOut | KeepIn] = [
-        zone_at(zone, time) for zone in scenario.keep_out if moving in (None, is_moving(zone))
-    ]
-    return zones + [zone_at(zone, time) for zone in scenario.keep_in if moving in (None, is_moving(zone))]
+    """Zones that have a place on the sky, where they are at a time, s: all, those that move, or the rest."""
+    cones: tuple[KeepOut | KeepIn, ...] = (*scenario.keep_out, *scenario.keep_in)
+    wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
+    return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
 
 
 def zone_ways(plan: "Plan") -> list[tuple[KeepOut | KeepIn, np.ndarray]]:
@@ -63,13 +64,13 @@ def zone_ways(plan: "Plan") -> list[tuple[KeepOut | KeepIn, np.ndarray]]:
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
-    zones: list[KeepOut | KeepIn] = [*plan.scenario.keep_out, *plan.scenario.keep_in]
     ways: list[tuple[KeepOut | KeepIn, np.ndarray]] = []
+    zones: tuple[KeepOut | KeepIn, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
     for zone in zones:
         if isinstance(zone.direction, DirectionPath):
             goal = plan.goal
             last = goal.time if isinstance(goal, MovingGoal) else float(zone.direction.times[-1])
-            there = replace(zone, direction=axis_at(zone, last))
+            there = replace(zone, direction=zone.axis_at(last))
             ways.append((there, zone.direction.at(np.linspace(0.0, last, _WAY))))
     return ways
 
@@ -95,9 +96,7 @@ def end_marks(plan: "Plan") -> list[tuple[Look, str, np.ndarray]]:
     elif isinstance(goal, GivenState):
         ends.append((_END, "goal", _given(plan.scenario, goal)))
     else:
-        first = at(plan.scenario, 0.0).goal
-        assert isinstance(first, Targets)
-        ends.append((_TARGET, "target", first.directions))
+        ends.append((_TARGET, "target", targets_at(goal, 0.0).directions))
     return [end for end in ends if len(end[2])]
 
 
@@ -114,26 +113,26 @@ def end_style(look: Look, device: int) -> Look:
 
 
 def _given(scenario: "Scenario", state: GivenState) -> np.ndarray:
-    return np.asarray(scenario.spacecraft.boresights(so3.exp(state.rotation_vector), state.joints))
+    return np.asarray(scenario.spacecraft.boresights(state.attitude, state.joints))
 
 
 def zone_entries(scenario: "Scenario") -> Entries:
     """One of each kind of zones that the scenario has."""
-    alone = [zone for zone in scenario.keep_in if zone.any_of is None]
-    grouped = [zone for zone in scenario.keep_in if zone.any_of is not None]
-    entries: Entries = []
-    if scenario.keep_out:
-        patch = Patch(**{**zone_fill(scenario.keep_out[0]), "edgecolor": to_rgba(KEEP_OUT, 0.6)}, linewidth=1)
-        entries.append((patch, "keep-out zone"))
-    for zones, text in ((alone, "keep-in zone"), (grouped, "keep-in zone,\nany of its group")):
-        if zones:
-            look = {
-                **zone_fill(zones[0]),
-                "edgecolor": KEEP_IN,
-                "linestyle": zone_outline(zones[0])["linestyle"],
-            }
-            entries.append((Patch(**look, linewidth=1), text))
-    if any(map(is_moving, scenario.keep_out)) or any(map(is_moving, scenario.keep_in)):
+    zones, entries = zones_at(scenario, 0.0), Entries()
+    for kind, edge, text in (
+        (KeepOut, to_rgba(KEEP_OUT, 0.6), "keep-out zone"),
+        (KeepIn, KEEP_IN, "keep-in zone"),
+    ):
+        for grouped, rest in ((False, ""), (True, ",\nany of its group")):
+            own = [zone for zone in zones if isinstance(zone, kind) and (zone.any_of is not None) == grouped]
+            if own:
+                look = {
+                    **zone_fill(own[0]),
+                    "edgecolor": edge,
+                    "linestyle": zone_outline(own[0])["linestyle"],
+                }
+                entries.append((Patch(**look, linewidth=1), text + rest))
+    if any(zone.moves for zone in scenario.zones):
         entries.append(
             (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
         )

@@ -4,16 +4,14 @@ Radians and seconds; boresights are inertial unit vectors, devices in the order 
 it is plain numpy, so no number of devices, nodes or zones has anything compiled.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.geometry.directions import separation
-from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model.constraints import chosen_entries, state_margins
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -45,7 +43,7 @@ class Margin:
     """Margin of a device to a zone, or to a group of them, over time.
 
     Attributes:
-        device: number of the device.
+        device: number of the device, or beyond these of a further direction that zones bind.
         zone: name of the zone or of the group.
         values: (k,) rad, >= 0 is clear; NaN while the group's best zone does not bind the device.
     """
@@ -99,57 +97,30 @@ def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
     return np.asarray(plan.scenario.spacecraft.boresights(attitudes, joints))
 
 
-def margins(scenario: "Scenario", directions: np.ndarray, times: np.ndarray | None = None) -> list[Margin]:
-    """Margins of every device to every constraint that binds it, equations (11) and (12).
+def margins(scenario: "Scenario", moves: Motion) -> list[Margin]:
+    """Margins of all that is bound to every constraint that binds it, equations (11) and (12).
 
-    Zones of a group count as the best of them: at every instant the one whose worst device has most margin.
+    A group counts as the best of its entries: at every instant the one whose worst member has most margin.
     So the smallest of all margins at an instant is that of the scene.
 
     Args:
         scenario: whose zones are meant; one that moves is taken where it is at each instant.
-        directions: (k, D, 3) boresights.
-        times: (k,) s, of them; only zones that move ask for it.
+        moves: the motion.
     """
-    names = scenario.spacecraft.device_names
-    result = [
-        margin for zone in scenario.keep_out for margin in _zone_margins(zone, names, directions, times)
-    ]
-    groups: dict[str, list[KeepIn]] = {}
-    for zone in scenario.keep_in:
-        if zone.any_of is None:
-            result += _zone_margins(zone, names, directions, times)
-        else:
-            groups.setdefault(zone.any_of, []).append(zone)
-    for name, zones in groups.items():
-        result += _group_margins(name, zones, names, directions, times)
-    return result
-
-
-def _zone_margins(
-    zone: KeepOut | KeepIn, names: Sequence[str], directions: np.ndarray, times: np.ndarray | None
-) -> list[Margin]:
-    axis = zone.direction
-    if isinstance(axis, DirectionPath):
-        assert times is not None
-        axis = axis.at(times)[:, None]
-    angles = separation(directions, axis)
-    values = zone.half_angle - angles if isinstance(zone, KeepIn) else angles - zone.half_angle
-    bound = [number for number, name in enumerate(names) if not zone.devices or name in zone.devices]
-    return [Margin(device=number, zone=zone.name, values=values[:, number]) for number in bound]
-
-
-def _group_margins(
-    group: str,
-    zones: Sequence[KeepIn],
-    names: Sequence[str],
-    directions: np.ndarray,
-    times: np.ndarray | None,
-) -> list[Margin]:
-    table = np.full((len(zones), *directions.shape[:2]), np.nan)
-    for row, zone in zip(table, zones, strict=True):
-        for margin in _zone_margins(zone, names, directions, times):
-            row[:, margin.device] = margin.values
-    worst = np.min(np.where(np.isnan(table), np.inf, table), axis=2)
-    best = table[np.argmax(worst, axis=0), np.arange(table.shape[1])]
-    bound = [number for number in range(len(names)) if not np.all(np.isnan(best[:, number]))]
-    return [Margin(device=number, zone=group, values=best[:, number]) for number in bound]
+    rows, craft, values = scenario.constraints, scenario.spacecraft, moves.values
+    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    table = state_margins(rows, sights, values.attitude, values.joints, moves.times)  # (k, Z, S)
+    chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
+    table = np.where(chosen[..., None] & rows.bound, table, np.nan)
+    single, found = rows.single, []
+    for leader in np.unique(rows.group[rows.zone >= 0]):
+        zone = scenario.zones[rows.zone[leader]]
+        members = [[row] for row in np.flatnonzero(rows.group == leader)]
+        if not single[leader]:
+            members = [list(chain(*members))]
+        for own in members:
+            for sight in np.flatnonzero(np.any(rows.bound[own], axis=0)):
+                least = np.fmin.reduce(table[:, own, sight], axis=1)
+                name = zone.name if single[leader] else str(zone.any_of)
+                found.append(Margin(device=int(sight), zone=name, values=least))
+    return found

@@ -35,7 +35,6 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.plotting.zone_names import name_zones
-from jaxplan.scenario.moments import axis_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
         _draw_zone(axes, zone)
     for last, way in zone_ways(plan):
         look = zone_outline(last)
-        axes.plot(*unfolded.outline(axis_at(last), last.half_angle).T, **look, **_FAINT)
+        axes.plot(*unfolded.outline(last.axis_at(), last.half_angle).T, **look, **_FAINT)
         axes.plot(*unfolded.cut(unfolded.unfold(way)).T, color=look["color"], **ZONE_WAY)
     outlines = len(axes.lines)
     marks = [*_draw_ways(axes, plan), *_draw_ends(axes, plan)]
@@ -88,12 +87,12 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 
 def _draw_zone(axes: Axes, zone: KeepOut | KeepIn) -> None:
-    rings = unfolded.region(axis_at(zone), zone.half_angle)
+    rings = unfolded.region(zone.axis_at(), zone.half_angle)
     shape = Shape.make_compound_path(
         *(Shape(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings)
     )
     axes.add_artist(PathPatch(shape, **zone_fill(zone), zorder=1, linewidth=0))  # add_patch would be slow
-    line = unfolded.outline(axis_at(zone), zone.half_angle)
+    line = unfolded.outline(zone.axis_at(), zone.half_angle)
     axes.plot(*line.T, **zone_outline(zone), linewidth=1.1, zorder=1.6)
 
 

@@ -11,8 +11,7 @@ from jaxplan.plotting import unfolded
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import zones_at
 from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, SMALL, plain
-from jaxplan.scenario.moments import axis_at
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.zones import KeepIn, KeepOut, binds_all
 
 if TYPE_CHECKING:
     from jaxplan.scenario import Scenario
@@ -61,7 +60,7 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
     That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
     one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
     """
-    azimuth, elevation = unfolded.unfold(axis_at(zone))
+    azimuth, elevation = unfolded.unfold(zone.axis_at())
     angle = float(np.rad2deg(zone.half_angle))
     wide = angle > 90
     inside = [(0.0, offset * min(angle, 90)) for offset in (0, 0.5, -0.5, 0.8, -0.8)]
@@ -90,13 +89,15 @@ def _places(zone: KeepOut | KeepIn, size: tuple[float, float]) -> list[tuple[flo
 def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> float:
     """Angle of a place on the map from a zone's axis, deg."""
     a, e = np.deg2rad((azimuth, elevation))
-    return float(np.rad2deg(separation(pointing(a, e), axis_at(zone))))
+    return float(np.rad2deg(separation(pointing(a, e), zone.axis_at())))
 
 
 def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
     """A line that says in few words which devices a zone binds; none if it binds all."""
     names = scenario.spacecraft.device_names
-    bound = [name for name in names if not zone.devices or name in zone.devices]
+    if zone.vectors and not zone.devices:
+        return [f"for {len(zone.vectors)} vector{'s' * (len(zone.vectors) > 1)}"]
+    bound = [name for name in names if binds_all(zone) or name in zone.devices]
     others = [name for name in names if name not in bound]
     if not others:
         return []
@@ -107,4 +108,4 @@ def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
 
 def _group(zone: KeepOut | KeepIn) -> list[str]:
     """A line that names a zone's group; none if it is in none."""
-    return [f"any of {zone.any_of}"] if isinstance(zone, KeepIn) and zone.any_of is not None else []
+    return [f"any of {zone.any_of}"] if zone.any_of is not None else []

@@ -23,7 +23,6 @@ from jaxplan.report.markup import (
 )
 from jaxplan.report.scene import kind_of
 from jaxplan.trajectory import excess
-from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.certificate import ProvedMargin, Report
@@ -165,8 +164,7 @@ def _bar(peak: float) -> Markup:
 
 def margins_table(margins: tuple["ProvedMargin", ...], plan: "Plan") -> Markup:
     """Margins by zone and device, the smallest first."""
-    every: list[KeepOut | KeepIn] = [*plan.scenario.keep_out, *plan.scenario.keep_in]
-    zones = {zone.name: zone for zone in every}
+    zones = {zone.name: zone for zone in plan.scenario.zones}
     columns = [
         Column("Zone"),
         Column("Kind"),

@@ -11,11 +11,10 @@ import numpy as np
 from jaxplan import quaternion
 from jaxplan.geometry.directions import azimuth_elevation
 from jaxplan.path import MovingGoal
-from jaxplan.planner.check import start_attitude
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
-from jaxplan.scenario import Targets
-from jaxplan.scenario.moments import at, axis_at, is_moving, paths
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.scenario import GivenState
+from jaxplan.scenario.moments import paths, targets_at
+from jaxplan.zones import JointBound, Zone, binds_all
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -96,38 +95,52 @@ def _direction(vector: Any) -> tuple[str, str]:
     return number(float(np.rad2deg(azimuth))), number(float(np.rad2deg(elevation)))
 
 
-def kind_of(zone: KeepOut | KeepIn) -> str:
+def kind_of(zone: Zone) -> str:
     """What a zone asks, in words."""
-    moving = ", moving" if is_moving(zone) else ""
-    if isinstance(zone, KeepOut):
-        return f"keep-out{moving}"
-    return f"keep-in{moving}" if zone.any_of is None else f"keep-in{moving}, any of {zone.any_of}"
+    words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]
+    words += ["moving"] * zone.moves
+    words += [] if zone.any_of is None else [f"any of {zone.any_of}"]
+    words += [] if zone.entry is None else [f"with all of {zone.entry}"]
+    return ", ".join(words)
+
+
+def _where(zone: Zone) -> tuple[str, str, str, str]:
+    """What a zone is about, the azimuth and elevation of its axis there, and its half angle, deg."""
+    if isinstance(zone, JointBound):
+        yaw, pitch = zone.normal
+        least = number(float(np.rad2deg(zone.least)))
+        return f"{yaw:.3g} yaw + {pitch:.3g} pitch, at least {least} deg", NONE, NONE, NONE
+    half_angle = number(float(np.rad2deg(zone.half_angle)))
+    if zone.axis_device is not None:
+        return f"boresight of {zone.axis_device}", NONE, NONE, half_angle
+    if zone.axis_body is not None:
+        return "body axis", *_direction(zone.axis_body), half_angle
+    return "inertial axis", *_direction(zone.axis_at()), half_angle
+
+
+def _bound(zone: Zone) -> str:
+    """What a zone binds."""
+    if isinstance(zone, JointBound):
+        return zone.device
+    of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
+    return "all devices" if binds_all(zone) else ", ".join([*zone.devices, *of])
 
 
 def zones_table(scenario: "Scenario") -> Markup:
     """The zones, or that there are none."""
-    zones: list[KeepOut | KeepIn] = [*scenario.keep_out, *scenario.keep_in]
-    if not zones:
+    if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
     columns = [
         Column("Zone"),
         Column("Kind"),
+        Column("About"),
         numeric("Azimuth", "deg"),
         numeric("Elevation", "deg"),
         numeric("Half angle", "deg"),
         Column("Binds"),
     ]
-    rows = [
-        [
-            zone.name,
-            kind_of(zone),
-            *_direction(axis_at(zone)),
-            number(float(np.rad2deg(zone.half_angle))),
-            ", ".join(zone.devices) or "all devices",
-        ]
-        for zone in zones
-    ]
-    return table(columns, rows, "Zones, cones about inertial directions")
+    rows = [[zone.name, kind_of(zone), *_where(zone), _bound(zone)] for zone in scenario.zones]
+    return table(columns, rows, "Zones; axes that move as they are at first")
 
 
 def motion_table(plan: "Plan") -> Markup:
@@ -160,7 +173,7 @@ def motion_table(plan: "Plan") -> Markup:
 def ends_tables(plan: "Plan") -> Markup:
     """Start and goal: attitudes, joints, and the targets that were asked for."""
     scenario, goal = plan.scenario, plan.goal
-    start = start_attitude(scenario)
+    start = scenario.start.attitude
     attitudes = [("Start", start), *([("Goal", goal.attitude)] if goal is not None else [])]
     rows = []
     for name, matrix in attitudes:
@@ -171,12 +184,13 @@ def ends_tables(plan: "Plan") -> Markup:
     parts = [facts(rows, "Attitude, body to inertial")]
     if scenario.spacecraft.terminals:
         parts.append(_joints_table(plan))
-    asked = at(scenario, goal.time if isinstance(goal, MovingGoal) else 0.0).goal
-    if isinstance(asked, Targets) and len(asked.directions):
+    asked = scenario.goal
+    if not isinstance(asked, GivenState) and len(asked.directions):
+        then = targets_at(asked, goal.time if isinstance(goal, MovingGoal) else 0.0)
         columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
         targets = [
             [terminal.name, *_direction(direction)]
-            for terminal, direction in zip(scenario.spacecraft.terminals, asked.directions, strict=True)
+            for terminal, direction in zip(scenario.spacecraft.terminals, then.directions, strict=True)
         ]
         parts.append(table(columns, targets, "Targets asked for, inertial"))
     return join(parts)

@@ -150,18 +150,23 @@ def _unit(vector: np.ndarray, value: object, what: str, place: Place) -> np.ndar
 
 @dataclass(frozen=True)
 class Direction(Kind):
-    """A unit vector."""
+    """A unit vector, of three numbers unless told."""
 
-    wanted = "a unit vector of 3 numbers"
+    length: int = 3
+
+    @property
+    def wanted(self) -> str:
+        """How many numbers."""
+        return f"a unit vector of {self.length} numbers"
 
     def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(3,)."""
-        vector = Vector(3).read(value, place)
+        """(length,)."""
+        vector = Vector(self.length).read(value, place)
         return None if vector is None else _unit(vector, value, "a unit vector", place)
 
     def take(self, value: Any, place: Place) -> Any:
-        """(3,)."""
-        return read_array(value, self.wanted, place, (3,))
+        """(length,)."""
+        return read_array(value, self.wanted, place, (self.length,))
 
     def holds(self, value: Any) -> bool:
         """A direction, and no path."""
@@ -169,7 +174,7 @@ class Direction(Kind):
 
     def write(self, value: Any) -> list[float]:
         """A list."""
-        return Vector(3).write(value)
+        return Vector(self.length).write(value)
 
 
 @dataclass(frozen=True)

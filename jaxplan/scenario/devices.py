@@ -50,6 +50,44 @@ class DeviceList(Kind):
 
 
 @dataclass(frozen=True)
+class DeviceName(Kind):
+    """The name of a device.
+
+    Attributes:
+        with_joints: whether it must be a terminal.
+    """
+
+    with_joints: bool = False
+
+    @property
+    def wanted(self) -> str:
+        """What it names."""
+        return f"the name of a {self._noun}"
+
+    @property
+    def _noun(self) -> str:
+        return "terminal" if self.with_joints else "device"
+
+    def read(self, value: object, place: Place) -> str | None:
+        """The name."""
+        known = place.devices.terminals if self.with_joints else place.devices.all
+        if not isinstance(value, str):
+            place.fault(f"must be {self.wanted}", value)
+        elif known is not None and value not in known:
+            place.fault(f"no such {self._noun}, {nearest(value, known, f'{self._noun}s')}", value)
+        else:
+            return value
+        return None
+
+    def take(self, value: Any, place: Place) -> str | None:
+        """The name."""
+        if isinstance(value, str):
+            return value
+        place.fault(f"must be {self.wanted}", value)
+        return None
+
+
+@dataclass(frozen=True)
 class TerminalFactors(Kind):
     """A positive factor for some of the terminals."""
 

@@ -12,7 +12,7 @@ from typing import Any
 from jaxplan.scenario import model
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
 from jaxplan.scenario.bodies import SKY, Epoch, View
-from jaxplan.scenario.devices import DeviceList, TerminalFactors
+from jaxplan.scenario.devices import DeviceList, DeviceName, TerminalFactors
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
 from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.scenario.paths import SAMPLES, TIMES, split_zone
@@ -20,7 +20,7 @@ from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Go
 from jaxplan.scenario.tables import Field, Rows, Table
 from jaxplan.sky import BODIES
 from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 SCHEMA_VERSION = 1
 
@@ -70,9 +70,35 @@ SPACECRAFT = Table(
     ),
 )
 
+VECTOR = Table(
+    FixedVector,
+    (
+        _required(
+            "along",
+            Direction(),
+            "along",
+            "in body axes; of a terminal along its boresight, to the left of it and upward",
+        ),
+        Field(
+            "to", DeviceName(with_joints=True), "to", "whose moving part it is fixed to; the body if absent"
+        ),
+    ),
+)
+
+_NAME = _required("name", Text(), "name", "unique among the zones")
+_BOUND = (
+    Field("devices", DeviceList(), "devices", "which it binds; all if neither these nor vectors are given"),
+    Field("vector", Rows(VECTOR), "vectors", "further directions that it binds"),
+)
+_GROUP = (
+    Field("any_of", Text(), "any_of", "name of a group, of which one entry must hold at every instant"),
+    Field("entry", Text(), "entry", "of its group; zones of the same one must hold together"),
+)
 _CONE = (
-    _required("name", Text(), "name", "unique among the zones"),
+    _NAME,
     _required("direction", Direction(), "direction", "axis of the cone, inertial"),
+    Field("axis_body", Direction(), "axis_body", "axis fixed in the body", instead_of="direction"),
+    Field("axis_device", DeviceName(), "axis_device", "whose boresight is the axis", instead_of="direction"),
     _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
 )
 
@@ -95,7 +121,8 @@ KEEP_OUT = Table(
             "whether the axis follows the body; if false or absent, a wider zone stands still for as long",
         ),
         *_MOVING,
-        Field("devices", DeviceList(), "devices", "which it binds; all if absent"),
+        *_BOUND,
+        *_GROUP,
     ),
     split=split_zone,
 )
@@ -105,10 +132,24 @@ KEEP_IN = Table(
     (
         *_CONE,
         *_MOVING,
-        _required("devices", DeviceList(), "devices", "which it binds, each by itself"),
-        Field("any_of", Text(), "any_of", "name of a group, of which one zone must hold at every instant"),
+        Field("devices", DeviceList(), "devices", "which it binds, each by itself; these or vectors"),
+        *_BOUND[1:],
+        *_GROUP,
     ),
     split=split_zone,
+)
+
+JOINT_BOUND = Table(
+    JointBound,
+    (
+        _NAME,
+        _required("device", DeviceName(with_joints=True), "device", "whose joints it bounds"),
+        _required("normal", Direction(2), "normal", "weights of yaw and pitch"),
+        _required(
+            "least_deg", Number(Interval("[-1000, 1000]"), degrees=True), "least", "of the weighted sum"
+        ),
+        *_GROUP,
+    ),
 )
 
 SEARCH = Table(
@@ -212,6 +253,7 @@ SCENARIO = Table(
         ),
         Field("keep_out", Rows(KEEP_OUT), "keep_out", "cones to stay out of"),
         Field("keep_in", Rows(KEEP_IN), "keep_in", "cones to stay in"),
+        Field("joint_bound", Rows(JOINT_BOUND), "joint_bounds", "half-planes of yaw and pitch to stay in"),
         _always("search", SEARCH, "search", "settings of step 2"),
         _always("trajectory", TRAJECTORY, "trajectory", "settings of step 3"),
     ),

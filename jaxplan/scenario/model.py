@@ -13,10 +13,13 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints
 from jaxplan.moving import DirectionPath
+from jaxplan.once import made_once
 from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
 
 # `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
@@ -60,6 +63,13 @@ class GivenState:
     joints: np.ndarray
     angular_velocity: np.ndarray = _AT_REST
     joint_rates: np.ndarray = _AT_REST
+
+    @property
+    @made_once
+    def attitude(self) -> np.ndarray:
+        """(3, 3), body to inertial."""
+        attitude: np.ndarray = so3.exp(self.rotation_vector)
+        return attitude
 
 
 @shown("directions", "yaw_limit deg", "pitch_limit deg", "angular_velocity deg/s", "joint_rates deg/s")
@@ -201,6 +211,7 @@ class TrajectorySettings:
     "spacecraft.instruments",
     "keep_out",
     "keep_in",
+    "joint_bounds",
     "goal",
     "start",
     "trajectory.duration s",
@@ -223,6 +234,7 @@ class Scenario:
         goal: directions to point at, of which some may move, or a given state.
         keep_out: cones to stay out of.
         keep_in: cones to stay in.
+        joint_bounds: half-planes of joint angles to stay in.
         search: settings of step 2.
         trajectory: settings of step 3.
         epoch: UTC of the manoeuvre's start, which is that of what bodies and satellites stand for; None where
@@ -235,9 +247,28 @@ class Scenario:
     goal: Targets | MovingTargets | GivenState
     keep_out: tuple[KeepOut, ...] = ()
     keep_in: tuple[KeepIn, ...] = ()
+    joint_bounds: tuple[JointBound, ...] = ()
     search: SearchSettings = field(default_factory=SearchSettings)
     trajectory: TrajectorySettings = field(default_factory=TrajectorySettings)
     epoch: np.datetime64 | None = field(default=None, metadata={"static": True})
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """All pointing constraints, in the order of `constraints`."""
+        return (*self.keep_out, *self.keep_in, *self.joint_bounds)
+
+    @property
+    @made_once
+    def constraints(self) -> Constraints:
+        """The same as rows."""
+        craft = self.spacecraft
+        return tabulate(
+            self.keep_out,
+            self.keep_in,
+            craft.device_names,
+            joint_bounds=self.joint_bounds,
+            terminals=len(craft.terminals),
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scenario):

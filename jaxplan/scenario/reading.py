@@ -19,6 +19,8 @@ from jaxplan.scenario.model import MINIMUM, STRETCHED, Scenario
 from jaxplan.scenario.resolving import resolve_directions
 
 MOST_ZONES = 1000
+ZONES = ("keep_out", "keep_in", "joint_bound")
+"""Keys of a file under which pointing constraints stand."""
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
@@ -82,6 +84,7 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
     if read is not None:
         check_names(tables, root)
         check_inertia(tables, root)
+        _check_zones(tables, root)
         _check_goal_limits(read, root)
         _check_duration(tables, read, root)
         _check_epoch(tables, read, root)
@@ -119,7 +122,7 @@ def _device_names(tables: object) -> DeviceNames:
 
 def _check_number_of_zones(tables: object, root: Place) -> None:
     """Raise at once where there are more zones than any scene has."""
-    count = sum(len(_rows(tables, key) or ()) for key in ("keep_out", "keep_in"))
+    count = sum(len(_rows(tables, key) or ()) for key in ZONES)
     if count > MOST_ZONES:
         root.fault(f"{count} zones, more than the {MOST_ZONES} that are allowed")
         raise ScenarioError(root.faults)
@@ -129,7 +132,7 @@ def check_names(tables: Mapping[str, Any], root: Place) -> None:
     """Devices, and zones, need names of their own."""
     spacecraft = root.key("spacecraft")
     _check_unique(tables.get("spacecraft"), ("terminal", "instrument"), spacecraft)
-    _check_unique(tables, ("keep_out", "keep_in"), root)
+    _check_unique(tables, ZONES, root)
 
 
 def _check_unique(table: object, keys: Iterable[str], place: Place) -> None:
@@ -139,6 +142,21 @@ def _check_unique(table: object, keys: Iterable[str], place: Place) -> None:
             here, name = place.key(key).item(i).key("name"), row.get("name")
             if isinstance(name, str) and first.setdefault(name, here) is not here:
                 here.fault(f"the same as {first[name].path}", name)
+
+
+def _check_zones(tables: Mapping[str, Any], root: Place) -> None:
+    """A zone binds something, other than its own axis, and an entry is one of a group."""
+    for key in ZONES:
+        for i, row in enumerate(_rows(tables, key) or ()):
+            place, devices = root.key(key).item(i), row.get("devices", ())
+            aside = key == "keep_in" or "axis_body" in row or "axis_device" in row
+            if key != "joint_bound" and aside and not row.keys() & {"devices", "vector"}:
+                place.key("devices").fault("missing, must be an array of names of devices")
+            if "axis_device" in row and isinstance(devices, list) and row["axis_device"] in devices:
+                complaint = "is the axis, so it must not be among the devices that are bound"
+                place.key("axis_device").fault(complaint, row["axis_device"])
+            if "entry" in row and "any_of" not in row:
+                place.key("entry").fault("needs any_of, the name of its group", row["entry"])
 
 
 def check_inertia(tables: Mapping[str, Any], root: Place) -> None:

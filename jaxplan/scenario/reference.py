@@ -59,7 +59,7 @@ def entries(table: Table) -> Iterator[Entry]:
         meaning = meaning if field.meaning == "likewise" else field.meaning
         if isinstance(field.kind, Table | Rows):
             continue
-        others = tuple(other.key for other in table.fields if other.attribute == field.attribute)
+        others = tuple(other.key for other in table.fields if other.says == field.says)
         yield Entry(
             key=field.key,
             value=field.kind.wanted.replace(f" in {field.kind.range}", ""),

@@ -27,6 +27,7 @@ class Field:
         required: whether the key, or an alternative, must be there.
         always: whether it is written at its default too, because a later version may change that.
         resolved: whether reading puts something else in its place, so that it is never written.
+        instead_of: another attribute in whose place it stands, of which one must be given.
     """
 
     key: str
@@ -36,6 +37,12 @@ class Field:
     required: bool = False
     always: bool = False
     resolved: bool = False
+    instead_of: str = ""
+
+    @property
+    def says(self) -> str:
+        """The attribute that keys which are alternatives to each other share."""
+        return self.instead_of or self.attribute
 
 
 @dataclass(frozen=True)
@@ -75,9 +82,9 @@ class Table(Kind):
             if entry.key not in value:
                 continue
             here = place.key(entry.key)
-            if entry.attribute in given:
-                here.fault(f"says the same as {given[entry.attribute]}, only one of them can be given")
-            given[entry.attribute] = entry.key
+            if entry.says in given:
+                here.fault(f"says the same as {given[entry.says]}, only one of them can be given")
+            given[entry.says] = entry.key
             content = entry.kind.read(value[entry.key], here)
             if content is not None:
                 read[entry.attribute] = content
@@ -95,7 +102,7 @@ class Table(Kind):
     def _note_missing(self, given: Mapping[str, str], place: Place) -> None:
         for entry in self.fields:
             if entry.required and entry.attribute not in given and not entry.kind.may_miss(place):
-                others = [f.key for f in self.fields if f.attribute == entry.attribute and f is not entry]
+                others = [f.key for f in self.fields if f.says == entry.says and f is not entry]
                 instead = "".join(f" (or {key})" for key in others)
                 place.key(entry.key).fault(f"missing{instead}, must be {entry.kind.wanted}")
 

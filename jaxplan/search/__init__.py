@@ -10,7 +10,7 @@ from jaxplan.scenario.model import SEARCH_METHODS, SearchSettings
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.lockstep import Steps, alone, together
-from jaxplan.search.problem import Scene, SearchResult, alone_and_grouped, derived_seed, make_scene
+from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
 from jaxplan.status import Status
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
@@ -94,7 +94,6 @@ __all__ = [
     "Scene",
     "SearchResult",
     "add_planner",
-    "alone_and_grouped",
     "derived_seed",
     "find_barrier",
     "make_scene",

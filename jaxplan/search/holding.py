@@ -8,38 +8,35 @@ nearest to at start or goal. This only guides a search: what is clear, the margi
 
 import numpy as np
 
+from jaxplan.model.constraints import INERTIAL, Constraints
 from jaxplan.path import Goal
-from jaxplan.scenario.model import Scenario
-from jaxplan.scenario.moments import axis_at
-from jaxplan.zones import KeepIn
+from jaxplan.scenario.model import GivenState
+from jaxplan.spacecraft import Spacecraft
 
 
-def held_axes(scenario: Scenario, start_attitude: np.ndarray, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+def held_axes(
+    spacecraft: Spacecraft, rows: Constraints, start: GivenState, goal: Goal
+) -> tuple[np.ndarray, np.ndarray]:
     """The terminals to be held, and where they look then.
 
     Args:
-        scenario: its keep-in zones and spacecraft.
-        start_attitude: (3, 3) of the scenario's start.
-        goal: where the search goes.
+        spacecraft: its terminals.
+        rows: the constraints, none of them moving.
+        start: where the search begins.
+        goal: where it goes.
 
     Returns:
         (n,) bool, whether a terminal is to be held; (n, 3) inertial axes, any where it is not.
     """
-    ends = [(start_attitude, scenario.start.joints), (goal.attitude, goal.joints)]
-    seen = np.stack([scenario.spacecraft.boresights(*end) for end in ends], axis=1)
-    zones = [
-        _zone(terminal.name, scenario.keep_in, looks)
-        for terminal, looks in zip(scenario.spacecraft.terminals, seen, strict=False)  # not instruments
-    ]
-    held = np.array([zone is not None for zone in zones], dtype=bool)
-    axes = [np.array([0.0, 0.0, 1.0]) if zone is None else axis_at(zone) for zone in zones]
-    return held, np.reshape(axes, (-1, 3))
-
-
-def _zone(name: str, keep_in: tuple[KeepIn, ...], looks: np.ndarray) -> KeepIn | None:
-    """The zone to hold a terminal on which looks along (2, 3) at start and goal; none if none binds it."""
-    binding = [zone for zone in keep_in if name in zone.devices]
-    alone = [zone for zone in binding if zone.any_of is None]
-    if alone:
-        return alone[0]
-    return max(binding, key=lambda zone: float(np.max(looks @ axis_at(zone))), default=None)
+    ends = [spacecraft.boresights(state.attitude, state.joints) for state in (start, goal)]
+    seen, terminals = np.stack(ends, axis=1), len(spacecraft.terminals)
+    inside = (rows.side < 0) & (rows.frame == INERTIAL)
+    held, axes = np.zeros(terminals, dtype=bool), np.tile([0.0, 0.0, 1.0], (terminals, 1))
+    for terminal, looks in enumerate(seen[:terminals]):
+        binding = np.flatnonzero(inside & rows.bound[:, terminal])
+        alone = binding[rows.single[binding]]
+        if len(binding):
+            nearest = np.argmax(np.max(rows.axis[binding] @ looks.T, axis=1))
+            held[terminal] = True
+            axes[terminal] = rows.axis[alone[0] if len(alone) else binding[nearest]]
+    return held, axes

@@ -1,7 +1,5 @@
 """What every planner of step 2 is given, and what it answers."""
 
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,12 +9,11 @@ from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
 from jaxplan.display import shown
-from jaxplan.model.constraints import Constraints, Sights
+from jaxplan.model.constraints import SIGHT, Constraints, Sights
 from jaxplan.path import Goal, Path
 from jaxplan.scenario.model import Scenario, SearchSettings
 from jaxplan.search.holding import held_axes
 from jaxplan.status import Status
-from jaxplan.zones import KeepIn, tabulate
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -41,8 +38,9 @@ class Scene:
     """The numbers of a search problem, as the kernels take them.
 
     Attributes:
-        cones: the zones that bind by themselves, padded.
-        grouped_cones: the zones of groups of which one must hold, padded apart.
+        cones: the rows that ask something of one device at a time, padded.
+        grouped_cones: those that couple devices, padded apart: of constraints of which one entry must hold,
+            and about another device's boresight.
         mounts: (n,) rad.
         fixed_boresights: (i, 3) body axes.
         joint_limits: (2n,) rad.
@@ -118,28 +116,29 @@ class SearchResult:
     queue_expansions: tuple[int, ...] = field(default=())
 
 
-def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Scene:
+def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None = None) -> Scene:
     """Collect the numbers of one search.
 
     Args:
         scenario: the problem; its settings give the steps.
         goal: where to go.
-        start_attitude: (3, 3) of the scenario's start.
+        constraints: what must hold, none of it moving; the scenario's own unless told.
     """
-    craft = scenario.spacecraft
-    goal_quaternion, goal_coordinates = _relative(start_attitude, np.asarray(goal.attitude, float))
-    single_in, grouped_in = alone_and_grouped(scenario.keep_in)
-    held, axes = held_axes(scenario, start_attitude, goal)
+    craft, start = scenario.spacecraft, scenario.start
+    rows = scenario.constraints if constraints is None else constraints
+    goal_quaternion, goal_coordinates = _relative(start.attitude, np.asarray(goal.attitude, float))
+    held, axes = held_axes(craft, rows, start, goal)
+    coupled = ~rows.single | (rows.frame == SIGHT)
     return Scene(
-        cones=tabulate(scenario.keep_out, single_in, craft.device_names),
-        grouped_cones=tabulate((), grouped_in, craft.device_names),
+        cones=rows.part(~coupled & (rows.zone >= 0)),
+        grouped_cones=rows.part(coupled & (rows.zone >= 0)),
         mounts=craft.mounts,
         fixed_boresights=craft.fixed_boresights,
         joint_limits=craft.joint_limits,
         attitude_step=float(scenario.search.attitude_step),
         joint_steps=joint_steps(scenario),
-        start_attitude=start_attitude,
-        start_joints=np.asarray(scenario.start.joints, float),
+        start_attitude=start.attitude,
+        start_joints=np.asarray(start.joints, float),
         goal_attitude=np.asarray(goal.attitude, float),
         goal_joints=np.asarray(goal.joints, float),
         held=held,
@@ -147,14 +146,6 @@ def make_scene(scenario: Scenario, goal: Goal, start_attitude: np.ndarray) -> Sc
         goal_quaternion=goal_quaternion,
         goal_coordinates=goal_coordinates,
     )
-
-
-def alone_and_grouped(keep_in: Sequence[KeepIn]) -> tuple[list[KeepIn], list[KeepIn]]:
-    """Keep-in zones that must hold all the time, alone in their group or in none, and the others."""
-    sizes = Counter(zone.any_of for zone in keep_in)
-    of_many = [zone.any_of is not None and sizes[zone.any_of] > 1 for zone in keep_in]
-    alone = [zone for zone, grouped in zip(keep_in, of_many, strict=True) if not grouped]
-    return alone, [zone for zone, grouped in zip(keep_in, of_many, strict=True) if grouped]
 
 
 def _relative(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,6 @@ from jaxplan import so3
 from jaxplan.cases import random_scenario
 from jaxplan.model.constraints import capacity
 from jaxplan.path import Path, edge_margins
-from jaxplan.planner.check import start_attitude
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import Scenario
@@ -29,11 +28,10 @@ def make_problem(scenario: Scenario) -> Scene:
     Args:
         scenario: one of `random_scenario`.
     """
-    attitude = start_attitude(scenario)
-    goals = find_goals(scenario, attitude)
+    goals = find_goals(scenario)
     if isinstance(goals, Plan):  # never: random scenes are made with a goal
         raise RuntimeError(f"{scenario.name}: {goals.message}")
-    return make_scene(scenario, goals[0], attitude)
+    return make_scene(scenario, goals[0])
 
 
 def compare(

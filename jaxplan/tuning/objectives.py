@@ -9,7 +9,6 @@ from jax import Array
 
 from jaxplan.scenario import Scenario
 from jaxplan.trajectory import Trajectory, measures
-from jaxplan.zones import tabulate
 
 Objective = Callable[[Trajectory, Scenario], Array]
 
@@ -17,11 +16,9 @@ _DEGREE = np.pi / 180
 
 
 def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
-    craft = scenario.spacecraft
-    if not (scenario.keep_out or scenario.keep_in):
+    if not scenario.zones:
         raise ValueError("objective smallest_margin needs zones, of which there are none")
-    cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
-    return measures.least_margin(trajectory, craft, cones) / _DEGREE
+    return measures.least_margin(trajectory, scenario.spacecraft, scenario.constraints) / _DEGREE
 
 
 def _torque(trajectory: Trajectory, scenario: Scenario) -> Array:

@@ -1,0 +1,30 @@
+"""What follows from an object that does not change is made when it is first asked for, and kept with it."""
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+import jax
+
+T = TypeVar("T")
+
+
+def made_once(make: Callable[[Any], T]) -> Callable[[Any], T]:
+    """What keeps an answer for the next time; one with an array of JAX is not, as it may belong to a trace.
+
+    Args:
+        make: of an object, something that follows from its attributes alone.
+    """
+    name = f"_{make.__name__}"
+
+    @wraps(make)
+    def kept(owner: Any) -> T:
+        known: dict[str, T] = owner.__dict__
+        if name in known:
+            return known[name]
+        answer = make(owner)
+        if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(answer)):
+            known[name] = answer
+        return answer
+
+    return kept
