@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from jaxplan.report import report_html
     from jaxplan.scenario import (
         GivenState,
-        MovingTargets,
         Scenario,
         ScenarioError,
         SearchSettings,
@@ -53,7 +52,6 @@ _HOMES = {
     "JointBound": "jaxplan.zones",
     "KeepIn": "jaxplan.zones",
     "KeepOut": "jaxplan.zones",
-    "MovingTargets": "jaxplan.scenario",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
@@ -103,7 +101,6 @@ __all__ = [
     "JointBound",
     "KeepIn",
     "KeepOut",
-    "MovingTargets",
     "Plan",
     "PlanFileError",
     "PlanningError",

@@ -1,4 +1,4 @@
-"""Directions that move: of a target or a zone over the manoeuvre, inertial.
+"""Directions over time: of a target or a zone over the manoeuvre, inertial. A fixed one stands still.
 
 Between its samples a direction follows the cubic spline through them, brought to unit length:
 
@@ -31,10 +31,10 @@ _ROUNDING = 4 * np.finfo(float).eps  # of a length
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectionPath:
-    """A direction over time; `through` makes it from samples.
+    """A direction over time; `through` makes it from samples, `still` of one that does not move.
 
     Attributes:
-        times: (n,) s, rising.
+        times: (n,) s, rising; a single one of a direction that stands still.
         samples: (n, 3) unit vectors.
         slopes: (n, 3) 1/s, derivatives of the spline at the samples.
     """
@@ -80,6 +80,17 @@ class DirectionPath:
             raise ValueError(f"samples: {too_far(int(np.argmax(far)))}")
         return path
 
+    @classmethod
+    def still(cls, direction: ArrayLike) -> Self:
+        """The path of a direction (3,) that is known, and the same, at all times."""
+        _, unit = arrays(direction)
+        return cls(times=np.zeros(1), samples=unit[None], slopes=np.zeros((1, 3)))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the same at all times."""
+        return len(self.times) > 1
+
     def at(self, time: ArrayLike) -> Any:
         """The direction at some times.
 
@@ -92,6 +103,8 @@ class DirectionPath:
         Raises:
             ValueError: if a time, of numpy, is outside: nothing is extrapolated.
         """
+        if not self.moves:
+            return self._everywhere(self.samples[0], time)
         xp, value, _ = self._spline(time)
         return value / xp.linalg.norm(value, axis=-1, keepdims=True)
 
@@ -101,6 +114,8 @@ class DirectionPath:
         Returns:
             (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
         """
+        if not self.moves:
+            return self._everywhere(self.slopes[0], time)
         xp, value, slope = self._spline(time)
         length = xp.linalg.norm(value, axis=-1, keepdims=True)
         unit = value / length
@@ -108,6 +123,8 @@ class DirectionPath:
 
     def largest_rate(self, first: float, last: float) -> float:
         """A bound of the rate of turn between two times, rad/s; it holds for all times between."""
+        if not self.moves:
+            return 0.0
         far, speed = self._spread()
         within = (self.times[1:] >= first) & (self.times[:-1] <= last)
         return float(np.max((speed / (1 - far))[within]))
@@ -127,7 +144,13 @@ class DirectionPath:
 
     def covers(self, last: float) -> bool:
         """Whether the direction is known from the start of the manoeuvre to some time, s."""
-        return bool(self.times[0] <= 0 and last <= self.times[-1])
+        return not self.moves or bool(self.times[0] <= 0 and last <= self.times[-1])
+
+    @staticmethod
+    def _everywhere(vector: ArrayLike, time: ArrayLike) -> Any:
+        """A vector (3,) once for each time."""
+        xp, same = arrays(vector)
+        return xp.broadcast_to(same, (*np.shape(time), 3))
 
     def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
         """The module to compute with, and the spline with its derivative (..., 3)."""
@@ -167,6 +190,11 @@ class DirectionPath:
         far = np.linalg.norm(points[1:] - points[0], axis=-1).max(axis=0)
         speed = np.linalg.norm(3 * np.diff(points, axis=0) / h, axis=-1).max(axis=0)
         return far, speed
+
+
+def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
+    """A direction (3,), or its path, as the path that it is."""
+    return direction if isinstance(direction, DirectionPath) else DirectionPath.still(direction)
 
 
 def too_far(interval: int) -> str:

@@ -24,23 +24,6 @@ from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints, Sights
 
 
-@shown("slew_angle deg", "joints deg", "attitude")
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Goal:
-    """Where the manoeuvre ends.
-
-    Attributes:
-        attitude: (3, 3) body to inertial.
-        joints: (2n,) rad, all yaws then all pitches.
-        slew_angle: rotation of the platform from the start, rad.
-    """
-
-    attitude: np.ndarray
-    joints: np.ndarray
-    slew_angle: float
-
-
 @shown(
     "time s",
     "slew_angle deg",
@@ -51,18 +34,24 @@ class Goal:
 )
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MovingGoal(Goal):
-    """Where and when a manoeuvre ends among targets or zones that move.
+class Goal:
+    """Where the manoeuvre ends; and when and how fast, where targets or zones move.
 
     Attributes:
-        time: s, when the manoeuvre must end, since then the targets are where devices point.
-        angular_velocity: (3,) rad/s of the platform then, body axes.
-        joint_rates: (2n,) rad/s; with the platform's they let devices follow their targets.
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad, all yaws then all pitches.
+        slew_angle: rotation of the platform from the start, rad.
+        time: s, when the manoeuvre must end, since then what moves is where it is met; 0 where nothing moves.
+        angular_velocity: (3,) rad/s of the platform then, body axes; None for what the scenario asks for.
+        joint_rates: (2n,) rad/s, likewise; with the platform's they let devices follow their targets.
     """
 
-    time: float
-    angular_velocity: np.ndarray
-    joint_rates: np.ndarray
+    attitude: np.ndarray
+    joints: np.ndarray
+    slew_angle: float
+    time: float = 0.0
+    angular_velocity: np.ndarray | None = None
+    joint_rates: np.ndarray | None = None
 
 
 @shown("edges", "length steps", "edge_costs steps", "joints deg", "attitudes")

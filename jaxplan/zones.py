@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan.display import shown
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, capacity
-from jaxplan.moving import DirectionPath
+from jaxplan.moving import DirectionPath, as_path
 from jaxplan.spacecraft import stacked
 
 
@@ -62,9 +62,14 @@ class _Cone:
     entry: str | None = _static(None)
 
     @property
+    def path(self) -> DirectionPath | None:
+        """The inertial axis over time; None where it has none."""
+        return None if self.direction is None else as_path(self.direction)
+
+    @property
     def moves(self) -> bool:
         """Whether its axis is inertial and moves."""
-        return isinstance(self.direction, DirectionPath)
+        return self.path is not None and self.path.moves
 
     @property
     def is_inertial(self) -> bool:
@@ -73,11 +78,10 @@ class _Cone:
 
     def axis_at(self, time: float = 0.0) -> np.ndarray:
         """(3,) inertial axis at an instant, s; of one that stands still, at any."""
-        if isinstance(self.direction, DirectionPath):
-            return np.asarray(self.direction.at(time))
-        if self.direction is None:
+        if self.path is None:
             raise ValueError(f"zone {self.name} has no inertial axis")
-        return self.direction
+        axis: np.ndarray = self.path.at(time)
+        return axis
 
 
 _SHOWN = ("half_angle deg", "direction", "axis_body", "axis_device", "devices", "vectors", "any_of", "entry")
@@ -153,7 +157,7 @@ class JointBound:
     any_of: str | None = _static(None)
     entry: str | None = _static(None)
 
-    direction: ClassVar[None] = None
+    path: ClassVar[None] = None
     moves: ClassVar[bool] = False
     is_inertial: ClassVar[bool] = False
 
@@ -305,10 +309,11 @@ def _rows(number: int, zone: Zone, sights: _Sights) -> Iterator[_Row]:
         what = " and ".join(given) or "no axis"
         raise ValueError(f"zone {zone.name} has {what}: give one of direction, axis_body and axis_device")
     bound, cone = sights.bound(zone), partial(_Row, zone=number, half_angle=zone.half_angle, side=zone.side)
-    if isinstance(zone.direction, DirectionPath):
-        yield cone(axis=_NOWHERE, path=zone.direction, bound=bound)
-    elif zone.direction is not None:
-        yield cone(axis=zone.direction, bound=bound)
+    if zone.path is not None:
+        moving = zone.path.moves
+        yield cone(
+            axis=_NOWHERE if moving else zone.path.samples[0], path=zone.path if moving else None, bound=bound
+        )
     elif zone.axis_body is not None:
         yield cone(axis=zone.axis_body, bound=bound, frame=BODY)
     else:

@@ -9,7 +9,7 @@ from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.moving import DirectionPath
-from jaxplan.scenario import MovingTargets, ScenarioError, Targets
+from jaxplan.scenario import ScenarioError, Targets
 from jaxplan.zones import KeepOut
 
 SCENE = make_scenario(2)
@@ -72,7 +72,7 @@ def test_lists_are_taken_for_arrays():
 def test_targets_of_which_none_moves_are_still(tmp_path):
     plan = jp.plan(SCENE)
     seen = plan.scenario.spacecraft.boresights(plan.goal.attitude, plan.goal.joints)
-    moving = jp.plan(replace(SCENE, goal=MovingTargets(directions=tuple(np.asarray(seen)))))
+    moving = jp.plan(replace(SCENE, goal=jp.Targets(directions=tuple(np.asarray(seen)))))
     moving.save(tmp_path / "plan.json")
     assert jp.load_plan(tmp_path / "plan.json").ok
 
@@ -85,7 +85,7 @@ def test_directions_that_are_rounded_are_kept_as_a_file_holds_them(tmp_path):
     assert np.allclose(np.linalg.norm(path.samples, axis=1), 1, rtol=0, atol=1e-15)
     still = np.array([0.0, 1.0, 0.0])
     settings = replace(SCENE.trajectory, duration=60.0)
-    scenario = replace(SCENE, goal=MovingTargets(directions=(path, still)), trajectory=settings)
+    scenario = replace(SCENE, goal=jp.Targets(directions=(path, still)), trajectory=settings)
     plan = jp.plan(scenario, throw=False)
     plan.save(tmp_path / "plan.json")
     assert jp.load_plan(tmp_path / "plan.json").scenario == plan.scenario

@@ -24,9 +24,8 @@ from jaxplan.decomposition import Decomposition
 from jaxplan.display import UNKNOWN, as_table, shown
 from jaxplan.model.constraints import Constraints
 from jaxplan.moving import DirectionPath
-from jaxplan.path import MovingGoal
 from jaxplan.planner.chain import fit
-from jaxplan.scenario import MovingTargets, SearchSettings, TrajectorySettings
+from jaxplan.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.search import Barrier
 from jaxplan.spacecraft import Instrument, Spacecraft
 from jaxplan.study.run import run_task
@@ -206,10 +205,10 @@ def results(plan, failed, scenario):
             panel,
             corner,
             turning,
-            MovingTargets(directions=(np.eye(3)[0], turning)),
+            Targets(directions=(np.eye(3)[0], turning)),
         ),
         *(plan, plan.goal, plan.search, path, trajectory, plan.report, failed, trajectory.platform_pieces),
-        *(MovingGoal(**vars(plan.goal), time=40.0, **still), trajectory.sample(1.0)),
+        *(replace(plan.goal, time=40.0, **still), trajectory.sample(1.0)),
         *(trajectory.sample(np.linspace(0, trajectory.duration, 1000)), jp.hold(plan)),
         *(fit(plan.scenario, path, plan.goal), scene, scene.cones, Barrier(device=1, zones=(0, 2))),
         FitQuery(path=path, spacecraft=craft, settings=plan.scenario.trajectory),
@@ -262,7 +261,7 @@ def results(plan, failed, scenario):
 
 def test_what_is_public_is_found():
     names = {cls.__name__ for cls in CLASSES}
-    assert {"Scenario", "MovingGoal", "Report", "Samples", "Decomposition", "Tle", "Shell", "Held"} <= names
+    assert {"Scenario", "Goal", "Report", "Samples", "Decomposition", "Tle", "Shell", "Held"} <= names
     assert len(CLASSES) > 40
 
 

@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan import scenario as sc
 from jaxplan import sky
 from jaxplan.moving import DirectionPath
-from jaxplan.scenario.moments import known_until, moves, target_rates, targets_at
+from jaxplan.scenario.moments import known_until, moves
 
 TIMES = [0.0, 20.0, 40.0, 60.0, 80.5]
 SAMPLES = great_circle(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.1]), 0.001, np.array(TIMES)).tolist()
@@ -83,7 +83,7 @@ def test_samples_are_read_as_a_path_and_written_back_to_the_bit():
         assert isinstance(path, DirectionPath)
         np.testing.assert_array_equal(path.times, TIMES)
         np.testing.assert_allclose(path.samples, SAMPLES, atol=1e-15)
-    assert isinstance(read.goal, sc.MovingTargets)
+    assert read.goal.moves
     np.testing.assert_array_equal(read.goal.directions[1], [0, 0, 1])
     text = sc.dump_scenario(read)
     again = sc.parse_scenario(text)
@@ -106,16 +106,16 @@ def test_a_scenario_at_an_instant_has_directions_of_then_and_nothing_that_moves(
     assert not then.paths
     expected = great_circle(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.1]), 0.001, np.array(33.0))
     np.testing.assert_allclose(then.axis[0], expected, atol=1e-9)
-    np.testing.assert_allclose(targets_at(read.goal, 33.0).directions, [expected, [0, 0, 1]], atol=1e-9)
-    rates = target_rates(read.goal, 33.0)
+    np.testing.assert_allclose(read.goal.at(33.0).directions, [expected, [0, 0, 1]], atol=1e-9)
+    rates = read.goal.rates(33.0)
     np.testing.assert_allclose(np.linalg.norm(rates, axis=1), [0.001, 0], atol=1e-9)
     still = sc.scenario_from_dict(
         changed((("goal", "targets"), [[1, 0, 0], [0, 0, 1]]), (("keep_out",), None), (("keep_in",), None))
     )
     assert still.constraints.at(33.0) is still.constraints
-    assert targets_at(still.goal, 33.0) is still.goal
+    assert still.goal.at(33.0) is still.goal
     with pytest.raises(ValueError, match=r"must lie in \[0, 80.5\] s"):
-        targets_at(read.goal, 81.0)
+        read.goal.at(81.0)
 
 
 def test_satellites_and_bodies_of_the_sky_become_paths_as_seen_from_the_observer():

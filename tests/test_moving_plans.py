@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import sky
 from jaxplan.moving import DirectionPath
-from jaxplan.path import Goal, MovingGoal
+from jaxplan.path import Goal
 from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
-from jaxplan.scenario import MovingTargets, Targets
-from jaxplan.scenario.moments import known_until, targets_at
+from jaxplan.scenario import Targets
+from jaxplan.scenario.moments import known_until
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
 from jaxplan.zones import KeepIn, KeepOut
@@ -123,7 +123,6 @@ def test_a_plan_is_read_back_to_the_bit_and_checked_again(plans, tmp_path):
     plan = plans[80.0]
     plan.save(tmp_path / "plan.json")
     again = jp.load_plan(tmp_path / "plan.json")
-    assert isinstance(again.goal, MovingGoal)
     for name in ("attitude", "joints", "slew_angle", "time", "angular_velocity", "joint_rates"):
         np.testing.assert_array_equal(getattr(again.goal, name), getattr(plan.goal, name))
     assert certify(again).certified
@@ -145,7 +144,7 @@ def test_a_goal_that_does_not_meet_its_targets_is_not_certified(plans):
         "starboard turns": replace(goal, joint_rates=goal.joint_rates + 2e-8 * np.eye(6)[5]),
         "port turns": replace(goal, angular_velocity=goal.angular_velocity + 1e-6),
         "points nan rad off": replace(goal, joints=np.full(6, np.nan)),
-        "has no time": Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle),
+        "has no rates": Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle),
     }
     for words, one in wrong.items():
         report = certify(replace(plan, goal=one))
@@ -257,7 +256,7 @@ def test_no_path_is_only_claimed_of_what_is_forbidden_at_every_instant(scene):
     # In a duration that is to be found, targets may move on; and zones, as long as they are known.
     free = with_duration(slow.scenario, "minimum")
     assert find_barrier(make_scene(free, slow.goal, always(free, slow.goal))) is None
-    goal = targets_at(scene.goal, slow.goal.time)
+    goal = scene.goal.at(slow.goal.time)
     for rate, duration, parted in ((1e-5, "minimum", True), (1.4e-3, 80.0, True), (1.4e-3, "minimum", False)):
         rings = with_duration(replace(ring(scene, "port", start, rate), goal=goal), duration)
         assert known_until(rings)[0] == 120 > slow.goal.time
@@ -366,7 +365,7 @@ def test_a_group_whose_zones_move_is_held_by_one_of_them_at_every_instant(scene)
     plan = jp.plan(replace(scene, keep_in=zones))
     margins = sampled(plan.trajectory, scene.spacecraft, zones, 20_001).max(axis=0)
     assert margins.min() >= 0
-    assert isinstance(plan.scenario.goal, MovingTargets)
+    assert plan.scenario.goal.moves
 
 
 @pytest.mark.parametrize("timed", [jp.Status.OK, jp.Status.LIMITS_TOO_TIGHT])

@@ -25,7 +25,7 @@ ARC = jp.DirectionPath.through(
 )
 MOVING = replace(
     EVERY_KEY,
-    goal=jp.MovingTargets(directions=(ARC, np.array([0.0, 0.6, 0.8])), yaw_limit=1.0, pitch_limit=0.1),
+    goal=jp.Targets(directions=(ARC, np.array([0.0, 0.6, 0.8])), yaw_limit=1.0, pitch_limit=0.1),
     keep_out=(replace(EVERY_KEY.keep_out[0], direction=ARC),),
     keep_in=(replace(EVERY_KEY.keep_in[0], direction=ARC),),
 )
@@ -258,7 +258,7 @@ SCENARIOS = {
     "one rate for all": (start(joint_rates=0.0), "start.joint_rates = 0.0: must be an array of 6 numbers"),
     "no start": (scene(start=None), "start = None: must be a GivenState"),
     "a start as an array": (scene(start=np.zeros(3)), "start = [0.0, 0.0, 0.0]: must be a GivenState"),
-    "a goal as an array": (scene(goal=np.eye(3)), "must be Targets, MovingTargets or a GivenState"),
+    "a goal as an array": (scene(goal=np.eye(3)), "must be Targets or a GivenState"),
     "too few targets": (
         targets(np.eye(3)[:2]),
         "goal.directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]: must be an array of 3",
@@ -535,7 +535,7 @@ SAME = {
     "no rates": (start(angular_velocity=None, joint_rates=None), SCENE),
     "targets that move among others": (
         targets([ARC, [0, 1, 0], [0, 0, 1]]),
-        scene(goal=jp.MovingTargets(directions=(ARC, np.eye(3)[1], np.eye(3)[2]))),
+        scene(goal=jp.Targets(directions=(ARC, np.eye(3)[1], np.eye(3)[2]))),
     ),
 }
 

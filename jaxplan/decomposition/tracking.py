@@ -64,7 +64,7 @@ def _rates(
     axis_rates: Array,
 ) -> tuple[Array, Array]:
     def attitude(directions: Array, axes: Array) -> Array:
-        moved: Targets = replace(targets, directions=directions)  # type: ignore[arg-type]
+        moved: Targets = replace(targets, directions=directions)
         zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
         return jnp.asarray(differentiable_goal(goal, spacecraft, start_attitude, moved, zones).attitude)
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxplan.geometry.directions import outward, slopes
-from jaxplan.path import Goal, MovingGoal
-from jaxplan.scenario import MovingTargets, Scenario
-from jaxplan.scenario.moments import known_until, target_rates, targets_at
+from jaxplan.path import Goal
+from jaxplan.scenario import GivenState, Scenario, Targets
+from jaxplan.scenario.moments import known_until
 from jaxplan.trajectory import Trajectory
 
 # What a beam may be off its target, rad, and its rate, rad/s; the certificate allows as much of the ends.
@@ -28,14 +28,14 @@ def arrival_faults(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> tu
         trajectory: that goes there.
     """
     asked = scenario.goal
-    if not isinstance(asked, MovingTargets):
+    if isinstance(asked, GivenState) or not asked.moves:
         return ()
     return tuple(_faults(scenario, asked, goal, trajectory.duration))
 
 
-def _faults(scenario: Scenario, asked: MovingTargets, goal: Goal, duration: float) -> Iterator[str]:
-    if not isinstance(goal, MovingGoal):
-        yield "the goal has no time, though targets move"
+def _faults(scenario: Scenario, asked: Targets, goal: Goal, duration: float) -> Iterator[str]:
+    if goal.angular_velocity is None or goal.joint_rates is None:
+        yield "the goal has no rates, though targets move"
         return
     if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
         yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
@@ -43,8 +43,8 @@ def _faults(scenario: Scenario, asked: MovingTargets, goal: Goal, duration: floa
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
     beams, rates = beam_motion(scenario, goal)
-    apart = np.linalg.norm(beams - targets_at(asked, goal.time).directions, axis=-1)
-    slip = np.linalg.norm(rates - target_rates(asked, goal.time), axis=-1)
+    apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
+    slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)
     for terminal, off, too_fast in zip(scenario.spacecraft.terminals, apart, slip, strict=True):
         if not off <= TOLERANCE:
             yield f"at the goal {terminal.name} points {off:.3g} rad off its moving target"
@@ -52,8 +52,9 @@ def _faults(scenario: Scenario, asked: MovingTargets, goal: Goal, duration: floa
             yield f"at the goal {terminal.name} turns {too_fast:.3g} rad/s otherwise than its moving target"
 
 
-def beam_motion(scenario: Scenario, goal: MovingGoal) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (n, 3) of the terminals' beams at a goal, inertial, and their rates (n, 3), 1/s."""
+def beam_motion(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n, 3) of the terminals' beams at a goal with rates, inertial, and theirs (n, 3), 1/s."""
+    assert goal.angular_velocity is not None
     yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
     yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(goal.joint_rates, float), 2))
     azimuth = yaw + scenario.spacecraft.mounts

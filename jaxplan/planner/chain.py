@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, MovingGoal, Path, halve
+from jaxplan.path import Goal, Path, halve
 from jaxplan.planner import messages
 from jaxplan.planner.check import ProofQuery, start_breaches
 from jaxplan.planner.clock import Clock
@@ -26,6 +26,7 @@ from jaxplan.planner.meeting import guesses, meet
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.scenario import Scenario, SearchSettings
+from jaxplan.scenario.moments import moves
 from jaxplan.search import Scene, derived_seed, find_barrier, make_scene
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
@@ -92,7 +93,7 @@ def chain(scenario: Scenario, clock: Clock) -> Chain:
     best, nearest = _Best(), None
     for goal in goals:
         # Where there is none beside all that moving zones sweep, there may be one past them in time.
-        for share in (1.0, 0.0) if isinstance(goal, MovingGoal) else (1.0,):
+        for share in (1.0, 0.0) if moves(scenario) else (1.0,):
             yield from _climb(scenario, goal, clock, best, share)
             if best.over:
                 break
@@ -182,7 +183,7 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
         start_joint_rates=start.joint_rates,
         end_angular_velocity=end[0],
         end_joint_rates=end[1],
-        horizon=goal.time if isinstance(goal, MovingGoal) else 0.0,
+        horizon=goal.time,
     )
 
 
@@ -195,7 +196,7 @@ def finish(so_far: Plan, path: Path, clock: Clock) -> Asking[Plan]:
     """Fit and certify a trajectory through a path."""
     scenario, goal = so_far.scenario, so_far.goal
     assert goal is not None
-    if isinstance(goal, MovingGoal):
+    if moves(scenario):
         with clock.step("trajectory"):
             meeting = meet(scenario, goal, path, fit)
             fitted, goal = meeting.fit, meeting.goal

@@ -12,7 +12,7 @@ from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import GivenState, Scenario, Targets
+from jaxplan.scenario import GivenState, Scenario
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import sight_names
 
@@ -150,7 +150,7 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
                 off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
     if isinstance(asked, GivenState):
         attitude, joints = asked.attitude, asked.joints
-    elif not isinstance(asked, Targets):
+    elif asked.moves:
         return tuple(off)
     else:
         attitude = goal.attitude

@@ -3,18 +3,20 @@
 Where something moves, a goal is one at a time: the end of the manoeuvre.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from jaxplan import so3
 from jaxplan.decomposition import decompose
 from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.tracking import tracking_rates
-from jaxplan.path import Goal, MovingGoal
+from jaxplan.path import Goal
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import GivenState, MovingTargets, Scenario
-from jaxplan.scenario.moments import moves, target_rates, targets_at
+from jaxplan.scenario import GivenState, Scenario
+from jaxplan.scenario.moments import moves
 from jaxplan.status import Status
 
 CANDIDATES = 16
@@ -34,7 +36,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
         candidates: tuple[Goal, ...] = (_given(asked, start),)
     else:
         craft, rows = scenario.spacecraft, scenario.constraints.at(end)
-        targets = targets_at(asked, end)
+        targets = asked.at(end)
         sights = rows.sights(craft.mounts, craft.fixed_boresights)
         unsure = leaves_open(rows, sights, targets.directions)
         found = decompose(
@@ -63,7 +65,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     return valid[:wanted]
 
 
-def _arriving(scenario: Scenario, goal: Goal, time: float) -> MovingGoal:
+def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
     """A goal with the rates at which the manoeuvre ends there.
 
     Args:
@@ -72,19 +74,19 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> MovingGoal:
         time: s.
     """
     asked, rows = scenario.goal, scenario.constraints
-    if isinstance(asked, MovingTargets):
+    if isinstance(asked, GivenState) or not asked.moves:
+        rates = asked.angular_velocity, asked.joint_rates
+    else:
         rates = tracking_rates(
             goal,
             scenario.spacecraft,
             scenario.start.attitude,
-            targets_at(asked, time),
+            asked.at(time),
             rows.at(time),
-            target_rates=target_rates(asked, time),
+            target_rates=asked.rates(time),
             axis_rates=rows.axis_rates(time),
         )
-    else:
-        rates = asked.angular_velocity, asked.joint_rates
-    return MovingGoal(**vars(goal), time=time, angular_velocity=rates[0], joint_rates=rates[1])
+    return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
 
 
 def _given(state: GivenState, attitude: np.ndarray) -> Goal:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, MovingGoal, Path
+from jaxplan.path import Goal, Path
 from jaxplan.planner.arrays import (
     Array,
     ByName,
@@ -66,6 +66,8 @@ def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
     return Table(model, tuple(Field(key, kind, key, "", required=True) for key, kind in kinds.items()), make)
 
 
+STILL_GOAL = ("attitude", "joints", "slew_angle")
+"""What there is to keep of a goal where nothing moves: time and rates are the scenario's."""
 HEAD = _table(dict, schema_version=Choice((SCHEMA_VERSION,)), scenario=Tables())
 """What the rest of a plan file is read by."""
 TIMINGS = ByName(_POSITIVE)
@@ -126,17 +128,12 @@ def plan_table(scenario: Scenario) -> Table:
         faults=Lines(),
         evaluations=_COUNT,
     )
-    of_goal: dict[str, Kind] = {
-        "attitude": rotations((3, 3)),
-        "joints": array(("joints",)),
-        "slew_angle": Number(Interval("[0, 3.1416]")),
-    }
-    goal = _table(Goal, **of_goal)
+    still = rotations((3, 3)), array(("joints",)), Number(Interval("[0, 3.1416]"))
+    of_goal: dict[str, Kind] = dict(zip(STILL_GOAL, still, strict=True))
     if moves(scenario):
-        rates: dict[str, Kind] = {"angular_velocity": array((3,)), "joint_rates": array(("joints",))}
-        goal = _table(MovingGoal, **of_goal, time=_POSITIVE, **rates)
+        of_goal |= {"time": _POSITIVE, "angular_velocity": array((3,)), "joint_rates": array(("joints",))}
     steps = {
-        "goal": goal,
+        "goal": _table(Goal, **of_goal),
         "search": search,
         "path": path("edges"),
         "trajectory": trajectory,

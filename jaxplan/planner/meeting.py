@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.path import Goal, MovingGoal, Path
+from jaxplan.path import Goal, Path
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import MINIMUM, GivenState, Scenario
-from jaxplan.scenario.moments import known_until, moves, targets_at
+from jaxplan.scenario.moments import known_until, moves
 from jaxplan.status import Status
 from jaxplan.trajectory import Fit, duration_bound
 
@@ -67,7 +67,7 @@ def guesses(scenario: Scenario) -> tuple[float | None, ...]:
     return tuple(float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS)
 
 
-def meet(scenario: Scenario, goal: MovingGoal, path: Path, fit: FitTo) -> Meeting:
+def meet(scenario: Scenario, goal: Goal, path: Path, fit: FitTo) -> Meeting:
     """A motion that ends at its goal when that is there.
 
     Args:
@@ -95,7 +95,7 @@ def meet(scenario: Scenario, goal: MovingGoal, path: Path, fit: FitTo) -> Meetin
     durations: list[float] = []
     now = Meeting(fit=fit(scenario, path, goal), goal=goal, path=path)
     while True:
-        curve, expected = now.fit.trajectory, _time(now.goal)
+        curve, expected = now.fit.trajectory, now.goal.time
         if curve is None or now.fit.status is Status.LIMITS_TOO_TIGHT:
             return now
         if curve.duration > known:
@@ -133,7 +133,7 @@ def _timed(scenario: Scenario, time: float) -> Scenario:
 def _at_first(scenario: Scenario) -> Scenario:
     """The scenario with its targets where they are at first, and no zones."""
     asked = scenario.goal
-    goal = asked if isinstance(asked, GivenState) else targets_at(asked, 0.0)
+    goal = asked if isinstance(asked, GivenState) else asked.at(0.0)
     return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())
 
 
@@ -142,11 +142,6 @@ def _ending(path: Path, goal: Goal) -> Path:
     attitudes, joints = np.array(path.attitudes), np.array(path.joints)
     attitudes[-1], joints[-1] = goal.attitude, goal.joints
     return replace(path, attitudes=attitudes, joints=joints)
-
-
-def _time(goal: Goal) -> float:
-    assert isinstance(goal, MovingGoal)  # as all are where something moves
-    return goal.time
 
 
 def _missed(meeting: Meeting, message: str) -> Meeting:

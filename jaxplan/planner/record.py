@@ -9,8 +9,9 @@ import numpy as np
 
 from jaxplan.certificate import Report
 from jaxplan.display import as_table, shown
-from jaxplan.path import Goal, MovingGoal, Path
-from jaxplan.scenario import GivenState, MovingTargets, Scenario
+from jaxplan.path import Goal, Path
+from jaxplan.scenario import GivenState, Scenario
+from jaxplan.scenario.moments import moves, targets_move
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory, duration_bound, excess
@@ -18,12 +19,11 @@ from jaxplan.trajectory import Trajectory, duration_bound, excess
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
-    asked = scenario.goal
-    if not isinstance(asked, MovingTargets):
-        return asked.angular_velocity, asked.joint_rates
-    if isinstance(goal, MovingGoal):
-        return goal.angular_velocity, goal.joint_rates
-    return np.zeros(3), np.zeros(len(goal.joints))  # a goal without rates, which no certificate lets pass
+    if not targets_move(scenario):
+        return scenario.goal.angular_velocity, scenario.goal.joint_rates
+    if goal.angular_velocity is None or goal.joint_rates is None:
+        return np.zeros(3), np.zeros(len(goal.joints))  # which no certificate lets pass
+    return goal.angular_velocity, goal.joint_rates
 
 
 def report_summary(report: Report | None) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Plan:
         scenario: what was asked.
         status: how it ended.
         message: for the user, what happened and what to change; empty when all is well.
-        goal: where the manoeuvre ends; a `MovingGoal`, with time and rates, where something moves.
+        goal: where the manoeuvre ends; with time and rates where something moves.
         search: the result of step 2.
         path: the nodes that the trajectory passes.
         trajectory: the manoeuvre as a function of time.
@@ -120,7 +120,7 @@ class Plan:
             rows.append(("", self.message))
         if self.goal is not None:
             tense = "met" if self.ok else "looked for"
-            when = f", {tense} at {self.goal.time:.2f} s" if isinstance(self.goal, MovingGoal) else ""
+            when = f", {tense} at {self.goal.time:.2f} s" if moves(self.scenario) else ""
             rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg{when}"))
         if self.search is not None:
             rows.append(("search", f"{self.scenario.search.method}, {self.search.expansions} expansions"))

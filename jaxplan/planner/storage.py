@@ -22,6 +22,7 @@ from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.faults import DeviceNames, Place
+from jaxplan.scenario.moments import moves
 from jaxplan.status import Status
 
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
@@ -56,6 +57,8 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
         "message": plan.message,
         **{key: _plain(getattr(plan, key)) for key in layout.STEPS},
     }
+    if plan.goal is not None and not moves(plan.scenario):
+        content["goal"] = {key: content["goal"][key] for key in layout.STILL_GOAL}
     timings = _timings_file(target)
     with _replacing(target, content):
         timings.unlink(missing_ok=True)

@@ -15,9 +15,9 @@ import numpy as np
 from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.moving import DirectionPath
-from jaxplan.path import Goal, MovingGoal
-from jaxplan.scenario import MovingTargets, Scenario
-from jaxplan.scenario.moments import known_until
+from jaxplan.path import Goal
+from jaxplan.scenario import Scenario
+from jaxplan.scenario.moments import known_until, targets_move
 
 _SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
 _ROOM = float(np.deg2rad(0.25))  # at most left to a start or goal by a cone that is cut back for it
@@ -33,7 +33,7 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
         share: of what zones sweep that the cones are to hold, 0 for zones as they are in the middle of it.
     """
     rows = scenario.constraints
-    if not isinstance(goal, MovingGoal):
+    if not rows.paths:
         return rows
     craft, start = scenario.spacecraft, scenario.start
     sights = rows.sights(craft.mounts, craft.fixed_boresights)
@@ -71,13 +71,13 @@ def always(scenario: Scenario, goal: Goal) -> Constraints:
         goal: where and when the manoeuvre ends.
     """
     rows = scenario.constraints
-    if not isinstance(goal, MovingGoal):
-        return rows
     time = goal.time
     if isinstance(scenario.trajectory.duration, str):
-        if isinstance(scenario.goal, MovingTargets):
+        if targets_move(scenario):
             return rows.part(np.zeros(len(rows.zone), bool))
         time = known_until(scenario)[0]
+    if not rows.paths:
+        return rows
     axis, half_angle = np.array(rows.axis), np.array(rows.half_angle)
     kept = rows.single & (rows.zone >= 0)  # no proof may use the others
     for row, path in enumerate(rows.paths):

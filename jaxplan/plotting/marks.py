@@ -8,12 +8,9 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jaxplan.moving import DirectionPath
-from jaxplan.path import MovingGoal
 from jaxplan.plotting import samples
 from jaxplan.plotting.style import GREY, KEEP_IN, KEEP_OUT, Entries, Look, device_style
 from jaxplan.scenario import GivenState
-from jaxplan.scenario.moments import targets_at
 from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
@@ -67,11 +64,11 @@ def zone_ways(plan: "Plan") -> list[tuple[KeepOut | KeepIn, np.ndarray]]:
     ways: list[tuple[KeepOut | KeepIn, np.ndarray]] = []
     zones: tuple[KeepOut | KeepIn, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
     for zone in zones:
-        if isinstance(zone.direction, DirectionPath):
-            goal = plan.goal
-            last = goal.time if isinstance(goal, MovingGoal) else float(zone.direction.times[-1])
+        path = zone.path
+        if path is not None and path.moves:
+            last = float(path.times[-1]) if plan.goal is None else plan.goal.time
             there = replace(zone, direction=zone.axis_at(last))
-            ways.append((there, zone.direction.at(np.linspace(0.0, last, _WAY))))
+            ways.append((there, path.at(np.linspace(0.0, last, _WAY))))
     return ways
 
 
@@ -96,7 +93,7 @@ def end_marks(plan: "Plan") -> list[tuple[Look, str, np.ndarray]]:
     elif isinstance(goal, GivenState):
         ends.append((_END, "goal", _given(plan.scenario, goal)))
     else:
-        ends.append((_TARGET, "target", targets_at(goal, 0.0).directions))
+        ends.append((_TARGET, "target", goal.at(0.0).directions))
     return [end for end in ends if len(end[2])]
 
 

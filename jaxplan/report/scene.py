@@ -10,10 +10,9 @@ import numpy as np
 
 from jaxplan import quaternion
 from jaxplan.geometry.directions import azimuth_elevation
-from jaxplan.path import MovingGoal
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
 from jaxplan.scenario import GivenState
-from jaxplan.scenario.moments import paths, targets_at
+from jaxplan.scenario.moments import paths
 from jaxplan.zones import JointBound, Zone, binds_all
 
 if TYPE_CHECKING:
@@ -149,7 +148,7 @@ def motion_table(plan: "Plan") -> Markup:
     moving = list(paths(plan.scenario))
     if not moving:
         return join(())
-    last = goal.time if isinstance(goal, MovingGoal) else min(float(path.times[-1]) for _, path in moving)
+    last = goal.time if goal is not None else min(float(path.times[-1]) for _, path in moving)
     columns = [
         Column("What moves"),
         numeric("Azimuth at first", "deg"),
@@ -186,7 +185,7 @@ def ends_tables(plan: "Plan") -> Markup:
         parts.append(_joints_table(plan))
     asked = scenario.goal
     if not isinstance(asked, GivenState) and len(asked.directions):
-        then = targets_at(asked, goal.time if isinstance(goal, MovingGoal) else 0.0)
+        then = asked.at(0.0 if goal is None else goal.time)
         columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
         targets = [
             [terminal.name, *_direction(direction)]

@@ -165,12 +165,13 @@ class Direction(Kind):
         return None if vector is None else _unit(vector, value, "a unit vector", place)
 
     def take(self, value: Any, place: Place) -> Any:
-        """(length,)."""
-        return read_array(value, self.wanted, place, (self.length,))
+        """(length,); of a path that stands still, where it is."""
+        given = value.samples[0] if isinstance(value, DirectionPath) else value
+        return read_array(given, self.wanted, place, (self.length,))
 
     def holds(self, value: Any) -> bool:
-        """A direction, and no path."""
-        return not isinstance(value, DirectionPath)
+        """A direction, and none that moves."""
+        return not isinstance(value, DirectionPath) or not value.moves
 
     def write(self, value: Any) -> list[float]:
         """A list."""

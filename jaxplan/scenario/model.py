@@ -7,8 +7,8 @@ may be tuned are leaves; counts, names and choices are static.
 """
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import jax
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.moving import DirectionPath
+from jaxplan.moving import DirectionPath, as_path
 from jaxplan.once import made_once
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
@@ -79,35 +79,42 @@ class Targets:
     """A goal given as directions: step 1 finds attitude and joints.
 
     Attributes:
-        directions: (n, 3) inertial unit vectors, one a terminal.
+        directions: (n, 3) inertial unit vectors, one a terminal; where some move a tuple of what each is, a
+            vector (3,) or its path. These are met where they are at the end, and at their rates.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
-        angular_velocity: (3,) rad/s at the goal, body axes; zero if left out.
-        joint_rates: (2n,) rad/s at the goal; zero if left out.
+        angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
+        joint_rates: (2n,) rad/s at the goal; likewise.
     """
 
-    directions: np.ndarray
+    directions: Any
     yaw_limit: float | None = None
     pitch_limit: float | None = None
     angular_velocity: np.ndarray = _AT_REST
     joint_rates: np.ndarray = _AT_REST
 
+    @property
+    def paths(self) -> tuple[DirectionPath, ...]:
+        """The directions over time."""
+        return tuple(as_path(direction) for direction in self.directions)
 
-@shown("directions", "yaw_limit deg", "pitch_limit deg")
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MovingTargets:
-    """A goal given as directions of which some move: met where they are at the end, and at their rates.
+    @property
+    def moves(self) -> bool:
+        """Whether any moves."""
+        return isinstance(self.directions, list | tuple) and any(path.moves for path in self.paths)
 
-    Attributes:
-        directions: one a terminal: (3,) inertial unit vector, or the path of one that moves.
-        yaw_limit: rad, tighter than the joints' own at the goal; None for those.
-        pitch_limit: likewise.
-    """
+    def at(self, time: float) -> Self:
+        """The targets where they are at an instant, s; of such as move, at rest."""
+        if not self.moves:
+            return self
+        seen = np.array([path.at(time) for path in self.paths])
+        return replace(
+            self, directions=seen, angular_velocity=np.zeros(3), joint_rates=np.zeros(2 * len(seen))
+        )
 
-    directions: tuple[np.ndarray | DirectionPath, ...]
-    yaw_limit: float | None = None
-    pitch_limit: float | None = None
+    def rates(self, time: float) -> np.ndarray:
+        """(n, 3) 1/s, how fast the directions turn at an instant, s."""
+        return np.array([path.rate(time) for path in self.paths]).reshape(-1, 3)
 
 
 @shown(
@@ -244,7 +251,7 @@ class Scenario:
     name: str = _static()
     spacecraft: Spacecraft
     start: GivenState
-    goal: Targets | MovingTargets | GivenState
+    goal: Targets | GivenState
     keep_out: tuple[KeepOut, ...] = ()
     keep_in: tuple[KeepIn, ...] = ()
     joint_bounds: tuple[JointBound, ...] = ()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.moving import DirectionPath
+from jaxplan.moving import DirectionPath, as_path
 from jaxplan.scenario.arrays import Direction, Each
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number
@@ -68,8 +68,8 @@ class DirectionSamples(Kind):
         return path
 
     def holds(self, value: Any) -> bool:
-        """A path, and no direction."""
-        return isinstance(value, DirectionPath)
+        """A direction that moves."""
+        return isinstance(value, DirectionPath) and value.moves
 
     def write(self, value: Any) -> list[list[float]]:
         """A list of vectors."""
@@ -148,7 +148,7 @@ def join_path(given: Mapping[str, Any], read: dict[str, Any], place: Place) -> N
 def split_zone(zone: Any) -> dict[str, Any]:
     """What a zone holds, its times apart from its direction."""
     parts = dict(vars(zone))
-    return parts | ({"times": zone.direction.times} if isinstance(zone.direction, DirectionPath) else {})
+    return parts | ({"times": zone.direction.times} if zone.moves else {})
 
 
 @dataclass(frozen=True)
@@ -169,15 +169,12 @@ class Target(Direction):
 
     def take(self, value: Any, place: Place) -> Any:
         """(3,), or the path."""
-        return (
-            SAMPLES.kind.take(value, place)
-            if isinstance(value, DirectionPath)
-            else super().take(value, place)
-        )
+        kind = SAMPLES.kind if SAMPLES.kind.holds(value) else Direction()
+        return kind.take(value, place)
 
     def write(self, value: Any) -> Any:
         """A list, or a table."""
-        return _PATH.write(value) if isinstance(value, DirectionPath) else super().write(value)
+        return _PATH.write(value) if SAMPLES.kind.holds(value) else super().write(value)
 
 
 @dataclass(frozen=True)
@@ -195,8 +192,9 @@ class TargetList(Each):
 
     def take(self, value: Any, place: Place) -> Any:
         """(n, 3) where none moves, else a tuple of what each is."""
-        if not (isinstance(value, list | tuple) and any(isinstance(one, DirectionPath) for one in value)):
-            return super().take(value, place)
+        if not (isinstance(value, list | tuple) and any(map(SAMPLES.kind.holds, value))):
+            still = isinstance(value, list | tuple) and any(isinstance(one, DirectionPath) for one in value)
+            return super().take([as_path(one).samples[0] for one in value] if still else value, place)
         before, count = len(place.faults), self.count(place)
         if count not in (None, len(value)):
             place.fault(f"must be {count} {self.wanted}, not {len(value)}", value)

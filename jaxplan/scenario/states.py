@@ -12,7 +12,7 @@ import numpy as np
 from jaxplan.scenario.arrays import Each, Quaternion, Vector
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Number
-from jaxplan.scenario.model import GivenState, MovingTargets, Targets
+from jaxplan.scenario.model import GivenState, Targets
 from jaxplan.scenario.paths import TargetList
 from jaxplan.scenario.tables import Either, Field, Table
 from jaxplan.scenario.values import read_array
@@ -68,14 +68,8 @@ def _split_state(state: GivenState) -> dict[str, Any]:
     return parts | ({"yaws": yaws, "pitches": pitches} if len(yaws) else {})
 
 
-def _make_targets(*, directions: Any, **parts: Any) -> Targets | MovingTargets:
-    if isinstance(directions, tuple):
-        return MovingTargets(directions=directions, **parts)
+def _make_targets(*, directions: Any, **parts: Any) -> Targets:
     return Targets(directions=directions, **_with_rates(2 * len(directions), parts))
-
-
-def _split_targets(goal: Targets | MovingTargets) -> Mapping[str, Any]:
-    return vars(goal) if isinstance(goal, MovingTargets) else _without_zero_rates(goal)
 
 
 STATE = Table(
@@ -118,7 +112,7 @@ TARGETS = Table(
     Targets,
     (*_TARGET_FIELDS, *_RATES),
     make=_make_targets,
-    split=_split_targets,
+    split=_without_zero_rates,
     refused=dict.fromkeys(
         _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
@@ -161,22 +155,20 @@ class Goal(Either):
             return read
         return GIVEN_GOAL.read(value, place)
 
-    def take(self, value: Any, place: Place) -> Targets | MovingTargets | GivenState | None:
+    def take(self, value: Any, place: Place) -> Targets | GivenState | None:
         """The targets or the state."""
-        if isinstance(value, Targets | MovingTargets):
-            goal: Targets | MovingTargets | None = TARGETS.take_parts(value, place)
+        if isinstance(value, Targets):
+            goal: Targets | None = TARGETS.take(value, place)
             return goal
         if isinstance(value, GivenState):
             state: GivenState | None = STATE.take(value, place)
             return state
-        place.fault("must be Targets, MovingTargets or a GivenState", value)
+        place.fault("must be Targets or a GivenState", value)
         return None
 
-    def build(self, value: Any) -> Targets | MovingTargets | GivenState:
+    def build(self, value: Any) -> Targets | GivenState:
         """The targets or the state."""
-        goal: Targets | MovingTargets | GivenState = (TARGETS if "directions" in value else STATE).build(
-            value
-        )
+        goal: Targets | GivenState = (TARGETS if "directions" in value else STATE).build(value)
         return goal
 
     def write(self, value: Any) -> dict[str, Any]:
