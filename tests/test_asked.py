@@ -30,7 +30,7 @@ def renamed(*names):
 
 BAD = {
     "unknown device": (replace(SCENE, keep_out=(replace(SUN, devices=("nope",)),)), "nope"),
-    "no duration": (with_parts(trajectory={"duration": 0.0}), r"trajectory\.duration_s = 0"),
+    "no duration": (with_parts(trajectory={"duration": 0.0}), r"trajectory\.duration = 0"),
     "too many joints": (
         with_parts(start={"joints": np.zeros(6)}),
         r"start\.joints = .*: must be an array of 4 numbers, one a joint",
@@ -43,7 +43,10 @@ BAD = {
         replace(SCENE, goal=Targets(directions=np.eye(3)[:1])),
         r"goal\.directions = .*: must be an array of 2 directions",
     ),
-    "devices of one name": (renamed("a", "a"), r"terminal\[1\]\.name.*the same as spacecraft\.terminal\[0\]"),
+    "devices of one name": (
+        renamed("a", "a"),
+        r"terminals\[1\]\.name.*the same as spacecraft\.terminals\[0\]",
+    ),
     "zones of one name": (replace(SCENE, keep_out=(SUN, SUN)), r"keep_out\[1\]\.name"),
     "a name of two lines": (replace(SCENE, name="a\nb"), "name.*a line of text"),
     "an epoch before leap seconds": (

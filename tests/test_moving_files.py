@@ -205,7 +205,9 @@ def test_what_moves_must_be_known_when_the_manoeuvre_begins():
     path = scenario.keep_out[0].direction
     late = DirectionPath.through(path.times + 5, path.samples)
     zone = replace(scenario.keep_out[0], direction=late)
-    with pytest.raises(ValueError, match=r"keep_out\[0\]\.times_s\[0\] = 5\.0: must be at most 0, where"):
+    with pytest.raises(
+        ValueError, match=r"keep_out\[0\]\.direction\.times\[0\] = 5\.0 s: must be at most 0, where"
+    ):
         jp.plan(replace(scenario, keep_out=(zone,)))
 
 

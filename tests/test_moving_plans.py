@@ -277,7 +277,7 @@ def test_a_duration_beyond_what_is_known_is_missed_and_says_what_to_give(scene):
     assert "is known until 15 s, and the motion takes 21" in plan.message
     assert plan.path is not None
     with pytest.raises(
-        ValueError, match=r"goal\.targets\[0\]\.times_s: must reach trajectory\.duration_s = 80"
+        ValueError, match=r"goal\.directions\[0\]\.times: must reach trajectory\.duration = 80"
     ):
         jp.plan(with_duration(short, 80.0))
 

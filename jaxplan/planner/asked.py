@@ -1,8 +1,9 @@
 """What is planned is what a scenario file would say: checked alike, and the same when it is read back."""
 
 from jaxplan.given import expect
-from jaxplan.scenario import Scenario, ScenarioError, scenario_from_dict, scenario_to_dict
+from jaxplan.scenario import Scenario, ScenarioError, scenario_to_dict
 from jaxplan.scenario.moments import moves
+from jaxplan.scenario.taking import read_back
 from jaxplan.search import PLANNERS
 from jaxplan.trajectory import METHODS
 
@@ -16,8 +17,8 @@ def as_filed(name: str, given: object) -> Scenario:
 
     Raises:
         TypeError: for what is no scenario, such as the name of a file.
-        ScenarioError: for values that a file may not have, every fault by its key, and for those of a wrong
-            type or shape, by their attributes.
+        ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
+            lists every fault by its attribute.
         ValueError: for methods that do not exist, or cannot follow what moves.
     """
     several = isinstance(given, list | tuple)
@@ -28,7 +29,10 @@ def as_filed(name: str, given: object) -> Scenario:
         if isinstance(method, str) and method not in methods:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
-    filed = _through_tables(name, scenario)
+    try:
+        filed = read_back(scenario_to_dict(scenario))
+    except ScenarioError as error:
+        raise ScenarioError(error.faults, name) from error
     duration = filed.trajectory.duration
     if isinstance(duration, str) and moves(filed) and filed.trajectory.method == "paper":
         raise ValueError(
@@ -36,17 +40,3 @@ def as_filed(name: str, given: object) -> Scenario:
             'trajectory.method = "paper", since something moves'
         )
     return filed
-
-
-def _through_tables(name: str, given: Scenario) -> Scenario:
-    """The scenario after a way through the tables of a file."""
-    try:
-        tables = scenario_to_dict(given)
-    except ScenarioError as error:
-        raise ScenarioError(error.faults, name) from error
-    try:
-        return scenario_from_dict(tables)
-    except ScenarioError as error:
-        in_degrees = any("_deg" in fault.partition(":")[0] for fault in error.faults)
-        units = " (angles in degrees as in a file, in radians in Python)" if in_degrees else ""
-        raise ScenarioError(error.faults, name + units) from error

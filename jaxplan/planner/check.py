@@ -12,7 +12,8 @@ from jaxplan.path import Goal
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import GivenState, Scenario
+from jaxplan.scenario import GivenState, Scenario, ScenarioError, scenario_to_dict
+from jaxplan.scenario.taking import read_back, take_in
 from jaxplan.trajectory import Trajectory
 from jaxplan.zones import sight_names
 
@@ -96,6 +97,7 @@ def certify(plan: Plan) -> Report:
     Raises:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or no goal.
+        ScenarioError: if an attribute of its scenario has the wrong type or shape.
 
     Example:
         >>> jp.certify(jp.load_plan("plan.json")).certified
@@ -105,7 +107,22 @@ def certify(plan: Plan) -> Report:
     if plan.trajectory is None or plan.goal is None:
         missing = "trajectory" if plan.trajectory is None else "goal"
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
-    return prove(plan.scenario, plan.goal, plan.trajectory)
+    take_in(plan.scenario)
+    report = prove(plan.scenario, plan.goal, plan.trajectory)
+    return replace(report, faults=_of_zones(plan.scenario, report.faults))
+
+
+def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
+    """Faults, with those of rows of cones told as those of the zones that they are made of."""
+    others = tuple(fault for fault in faults if not fault.startswith("cones."))
+    if len(others) == len(faults):
+        return faults
+    try:
+        read_back(scenario_to_dict(scenario))
+    except ScenarioError as error:
+        own = tuple(fault for fault in error.faults if fault.startswith(("keep_out", "keep_in")))
+        return (*own, *others) if own else faults
+    return faults
 
 
 def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:

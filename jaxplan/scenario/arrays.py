@@ -207,7 +207,7 @@ class PerAxis(Kind):
         if isinstance(value, list):
             read = _read_entries(_POSITIVE, 3, "numbers, one a body axis", value, place)
             return None if read is None else np.array(read)
-        if finite(value, place, self.wanted) is None:
+        if finite(value, place, self.wanted, _POSITIVE.interval) is None:
             return None
         number = _POSITIVE.read(value, place)
         return None if number is None else np.full(3, number)
@@ -220,7 +220,7 @@ class PerAxis(Kind):
     def write(self, value: Any) -> float | list[float]:
         """One number where all three are the same."""
         numbers = Vector(3).write(value)
-        return numbers[0] if len(set(numbers)) == 1 else numbers
+        return numbers[0] if len(set(map(repr, numbers))) == 1 else numbers  # NaN does not equal NaN
 
 
 @dataclass(frozen=True)

@@ -104,12 +104,14 @@ class Place:
         devices: the names that other places refer to.
         path: key path, empty for the file itself.
         show: a short text for a value.
+        factor: what takes numbers of the file to the unit in which they are told.
     """
 
     faults: list[str]
     devices: DeviceNames
     path: str = ""
     show: Callable[[object], str] = show
+    factor: float = 1.0
 
     def key(self, name: str) -> "Place":
         """The place of a key of this table."""
@@ -128,10 +130,17 @@ class Place:
         """
         if len(self.faults) == _MOST_FAULTS:
             raise ScenarioError([*self.faults, "too many faults, reading stopped here"])
-        path = self.path or "the file"
-        self.faults.append(
-            f"{path}: {complaint}" if value is _NOTHING else f"{path} = {self.show(value)}: {complaint}"
-        )
+        what = self.name if value is _NOTHING else self.told(value)
+        self.faults.append(f"{what}: {complaint}")
+
+    @property
+    def name(self) -> str:
+        """The key path, or what has none."""
+        return self.path or "the file"
+
+    def told(self, value: object) -> str:
+        """The name with a value of the file that stands here."""
+        return f"{self.name} = {self.show(value)}"
 
 
 def nearest(name: str, known: Sequence[str], kind: str) -> str:

@@ -70,12 +70,12 @@ class Interval:
         below = value < self.high if self.open_high else value <= self.high
         return above and below
 
-    @property
-    def wanted(self) -> str:
-        """The range, to stand after "must"."""
-        if math.isinf(self.high):
-            return f"be {'greater than' if self.open_low else 'at least'} {self.low:g}"
-        return f"lie in {self.text}"
+    def wanted(self, factor: float = 1.0) -> str:
+        """The range, to stand after "must"; its ends times a factor."""
+        low, high = self.low * factor, self.high * factor
+        if math.isinf(high):
+            return f"be {'greater than' if self.open_low else 'at least'} {low:g}"
+        return f"lie in {self.text if factor == 1 else f'{self.text[0]}{low:g}, {high:g}{self.text[-1]}'}"
 
 
 def either(options: Sequence[str]) -> str:
@@ -171,7 +171,9 @@ def finite(
         number = math.inf
     if math.isfinite(number):
         return number
-    place.fault(f"must be finite and {interval.wanted}" if interval else "must be finite", value)
+    place.fault(
+        f"must be finite and {interval.wanted(place.factor)}" if interval else "must be finite", value
+    )
     return None
 
 
@@ -211,7 +213,7 @@ class Number(Kind):
         if number is None:
             return None
         if self.interval and number not in self.interval:
-            place.fault(f"must {self.interval.wanted}", value)
+            place.fault(f"must {self.interval.wanted(place.factor)}", value)
             return None
         converted = math.radians(number) if self.degrees else number
         if number and not converted:
@@ -255,7 +257,7 @@ class Integer(Kind):
         if isinstance(value, bool) or not isinstance(value, int):
             place.fault(f"must be {self.wanted}", value)
         elif value not in self.interval:
-            place.fault(f"must {self.interval.wanted}", value)
+            place.fault(f"must {self.interval.wanted()}", value)
         else:
             return value
         return None

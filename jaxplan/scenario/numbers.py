@@ -24,7 +24,6 @@ from jaxplan.scenario.states import STATE, TARGETS, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
-_JOINTS = {"yaws": ("joints", 0), "pitches": ("joints", 1)}  # what holds them, and which half of it
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
 def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple[Any, ...], Number]:
     """The steps from a table to a number of it, and the number's kind."""
     key, kind = entry.key, entry.kind
-    attribute, first = _JOINTS.get(entry.attribute, (entry.attribute, 0))
+    attribute, first = entry.held or entry.attribute, entry.half
     value: Any = getattr(table, attribute, None)
     if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
         return (attribute,), kind

@@ -5,7 +5,7 @@ direction, or is the name of a body or of a satellite of ``[sky]``, which is res
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -103,15 +103,25 @@ class SampleTimes(Kind):
 
 
 SAMPLES = Field(
-    "direction_samples", DirectionSamples(), "direction", "unit vectors over times_s, of an axis that moves"
+    "direction_samples",
+    DirectionSamples(),
+    "direction",
+    "unit vectors over times_s, of an axis that moves",
+    held="direction.samples",
 )
-TIMES = Field("times_s", SampleTimes(), "times", "of direction_samples; 0 where the manoeuvre starts")
+TIMES = Field(
+    "times_s",
+    SampleTimes(),
+    "times",
+    "of direction_samples; 0 where the manoeuvre starts",
+    held="direction.times",
+)
 # In the order of a table of their own.
-_PATH = Table(
+PATH = Table(
     DirectionPath,
     (
-        Field(SAMPLES.key, SAMPLES.kind, "direction", SAMPLES.meaning, required=True),
-        Field(TIMES.key, TIMES.kind, "times", TIMES.meaning, required=True),
+        replace(SAMPLES, held="samples", required=True),
+        replace(TIMES, held="times", required=True),
     ),
     split=lambda path: {"direction": path, "times": path.times},
 )
@@ -162,7 +172,7 @@ class Target(Direction):
         if not isinstance(value, dict):
             return super().read(value, place)
         before = len(place.faults)
-        read = _PATH.read(value, place) or {}
+        read = PATH.read(value, place) or {}
         if len(place.faults) == before:
             join_path(value, read, place)
         return read["direction"] if len(place.faults) == before else None
@@ -174,7 +184,7 @@ class Target(Direction):
 
     def write(self, value: Any) -> Any:
         """A list, or a table."""
-        return _PATH.write(value) if SAMPLES.kind.holds(value) else super().write(value)
+        return PATH.write(value) if SAMPLES.kind.holds(value) else super().write(value)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,11 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: it is no scenario; the message lists every fault.
     """
-    root = Place(faults=[], devices=_device_names(tables))
+    return read_scenario(tables, Place(faults=[], devices=device_names(tables)))
+
+
+def read_scenario(tables: Mapping[str, Any], root: Place) -> Scenario:
+    """Likewise, with faults told as a place tells them."""
     _check_number_of_zones(tables, root)
     read = SCENARIO.read(tables, root)
     if read is not None:
@@ -108,7 +112,7 @@ def _rows(table: object, key: str) -> list[dict[str, Any]] | None:
     return rows if isinstance(rows, list) and all(isinstance(row, dict) for row in rows) else None
 
 
-def _device_names(tables: object) -> DeviceNames:
+def device_names(tables: object) -> DeviceNames:
     """The names that zones and goals may use, as far as the file gives them."""
 
     def names(key: str) -> tuple[str, ...] | None:
@@ -165,7 +169,8 @@ def check_inertia(tables: Mapping[str, Any], root: Place) -> None:
     if isinstance(spacecraft, dict) and "inertia_kg_m2" not in spacecraft:
         for key in ("torque_limit_nm", "wheel_momentum_limit_nms"):
             if key in spacecraft:
-                root.key("spacecraft").key(key).fault("needs spacecraft.inertia_kg_m2", spacecraft[key])
+                place = root.key("spacecraft")
+                place.key(key).fault(f"needs {place.key('inertia_kg_m2').path}", spacecraft[key])
 
 
 def _check_goal_limits(read: Mapping[str, Any], root: Place) -> None:
@@ -176,8 +181,9 @@ def _check_goal_limits(read: Mapping[str, Any], root: Place) -> None:
         for i, terminal in enumerate(terminals):
             own = (terminal or {}).get(axis)
             if limit is not None and own is not None and limit > own:
-                complaint = f"must not exceed spacecraft.terminal[{i}].{axis}_deg = {shortest_degrees(own)}"
-                root.key("goal").key(f"{axis}_deg").fault(complaint, shortest_degrees(limit))
+                key = f"{axis}_deg"
+                bound = root.key("spacecraft").key("terminal").item(i).key(key).told(shortest_degrees(own))
+                root.key("goal").key(key).fault(f"must not exceed {bound}", shortest_degrees(limit))
                 break
 
 
@@ -192,7 +198,7 @@ def _check_duration(tables: Mapping[str, Any], read: Mapping[str, Any], root: Pl
     if duration != STRETCHED:
         return
     moving = [
-        f"{table}.{key}_rad_s"
+        root.key(table).key(f"{key}_rad_s").path
         for table in ("start", "goal")
         for key in ("angular_velocity", "joint_rates")
         if np.any((read.get(table) or {}).get(key, 0.0))

@@ -63,7 +63,7 @@ def entries(table: Table) -> Iterator[Entry]:
         yield Entry(
             key=field.key,
             value=field.kind.wanted.replace(f" in {field.kind.range}", ""),
-            unit=next((unit for ending, unit in _UNITS.items() if field.key.endswith(ending)), None),
+            unit=unit_of(field.key),
             range=field.kind.range,
             required=field.required,
             always=field.always,
@@ -71,6 +71,11 @@ def entries(table: Table) -> Iterator[Entry]:
             default=_default(table, field),
             meaning=meaning,
         )
+
+
+def unit_of(key: str) -> str | None:
+    """The unit that stands in a key; None if there is none."""
+    return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), None)
 
 
 def _default(table: Table, field: Field) -> str | None:

@@ -181,7 +181,8 @@ def _check_durations(read: Mapping[str, Any], root: Place) -> None:
         root.key("trajectory").key("duration_s").fault(complaint, duration)
     for path, place in paths:
         if not isinstance(duration, str) and not path.covers(duration):
-            complaint = f"must reach trajectory.duration_s = {duration:g}, ends at {np.max(path.times):g}"
+            asked = root.key("trajectory").key("duration_s").path
+            complaint = f"must reach {asked} = {duration:g}, ends at {np.max(path.times):g}"
             place.key(TIMES.key).fault(complaint)
         elif not path.covers(0.0):
             complaint = f"must reach from the start, 0, on, lies in [{path.times[0]:g}, {path.times[-1]:g}]"

@@ -28,6 +28,8 @@ class Field:
         always: whether it is written at its default too, because a later version may change that.
         resolved: whether reading puts something else in its place, so that it is never written.
         instead_of: another attribute in whose place it stands, of which one must be given.
+        held: what holds it in the model, where that is not the attribute by itself.
+        half: which half of that it is, where there are two.
     """
 
     key: str
@@ -38,6 +40,8 @@ class Field:
     always: bool = False
     resolved: bool = False
     instead_of: str = ""
+    held: str = ""
+    half: int = 0
 
     @property
     def says(self) -> str:

@@ -2,15 +2,19 @@
 
 Lists become tuples or float64 arrays, numbers of any type floats, and a single number that stands for three
 becomes three. A value of the wrong type or shape is a fault, by its attribute; whether numbers are in range
-is checked where the tables of a file are read, which planning does with every scenario.
+is checked where the tables of a file are read, which `read_back` does with those that would be written.
 """
 
-from jaxplan.given import expect, show
-from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
+from collections.abc import Mapping
+from typing import Any
+
+from jaxplan.given import as_floats, expect
+from jaxplan.scenario.faults import DeviceNames, ScenarioError
 from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
 from jaxplan.scenario.model import Scenario
-from jaxplan.scenario.reading import check_inertia, check_names
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.scenario.reading import check_inertia, check_names, device_names, read_scenario
+from jaxplan.scenario.spelling import python_root
+from jaxplan.spacecraft import Spacecraft, Terminal
 
 
 def take_in(given: object) -> Scenario:
@@ -20,12 +24,28 @@ def take_in(given: object) -> Scenario:
         TypeError: if it is no scenario.
         ScenarioError: if an attribute has the wrong type or shape; the message lists every fault.
     """
-    expect("scenario", given, Scenario)
-    root = Place(faults=[], devices=_device_names(given), show=show)
-    taken: Scenario = SCENARIO.take(given, root)
+    scenario = expect("scenario", given, Scenario)
+    terminals, others = _terminals(scenario), _of_states(scenario)
+    if terminals is None or others is None or len(terminals) == others:
+        root = python_root(DeviceNames(terminals, None))
+    else:
+        root = python_root(DeviceNames(None, None))  # so that start and goal are not blamed, too
+        complaint = f"must be as many as start and goal are for, {others}, not {len(terminals)}"
+        root.key("spacecraft").key("terminal").fault(complaint)
+    taken: Scenario = SCENARIO.take(scenario, root)
     if root.faults:
         raise ScenarioError(root.faults)
     return taken
+
+
+def read_back(tables: Mapping[str, Any]) -> Scenario:
+    """The scenario that tables hold, which were written from one that Python gave.
+
+    Raises:
+        ScenarioError: if a number is out of its range, or parts do not go together; the message lists every
+            fault by its attribute and in its unit.
+    """
+    return read_scenario(tables, python_root(device_names(tables)))
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
@@ -36,7 +56,7 @@ def checked_spacecraft(given: object) -> Spacecraft:
         ScenarioError: for what no scenario may have; the message lists every fault.
     """
     expect("spacecraft", given, Spacecraft)
-    root = Place(faults=[], devices=DeviceNames(None, None), show=show)
+    root = python_root(DeviceNames(None, None))
     taken: Spacecraft = SPACECRAFT.take(given, root.key("spacecraft"))
     if not root.faults:
         tables = {"spacecraft": SPACECRAFT.write(taken)}
@@ -48,9 +68,28 @@ def checked_spacecraft(given: object) -> Spacecraft:
     return taken
 
 
-def _device_names(given: object) -> DeviceNames:
-    """The names of terminals, of which there must be as many joints and targets; None where none can tell."""
-    terminals = getattr(getattr(given, "spacecraft", None), "terminals", None)
-    if not isinstance(terminals, list | tuple):
-        return DeviceNames(None, None)
-    return DeviceNames(tuple(str(getattr(one, "name", "")) for one in terminals), None)
+def _terminals(given: Scenario) -> tuple[str, ...] | None:
+    """The names of the terminals; None where something else stands among them, or in their place."""
+    terminals: object = getattr(given.spacecraft, "terminals", None)
+    if isinstance(terminals, list | tuple) and all(isinstance(one, Terminal) for one in terminals):
+        return tuple(str(one.name) for one in terminals)
+    return None
+
+
+def _of_states(given: Scenario) -> int | None:
+    """Of how many terminals start and goal are; None where they do not agree, or cannot be told."""
+    directions = getattr(given.goal, "directions", None)
+    if isinstance(directions, list | tuple):
+        goal: float | None = len(directions)
+    else:
+        goal = (
+            _length(directions) if directions is not None else _length(getattr(given.goal, "joints", None), 2)
+        )
+    start = _length(getattr(given.start, "joints", None), 2)
+    return int(start) if start is not None and start == goal and start % 1 == 0 else None
+
+
+def _length(value: object, of: int = 1) -> float | None:
+    """How often an array has so many entries; None for what is no array of numbers."""
+    array = as_floats(value)
+    return len(array) / of if array is not None and array.ndim else None

@@ -12,8 +12,7 @@ from jaxplan.given import file_path
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.model import Scenario
-from jaxplan.scenario.reading import scenario_from_dict
-from jaxplan.scenario.taking import take_in
+from jaxplan.scenario.taking import read_back, take_in
 
 
 def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def dump_scenario(scenario: Scenario) -> str:
         ScenarioError: if it could not be read again; the message lists every fault.
     """
     tables = scenario_to_dict(scenario)
-    scenario_from_dict(tables)
+    read_back(tables)
     return toml.write(tables)
 
 

@@ -89,7 +89,7 @@ def parameters(
             raise ValueError(f"{name} = {first:g}: must lie between its bounds {low:g} and {high:g}{hint}")
         for bound in (low, high):
             if place.interval is not None and not place.interval.low <= bound <= place.interval.high:
-                raise ValueError(f"bound {bound:g} of {name}: must {place.interval.wanted}")
+                raise ValueError(f"bound {bound:g} of {name}: must {place.interval.wanted()}")
         found.append(Parameter(place=place, low=float(low), high=float(high), first=first))
     if not found:
         raise ValueError("over names nothing to tune")
