@@ -87,6 +87,32 @@ def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind
     raise TypeError(f"{name} must be {a_or_an(kind.__name__)}, not {type(value).__name__}{hint}")
 
 
+def expect_like(name: str, value: object, attributes: Iterable[str], wanted: str) -> None:
+    """Raise a TypeError for what lacks one of the attributes of what it must be."""
+    if isinstance(value, type) or not all(hasattr(value, attribute) for attribute in attributes):
+        raise TypeError(f"{name} must be {wanted}, not {type(value).__name__}")
+
+
+def expect_numbers(name: str, value: object, *last: int) -> None:
+    """Raise a ValueError for what is no array of real numbers with the given last axes.
+
+    Values are not looked at, so that they may be traced.
+
+    Args:
+        name: of the argument.
+        value: of any type.
+        last: lengths of its last axes; any others may come before.
+    """
+    if isinstance(value, jax.Array) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
+        shape: tuple[int, ...] | None = None if value.dtype.kind in "bc" else value.shape
+    else:
+        array = as_floats(value)
+        shape = None if array is None else array.shape
+    if shape is None or shape[max(len(shape) - len(last), 0) :] != last:
+        wanted = f"of shape ({', '.join(['...', *map(str, last)])})" if last else "of any shape"
+        raise ValueError(f"{name} = {show(value)}: must be real numbers {wanted}")
+
+
 def several(name: str, value: object, wanted: str) -> Iterable[Any]:
     """What can be gone through one by one; a TypeError for anything else, and for text."""
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):

@@ -17,6 +17,7 @@ from jax.typing import ArrayLike
 from jaxplan import quaternion
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.vectors import components, length
+from jaxplan.given import expect_numbers
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
 _TERMS = 10
@@ -67,7 +68,11 @@ def hat(vector: ArrayLike) -> AnyArray:
 
     Returns:
         (..., 3, 3) skew-symmetric.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("vector", vector, 3)
     xp, v = arrays(vector)
     x, y, z = components(v)
     zero = xp.zeros_like(x)
@@ -90,7 +95,11 @@ def vee(matrix: ArrayLike) -> AnyArray:
 
     Returns:
         (..., 3).
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("matrix", matrix, 3, 3)
     xp, m = arrays(matrix)
     skew = [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]]
     return xp.stack(skew, axis=-1) / 2
@@ -104,7 +113,11 @@ def exp(rotation_vector: ArrayLike) -> AnyArray:
 
     Returns:
         (..., 3, 3); value and derivatives are exact at zero too.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("rotation_vector", rotation_vector, 3)
     xp, w = arrays(rotation_vector)
     sinc, cosc, _ = _coefficients(xp.sum(w * w, axis=-1))
     cross = hat(w)
@@ -122,7 +135,11 @@ def log(attitude: ArrayLike) -> AnyArray:
         (..., 3) rad. At exactly half a turn, where the logarithm has two values and no derivative, it is
         the one whose largest component is positive, and the derivative returned is finite: that of
         the branch the value belongs to.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("attitude", attitude, 3, 3)
     return quaternion.log(quaternion.from_matrix(attitude))
 
 
@@ -135,6 +152,9 @@ def angle(attitude: ArrayLike) -> AnyArray:
     Returns:
         (...) rad in [0, pi]. It has no derivative at 0 and at pi; the one returned is finite: zero
         at 0, and at pi the one from below along the axis that `log` returns.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
     return length(log(attitude))
 
@@ -148,7 +168,12 @@ def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
 
     Returns:
         (...) rad in [0, pi]; derivatives as for `angle`.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("first", first, 3, 3)
+    expect_numbers("second", second, 3, 3)
     xp, start, end = arrays(first, second)
     return angle(xp.swapaxes(start, -1, -2) @ end)
 
@@ -164,7 +189,13 @@ def geodesic(first: ArrayLike, second: ArrayLike, fraction: ArrayLike) -> AnyArr
 
     Returns:
         (..., 3, 3).
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("first", first, 3, 3)
+    expect_numbers("second", second, 3, 3)
+    expect_numbers("fraction", fraction)
     xp, start, end, share = arrays(first, second, fraction)
     turn = log(xp.swapaxes(start, -1, -2) @ end)
     return start @ exp(share[..., None] * turn)
@@ -178,7 +209,11 @@ def right_jacobian(rotation_vector: ArrayLike) -> AnyArray:
 
     Returns:
         (..., 3, 3), the identity at zero.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("rotation_vector", rotation_vector, 3)
     xp, x = arrays(rotation_vector)
     _, cosc, cubic = _coefficients(xp.sum(x * x, axis=-1))
     cross = hat(x)
@@ -195,7 +230,12 @@ def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray
 
     Returns:
         (..., 3, 3) 1/s; ``-hat(rate) / 2`` at zero.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
     """
+    expect_numbers("rotation_vector", rotation_vector, 3)
+    expect_numbers("rate", rate, 3)
     xp, x, x_dot = arrays(rotation_vector, rate)
     square = xp.sum(x * x, axis=-1)
     square_rate = 2 * xp.sum(x * x_dot, axis=-1)

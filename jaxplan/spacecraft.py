@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.directions import azimuth_elevation, pointing
+from jaxplan.given import expect_numbers
 from jaxplan.once import made_once
 
 
@@ -207,11 +208,29 @@ class Spacecraft:
 
         Returns:
             (..., devices, 3) unit vectors.
+
+        Raises:
+            ValueError: if an argument has another shape, or is not made of real numbers.
         """
+        expect_numbers("attitude", attitude, 3, 3)
+        expect_numbers("joints", joints, 2 * len(self.terminals))
         body = body_boresights(self.mounts, self.fixed_boresights, joints)
         xp, rotation = arrays(attitude)
         return body @ xp.swapaxes(rotation, -1, -2)
 
     def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
-        """Joint angles at which each terminal points along its direction; see the function."""
+        """Joint angles at which each terminal points along its direction, limits aside.
+
+        Args:
+            attitude: (..., 3, 3) body to inertial.
+            directions: (n, 3) inertial unit vectors, one a terminal.
+
+        Returns:
+            (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
+
+        Raises:
+            ValueError: if an argument has another shape, or is not made of real numbers.
+        """
+        expect_numbers("attitude", attitude, 3, 3)
+        expect_numbers("directions", directions, len(self.terminals), 3)
         return joints_toward(self.mounts, attitude, directions)

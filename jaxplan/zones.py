@@ -202,8 +202,8 @@ def tabulate(
         terminals: how many of the devices are terminals; only what is of their joints asks for it.
 
     Raises:
-        ValueError: if a zone has no axis or several, binds nothing, names a device that there is not, or
-            needs joints of a device without.
+        ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
+            twice, or needs joints of a device without.
     """
     zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds]
     further = [vector for zone in zones if not isinstance(zone, JointBound) for vector in zone.vectors]
@@ -289,6 +289,9 @@ class _Sights:
         elif not names and not zone.vectors:
             raise ValueError(f"zone {zone.name}: devices: must name what it binds, at least one")
         numbers = [self.device(zone, "devices", name) for name in names]
+        for place, name in enumerate(names):
+            if name in names[:place]:
+                raise ValueError(f"zone {zone.name}: devices: {name!r} is named twice")
         return numbers + [self._vectors[id(vector)] for vector in zone.vectors]
 
 

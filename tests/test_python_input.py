@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from datetime import datetime
+from functools import partial
+from inspect import signature
 from pathlib import Path
 
 import jax
@@ -12,6 +14,7 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
+from jaxplan import so3
 from jaxplan.planner.asked import as_filed
 from jaxplan.scenario import load_scenario, with_settings
 
@@ -394,6 +397,125 @@ CALLS = {
         lambda plan: jp.certify(replace(plan, scenario=zone(half_angle="9 deg"))),
         "keep_out[0].half_angle = '9 deg': must be a number, in radians",
     ),
+    "a zone about the sun for a device twice": (
+        lambda: sun(devices=("a", "b", "a")),
+        "devices[2] = 'a': is named twice",
+    ),
+    "certify of a zone for a device twice": (
+        lambda plan: jp.certify(replace(plan, scenario=zone(devices=("camera-1", "camera-1")))),
+        "zone sun: devices: 'camera-1' is named twice",
+    ),
+    **{
+        f"{draw.__name__} of a scenario": (
+            partial(lambda draw: list(draw(SCENE)), draw),
+            "plan must be a Plan, not Scenario; jp.plan makes one, jp.load_plan reads one",
+        )
+        for draw in (
+            jp.plot.sphere,
+            jp.plot.globe,
+            jp.plot.angles,
+            jp.plot.rates,
+            jp.plot.accelerations,
+            jp.plot.torque,
+            jp.plot.margins,
+            jp.plot.overview,
+            jp.plot.figures,
+            jp.plot.animate,
+        )
+    },
+    "a figure on a file": (
+        lambda plan: jp.plot.sphere(plan, ax="out.png"),
+        "ax must be an Axes, not str; give axes, as many as panels, or a figure",
+    ),
+    "a view in words": (
+        lambda plan: jp.plot.globe(plan, view="above"),
+        "view = 'above': must be azimuth and elevation of the eye, deg, or None",
+    ),
+    "a view of three angles": (
+        lambda plan: jp.plot.globe(plan, view=(1, 2, 3)),
+        "view = (1, 2, 3): must be azimuth and elevation",
+    ),
+    "compare of a plan": (
+        lambda plan: jp.plot.compare({"mine": plan}, SCENE.spacecraft),
+        "trajectories['mine'] must be a Trajectory, not Plan; a plan has one as plan.trajectory",
+    ),
+    "compare of a list": (
+        lambda plan: jp.plot.compare([plan.trajectory], SCENE.spacecraft),
+        "trajectories must be a dict by names, not list",
+    ),
+    "segments of a scenario": (
+        lambda plan: jp.plot.segments({"mine": plan.trajectory}, SCENE),
+        "spacecraft must be a Spacecraft, not Scenario",
+    ),
+    "durations of a number": (
+        lambda: jp.plot.durations({"minimum": 20.9}, {"case 1": 20.6}),
+        "seconds['minimum'] must be a dict by names, not float",
+    ),
+    "durations with a bound": (
+        lambda: jp.plot.durations({"minimum": {"case 1": 20.9}}, 20.6),
+        "bounds must be a dict by names, not float",
+    ),
+    "table4 of a plan": (lambda plan: jp.plot.table4(plan), "rows must be several rows, as jaxplan.table4"),
+    "table4 of plans": (lambda plan: jp.plot.table4([plan]), "rows[0] must be a row of jaxplan.table4.comp"),
+    "study of a plan": (lambda plan: jp.plot.study(plan), "studies must be several studies, as jp.run_stu"),
+    "study of plans": (lambda plan: jp.plot.study([plan]), "studies[0] must be a Study, as jp.run_study ret"),
+    "outcomes by names": (
+        lambda: jp.plot.outcomes({"mha": 1}),
+        "studies['mha'] must be a Study, as jp.run_study returns, not int",
+    ),
+    "tuning of a plan": (
+        lambda plan: jp.plot.tuning(plan),
+        "result must be a Tuning or SearchTuning, as jp.tune returns, not Plan",
+    ),
+    "constellation of a shell": (
+        lambda: jp.plot.constellation(SHELL),
+        "result must be a Constellation, as jp.plan_constellation returns, not Shell",
+    ),
+    "boresights in words": (
+        lambda: SCENE.spacecraft.boresights("level", np.zeros(6)),
+        "attitude = 'level': must be real numbers of shape (..., 3, 3)",
+    ),
+    "boresights of too few joints": (
+        lambda: SCENE.spacecraft.boresights(np.eye(3), np.zeros(3)),
+        "joints = [0.0, 0.0, 0.0]: must be real numbers of shape (..., 6)",
+    ),
+    "joints_toward of a rotation vector": (
+        lambda: SCENE.spacecraft.joints_toward([0, 0, 0], np.eye(3)),
+        "attitude = [0, 0, 0]: must be real numbers of shape (..., 3, 3)",
+    ),
+    "joints_toward one target": (
+        lambda: SCENE.spacecraft.joints_toward(np.eye(3), [0, 0, 1]),
+        "directions = [0, 0, 1]: must be real numbers of shape (..., 3, 3)",
+    ),
+    "exp of a matrix": (
+        lambda: so3.exp(None),
+        "rotation_vector = None: must be real numbers of shape (..., 3)",
+    ),
+    "exp of complex numbers": (lambda: so3.exp(jax.numpy.zeros(3, complex)), "rotation_vector = "),
+    "log of a vector": (
+        lambda: so3.log(jax.numpy.zeros(3)),
+        "attitude = [0.0, 0.0, 0.0]: must be real numbers of shape (..., 3, 3)",
+    ),
+    "log of what is traced": (
+        lambda: jax.jit(so3.log)(np.zeros(3)),
+        "attitude = a value that JAX traces: must be real numbers of shape (..., 3, 3)",
+    ),
+    "angle of a number": (lambda: so3.angle(1.0), "attitude = 1.0: must be real numbers of shape"),
+    "distance to none": (
+        lambda: so3.distance(np.eye(3), None),
+        "second = None: must be real numbers of shape",
+    ),
+    "geodesic in words": (
+        lambda: so3.geodesic(np.eye(3), np.eye(3), "half"),
+        "fraction = 'half': must be real numbers of any shape",
+    ),
+    "hat of two": (lambda: so3.hat([1, 2]), "vector = [1, 2]: must be real numbers of shape (..., 3)"),
+    "vee of a vector": (lambda: so3.vee([1, 2, 3]), "matrix = [1, 2, 3]: must be real numbers of shape"),
+    "right_jacobian of words": (lambda: so3.right_jacobian("abc"), "rotation_vector = 'abc': must be real"),
+    "right_jacobian_rate of a number": (
+        lambda: so3.right_jacobian_rate(np.zeros(3), 1.0),
+        "rate = 1.0: must be real numbers of shape (..., 3)",
+    ),
     "hold of a scenario": (lambda: jp.hold(SCENE), "plan must be a Plan, not Scenario; jp.plan makes one"),
     "replan of a plan": (
         lambda plan: jp.replan(plan, SCENE),
@@ -502,7 +624,7 @@ def test_what_a_scenario_may_not_hold_is_named_with_what_it_must_be(what):
 @pytest.mark.parametrize("what", CALLS)
 def test_what_a_function_may_not_be_given_is_named_with_what_it_must_be(what, plan):
     call, words = CALLS[what]
-    check_refusal((lambda: call(plan)) if call.__code__.co_argcount else call, words)
+    check_refusal((lambda: call(plan)) if signature(call).parameters else call, words)
 
 
 def test_all_faults_of_type_are_told_at_once():

@@ -14,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.registry import BackendFilter, backend_registry
 from matplotlib.figure import Figure, SubFigure
 
+from jaxplan.given import expect
+
 Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
 
 
@@ -50,6 +52,7 @@ def panels(
         alone: of the columns, so many last ones have a vertical axis of their own.
 
     Raises:
+        TypeError: if something else than axes is given.
         ValueError: if another number of axes is given.
     """
     if where is None:
@@ -64,6 +67,8 @@ def panels(
                 axes.tick_params(axis="y", labelleft=False)
         return list(grid.ravel())
     given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
+    for one in given:
+        expect("ax", one, Axes, "give axes, as many as panels, or a figure to put them in")
     if len(given) != count:
         raise ValueError(
             f"the figure has {count} panel{'s' * (count != 1)}, but {len(given)} axes were given"

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from jaxplan.given import expect_like, several
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.compared import Compared, is_printed
 from jaxplan.plotting.comparison_panels import PANELS, entries
@@ -34,6 +35,7 @@ def table4(rows: Iterable[Compared], ax: Canvas = None, *, legend: bool = True) 
         The axes, four a kind.
 
     Raises:
+        TypeError: if they are no rows.
         ValueError: if there are no rows, or another number of axes is given.
 
     Example:
@@ -75,7 +77,8 @@ def comparison_figure(rows: Iterable[Compared]) -> Figure:
 def _by_kind(rows: Iterable[Compared]) -> list[list[Compared]]:
     """The rows of each kind, those from print last."""
     kinds: dict[str, list[Compared]] = {}
-    for row in rows:
+    for number, row in enumerate(several("rows", rows, "rows, as jaxplan.table4.compare returns")):
+        expect_like(f"rows[{number}]", row, ("kind", "planner", "solved"), "a row of jaxplan.table4.compare")
         kinds.setdefault(row.kind, []).append(row)
     return [sorted(of_kind, key=is_printed) for of_kind in kinds.values()]
 

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
+from jaxplan.given import expect_like
 from jaxplan.plotting.canvas import Canvas, new_figure, panels
+from jaxplan.plotting.given import expect_view
 from jaxplan.plotting.style import GREY, KEEP_OUT, SMALL, TEXT, Entries, Look, legend_beside, plain, tidy
 from jaxplan.plotting.view import View, circle
 
@@ -58,6 +60,9 @@ class Planned(Protocol):
     def study(self) -> Any: ...  # noqa: D102
 
 
+_PARTS = ("switch", "planned", "duration", "certified", "sun_outage", "study")
+
+
 def constellation(
     result: Planned,
     ax: Canvas = None,
@@ -83,11 +88,14 @@ def constellation(
         The axes of globe and histogram.
 
     Raises:
+        TypeError: if it is no constellation.
         ValueError: if nothing is planned, or another number of axes is given.
 
     Example:
         >>> jp.plot.constellation(jp.plan_constellation(switch))
     """
+    for name, given in (("result", result), *([("minimum", minimum)] if minimum is not None else [])):
+        expect_like(name, given, _PARTS, "a Constellation, as jp.plan_constellation returns")
     if not len(result.planned):
         raise ValueError("there are no satellites to draw yet")
     if ax is None:
@@ -106,6 +114,7 @@ def constellation(
 
 def _view(result: Planned, angles: tuple[float, float] | None) -> View:
     if angles is not None:
+        expect_view(angles)
         return View.from_angles(*np.deg2rad(angles))
     sun = result.switch.sun_direction
     azimuth = 0.0 if sun is None else float(np.arctan2(sun[1], sun[0]))

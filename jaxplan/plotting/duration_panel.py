@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.given import expect_mapping
 from jaxplan.plotting.style import COLOURS, GREY, SMALL, TEXT, Entries, Look, legend_beside, plain, tidy
 
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")
@@ -37,11 +38,15 @@ def durations(
         The axes.
 
     Raises:
+        TypeError: if they are no dicts.
         ValueError: if there are no methods or no scenes.
 
     Example:
         >>> jp.plot.durations({"minimum": {"case 1": 20.9}, "stretched": {"case 1": 25.5}}, {"case 1": 20.6})
     """
+    for method, of_method in expect_mapping("seconds", seconds).items():
+        expect_mapping(f"seconds[{method!r}]", of_method)
+    expect_mapping("bounds", bounds)
     if not (seconds and bounds):
         raise ValueError("there are no durations to draw")
     pitch = len(seconds) + _GAP

@@ -64,6 +64,7 @@ def animate(
         The film; its figure keeps it, so that it plays in a window.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, frames is less than one, or more than one axes is given.
     """
     if frames < 1:

@@ -12,6 +12,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.given import expect_plan, expect_view
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import (
     NODE,
@@ -70,8 +71,10 @@ def globe(
         The axes: to the right and up in the picture, in radii.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if more than one axes is given.
     """
+    expect_plan(plan)
     (axes,) = panels(ax, 1, SIZE)
     seen = view_of(plan, view)
     draw_sphere(axes, plan, seen, zones_at(plan.scenario, 0.0))
@@ -84,6 +87,7 @@ def globe(
 def view_of(plan: "Plan", angles: tuple[float, float] | None) -> View:
     """The view that was asked for, deg, or the one with most of the ways in front."""
     if angles is not None:
+        expect_view(angles)
         return View.from_angles(*np.deg2rad(angles))
     ways = boresight_ways(plan)
     ends = [directions for _, _, directions in end_marks(plan)]

@@ -61,6 +61,7 @@ def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
         The axes.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
     moves = samples.motion(plan)

@@ -53,6 +53,7 @@ def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         The two axes.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or other than two axes are given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
@@ -90,6 +91,7 @@ def rates(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]
         The axes.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
@@ -116,6 +118,7 @@ def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> li
         The axes.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
@@ -146,6 +149,7 @@ def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         The axes.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
             or another number of axes is given.
     """

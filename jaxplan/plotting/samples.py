@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.model.constraints import chosen_entries, state_margins
+from jaxplan.plotting.given import expect_plan
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -57,9 +58,10 @@ def motion(plan: "Plan") -> Motion:
     """A plan's trajectory on the grid.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
-    trajectory = plan.trajectory
+    trajectory = expect_plan(plan).trajectory
     if trajectory is None:
         ending = ": ".join(filter(None, [plan.status.name, plan.message]))
         raise ValueError(

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.given import expect_trajectories
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -63,11 +64,13 @@ def compare(
         The axes, row by row: rates, accelerations and jerks.
 
     Raises:
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
         ValueError: if there are no trajectories, or another number of axes is given.
 
     Example:
         >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
     """
+    expect_trajectories(trajectories, spacecraft)
     sampled = _sampled(trajectories)
     titles = [*_BODY]
     columns = [[found.platform[:, :, axis] for found in sampled.values()] for axis in range(3)]
@@ -118,12 +121,14 @@ def segments(
         The axes, those of the accelerations first.
 
     Raises:
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
         ValueError: if there are no trajectories, or another number of axes is given.
 
     Example:
         >>> fits = {f"{n} segments": fit_paper(path, craft, replace(settings, segments=n)) for n in (4, 5, 6)}
         >>> jp.plot.segments({name: fit.trajectory for name, fit in fits.items()}, craft)
     """
+    expect_trajectories(trajectories, spacecraft)
     sampled = _sampled(trajectories)
     across = len(sampled)
     every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)

@@ -10,6 +10,7 @@ from matplotlib.path import Path as Shape
 
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.canvas import Canvas, panels
+from jaxplan.plotting.given import expect_plan
 from jaxplan.plotting.marks import (
     NODE,
     ZONE_WAY,
@@ -62,8 +63,10 @@ def sphere(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
         The axes: inertial azimuth against elevation, deg.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if more than one axes is given.
     """
+    expect_plan(plan)
     (axes,) = panels(ax, 1, SIZE)
     scenario = plan.scenario
     for zone in zones_at(scenario, 0.0):

@@ -6,10 +6,12 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from jaxplan.given import expect_like, several
 from jaxplan.plotting.compared import planner_colour
 from jaxplan.plotting.style import COLOURS, LINE_STYLES, Look
 
 OK = "OK"
+_PARTS = ("kind", "planner", "settings", "table", "timings")
 
 
 class Studied(Protocol):
@@ -46,12 +48,20 @@ def named(studies: Studies) -> dict[str, Studied]:
     """Studies by their names: given ones, or what tells them apart of planner, kind and settings.
 
     Raises:
+        TypeError: if something else is given.
         ValueError: if there are none, or one has no scenes yet.
     """
     if isinstance(studies, Mapping):
         result = dict(studies)
+        for name, one in result.items():
+            expect_like(f"studies[{name!r}]", one, _PARTS, "a Study, as jp.run_study returns")
     else:
-        every: list[Any] = [studies] if hasattr(studies, "table") else list(studies)
+        wanted = "studies, as jp.run_study returns, or one"
+        every: list[Any] = (
+            [studies] if hasattr(studies, "table") else list(several("studies", studies, wanted))
+        )
+        for place, one in enumerate(every):
+            expect_like(f"studies[{place}]", one, _PARTS, "a Study, as jp.run_study returns")
         result = dict(zip(_names(every), every, strict=True))
     if not result:
         raise ValueError("there are no studies to draw")

@@ -26,6 +26,7 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
         The axes, from left to right and from top to bottom.
 
     Raises:
+        TypeError: if something else than studies is given.
         ValueError: if there is nothing to draw, or another number of axes is given.
 
     Example:

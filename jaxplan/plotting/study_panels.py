@@ -83,6 +83,7 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
         The axes.
 
     Raises:
+        TypeError: if something else than studies is given.
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
@@ -121,6 +122,7 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
         The axes.
 
     Raises:
+        TypeError: if something else than studies is given.
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
@@ -158,6 +160,7 @@ def distribution(
         The axes.
 
     Raises:
+        TypeError: if something else than studies is given.
         ValueError: if there is nothing to draw, or no such quantity.
 
     Example:

@@ -16,6 +16,7 @@ from matplotlib.ticker import (
     SymmetricalLogLocator,
 )
 
+from jaxplan.given import expect_like
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.style import COLOURS, GREY, KEEP_OUT, TEXT, Entries, Look, legend_beside, plain, tidy
 
@@ -61,11 +62,13 @@ def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axe
         The axes, from top to bottom: the objective, then the numbers.
 
     Raises:
+        TypeError: if it is nothing that was tuned.
         ValueError: if there is nothing to draw, or another number of axes is given.
 
     Example:
         >>> jp.plot.tuning(jp.tune_search(range(20), "hard_keep_out", objective="expansions"))
     """
+    expect_like("result", result, ("label", "history"), "a Tuning or SearchTuning, as jp.tune returns")
     rows = result.history
     if not rows:
         raise ValueError("the tuning has no steps to draw")

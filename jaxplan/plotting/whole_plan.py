@@ -8,6 +8,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from jaxplan.plotting import margin_panel, motion_panels, samples, sphere_map
 from jaxplan.plotting.canvas import new_figure
+from jaxplan.plotting.given import expect_plan
 from jaxplan.plotting.margin_panel import margins
 from jaxplan.plotting.motion_panels import accelerations, angles, platform_rate, rates, torque
 from jaxplan.plotting.sphere_map import sphere
@@ -34,6 +35,7 @@ def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
         there are none of yaws and pitches.
 
     Raises:
+        TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
     moves, craft = samples.motion(plan), plan.scenario.spacecraft
@@ -61,7 +63,11 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
 
     Yields:
         The figure's name, fit for a file, and the figure.
+
+    Raises:
+        TypeError: if it is no plan.
     """
+    expect_plan(plan)
     terminals = bool(plan.scenario.spacecraft.terminals)
     zones = bool(plan.scenario.keep_out or plan.scenario.keep_in)
     dynamic = motion_panels.size(3 if terminals else 1)

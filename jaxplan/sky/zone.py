@@ -61,8 +61,8 @@ def keep_out(
         angle rounded up to 1e-9 deg.
 
     Raises:
-        ValueError: if an argument is out of its range, both or none of the angles are given, or the
-            zone would be half a turn wide or more.
+        ValueError: if an argument is out of its range, both or none of the angles are given, a device is
+            named twice, or the zone would be half a turn wide or more.
         ImportError: if the extra ``orbit`` is needed and not installed.
     """
     if (half_angle_deg is None) == (exclusion_deg is None):
@@ -70,6 +70,10 @@ def keep_out(
             "give either half_angle_deg, from the body's centre, or exclusion_deg, from its limb"
         )
     check_body(body)
+    names = (devices,) if isinstance(devices, str) else tuple(several("devices", devices, "names, or one"))
+    for place, device in enumerate(names):
+        if device in names[:place]:
+            raise ValueError(f"devices[{place}] = {device!r}: is named twice")
     if half_angle_deg is not None and not 0 < number("half_angle_deg", half_angle_deg, "a number") < 180:
         raise ValueError(f"half_angle_deg = {half_angle_deg}: must lie in (0, 180)")
     if exclusion_deg is not None and not 0 <= number("exclusion_deg", exclusion_deg, "a number") < 180:
@@ -103,7 +107,5 @@ def keep_out(
         name=body if name is None else name,
         direction=direction,
         half_angle=math.radians(half_angle),
-        devices=(devices,)
-        if isinstance(devices, str)
-        else tuple(several("devices", devices, "names, or one")),
+        devices=names,
     )
