@@ -9,6 +9,7 @@ for others in the same process is kept there, too.
 
 import hashlib
 import os
+import stat
 import warnings
 from pathlib import Path
 
@@ -36,7 +37,8 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
     Raises:
         OSError: if it cannot be made.
         TypeError: if it is no path.
-        ValueError: if it is empty, nothing can be written there, or others than the user may write there.
+        ValueError: if it is empty, nothing can be written there, or others than the user may write there or,
+            without the sticky bit, in a folder above it.
 
     Example:
         >>> jp.compilation_cache("/scratch/compiled")
@@ -120,9 +122,42 @@ def _processor() -> str:
     return hashlib.sha256(" ".join(sorted(known.split())).encode()).hexdigest()[:8]
 
 
+def _others_may_swap(found: os.stat_result) -> bool:
+    """Whether others than the user and root may rename what is in a folder, or turn a link elsewhere.
+
+    Where the sticky bit is set, as in /tmp, everybody renames only what is theirs. A group of the user alone,
+    as some systems give to everybody, is no others.
+    """
+    if found.st_uid not in (0, os.geteuid()):
+        return True
+    if stat.S_ISLNK(found.st_mode) or found.st_mode & stat.S_ISVTX:
+        return False
+    group = found.st_mode & stat.S_IWGRP and not _is_the_users_alone(found.st_gid)
+    return bool(group or found.st_mode & stat.S_IWOTH)
+
+
+def _is_the_users_alone(group: int) -> bool:
+    """Whether a group is called like the user, and nobody else has been added to it."""
+    import grp
+    import pwd
+
+    try:
+        user, found = pwd.getpwuid(os.geteuid()), grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+
+
 def _fault(place: Path) -> str:
     """Why compiled code cannot be kept in a folder; empty if it can."""
     found = place.stat()
     if found.st_uid != os.geteuid() or found.st_mode & 0o022:
         return "others may write there, and so have us run any code: make it the user's own, with mode 700"
+    for way in (place, place.resolve()):
+        for parent in way.parents:
+            if _others_may_swap(parent.lstat()):
+                return (
+                    f"others may write in {parent}, so put one of theirs in the place of this one, and have "
+                    "us run any code: take that right from them, or choose another place"
+                )
     return "" if os.access(place, os.W_OK | os.X_OK) else "nothing can be written there"

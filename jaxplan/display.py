@@ -5,10 +5,10 @@ never ask for a traced value: what cannot be told is a question mark. Angles are
 """
 
 import math
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from html import escape
 from itertools import islice
@@ -34,17 +34,17 @@ _LISTED = 12  # numbers of an array that are shown one by one
 
 
 def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], type[T]]:
-    """What gives a dataclass a short `repr` and a table for notebooks.
+    """What gives a class a short `repr` and a table for notebooks.
 
     Args:
         quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
             blank its unit, as in "trajectory.duration s", which is labelled "duration". Where the unit has
-            "deg", radians are turned into it. Without any quantities all fields are shown.
+            "deg", radians are turned into it. Without any quantities all fields of a dataclass are shown.
         heading: a format with the object as its argument, as in "Plan of {0.scenario.name}"; None for the
             name of the class and, where it has one, the object's own.
 
-    A line leaves out what is None, empty, or as it is by default. A class may have a ``_repr_html_`` of its
-    own, which gives way to the quantities where it raises.
+    A line leaves out what is None, empty, or as it is by default. A class may have a ``_repr_html_`` and a
+    ``__str__`` of its own, which give way to the quantities where they raise.
 
     Example:
         >>> @shown("half_angle deg", "devices")
@@ -53,22 +53,32 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
     """
 
     def dressed(cls: type[T]) -> type[T]:
-        own_table: Callable[[T], str] | None = cls.__dict__.get("_repr_html_")
-
         def line(self: T) -> str:
             return _line(_heading(self, heading), _quantities(self, quantities))
 
         def table(self: T) -> str:
-            if own_table is not None:
-                with suppress(Exception):
-                    return own_table(self)
             return as_table(_heading(self, heading), _rows(_quantities(self, quantities)))
 
-        for name, method in (("__repr__", line), ("_repr_html_", table)):
-            setattr(cls, name, method)
+        own = {name: cls.__dict__[name] for name in ("__str__", "_repr_html_") if name in cls.__dict__}
+        for name, tell in ({"__repr__": line, "_repr_html_": table} | own).items():
+            setattr(cls, name, _calm(tell, table if name == "_repr_html_" else line))
         return cls
 
     return dressed
+
+
+def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
+    """What tells of a thing without warnings, and in another way where the first one raises."""
+
+    def told(self: T) -> str:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return tell(self)
+            except Exception:
+                return otherwise(self)
+
+    return told
 
 
 def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
@@ -122,7 +132,7 @@ def _heading(thing: Any, form: str | None) -> str:
 
 def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
     """What there is to show of a thing; nothing of what is None or empty."""
-    own = {field.name: field for field in fields(thing)}
+    own = {field.name: field for field in fields(thing)} if is_dataclass(thing) else {}
     found = []
     for entry in wanted or own:
         path, _, unit = entry.partition(" ")

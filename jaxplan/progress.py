@@ -4,11 +4,14 @@ A bar ticks by itself, so that it shows and counts seconds while nothing gets do
 because JAX compiles.
 """
 
+import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+_SIZE = {"ncols": 80, "nrows": 24}  # of a terminal that tells none
 _TICK = 1.0  # s, until a bar shows, and between two looks at whether something compiles
 # JAX tells only of ends; the end of lowering is the beginning of compiling.
 _BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
@@ -82,7 +85,9 @@ def progress_bar(
     """
     from tqdm.auto import tqdm
 
-    more = {} if unit else {"bar_format": "{desc} [{elapsed}]"}
+    more: dict[str, Any] = {} if unit else {"bar_format": "{desc} [{elapsed}]"}
+    if _tells_no_size():
+        more |= _SIZE  # else there would be no room for a bar
     with tqdm(
         desc=what,
         unit=f" {unit}",
@@ -107,6 +112,14 @@ def progress_bar(
             _open.discard(bar)
             bar.close()
             ticking.join()
+
+
+def _tells_no_size() -> bool:
+    """Whether stderr is a terminal of zero columns or lines, as those of some programs are."""
+    try:
+        return 0 in os.get_terminal_size(sys.stderr.fileno())
+    except (AttributeError, OSError, ValueError):  # it is none
+        return False
 
 
 def _listen_to_jax() -> None:

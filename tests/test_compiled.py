@@ -131,6 +131,42 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, mode):
 
 
 @pytest.mark.parametrize(
+    ("mode", "refused"), [(0o777, True), (0o707, True), (0o702, True), (0o1777, False), (0o755, False)]
+)
+@pytest.mark.parametrize("link", [False, True], ids=["folder", "link"])
+def test_a_folder_below_one_that_others_may_write_to_is_not_used(tmp_path, mode, refused, link):
+    above = tmp_path / "shared"
+    cache = above / "mine" / "compiled"
+    cache.mkdir(mode=0o700, parents=True)
+    above.chmod(mode)
+    asked = cache
+    if link:
+        asked = tmp_path / "link"
+        asked.symlink_to(cache)
+    said = fresh_python(
+        f"""
+import json, jaxplan as jp
+try:
+    jp.compilation_cache({os.fspath(asked)!r})
+except ValueError as error:
+    print(json.dumps(str(error)))
+else:
+    print(json.dumps(""))
+""",
+        tmp_path,
+    )[0]
+    assert said.startswith(f"folder = {os.fspath(asked)!r}: others may write in {above}, ") == refused
+    assert bool(said) == refused
+
+
+def test_the_users_own_cache_is_not_used_where_others_may_swap_it(tmp_path):
+    (*_, folder), _ = fresh_python(COUNT + ANGLE + TELL, tmp_path)
+    assert folder is not None
+    (tmp_path / ".cache").chmod(0o777)
+    assert fresh_python(COUNT + ANGLE + TELL, tmp_path)[0] == [0, 0, None]
+
+
+@pytest.mark.parametrize(
     ("folder", "error", "said"),
     [(3, TypeError, "folder must be a path.*not int"), ("", ValueError, "folder is empty")],
 )

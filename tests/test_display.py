@@ -4,6 +4,7 @@ import importlib
 import inspect
 import re
 import typing
+import warnings
 from dataclasses import dataclass, fields, is_dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -20,6 +21,7 @@ import jaxplan as jp
 from jaxplan import sky
 from jaxplan.certificate import Claim, EndState, ProvedMargin
 from jaxplan.constellation import Constellation
+from jaxplan.constellation.shell import Shell
 from jaxplan.decomposition import Decomposition
 from jaxplan.display import UNKNOWN, as_table, shown
 from jaxplan.model.constraints import Constraints
@@ -74,6 +76,7 @@ class WellFormed(HTMLParser):
 def look(thing):
     """The line and the text of the page of an object, whose form is checked."""
     line, page = repr(thing), thing._repr_html_()
+    assert isinstance(str(thing), str)
     assert len(line) <= LINE, line
     assert line.isprintable()
     assert line.startswith("<")
@@ -274,6 +277,28 @@ def test_every_public_dataclass_shows_itself_whatever_it_holds(cls):
     for name in names:
         look(make(cls, without=[name]))
     look(object.__new__(cls))
+
+
+def test_what_is_half_made_is_printed_as_its_line(plan):
+    for cls in (jp.Plan, type(plan.report), Tuning, SearchTuning, jp.Study, Constellation):
+        thing = make(cls, without=[fields(cls)[0].name])
+        assert str(thing) == repr(thing)
+    assert str(replace(plan.report, min_margin="wide")).startswith("<Report: certified yes; min margin wide;")
+    assert "certified                  yes" in str(plan.report)
+
+
+def test_an_object_is_shown_without_a_warning():
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        for value in ODD:
+            look(make(Shell, **dict.fromkeys((field.name for field in fields(Shell)), value)))
+    assert not heard
+
+
+def test_a_film_says_of_what_it_is(plan):
+    film = jp.plot.animate(plan, frames=3)
+    assert repr(film) == f"<Film of case 2: pictures 3; duration {plan.trajectory.duration:.6g} s>"
+    assert repr(object.__new__(type(film))) == "<Film: pictures ?; duration ?>"
 
 
 def test_every_result_shows_itself_and_leaves_nothing_unknown(results):

@@ -1,7 +1,9 @@
 """Progress bars: quiet for a second, then counting, and telling that JAX compiles."""
 
 import io
+import os
 import re
+import select
 import threading
 from contextlib import redirect_stderr
 
@@ -65,6 +67,24 @@ def test_what_jax_compiles_is_noticed(terminal):
         jax.jit(lambda x: x * 17.25)(1.0)
         terminal.wait(), terminal.wait()
     assert "planning: compiling [" in terminal.getvalue()
+
+
+def test_a_terminal_that_tells_no_size_shows_the_bar(monkeypatch):
+    monkeypatch.setattr(progress, "_TICK", 0.02)
+    reader, writer = os.openpty()  # of 0 x 0
+    assert 0 in os.get_terminal_size(writer)
+    seen = b""
+    with (
+        open(writer, "w") as stderr,
+        redirect_stderr(stderr),
+        progress_bar("planning", "scenes", total=4) as bar,
+    ):
+        bar.update(2)
+        while b"2/4" not in seen and b"hidden" not in seen:
+            assert select.select([reader], [], [], 10)[0], "nothing is shown"
+            seen += os.read(reader, 1000)
+    os.close(reader)
+    assert re.search(rb"planning:  50%\|\S+ *\| 2/4 \[", seen)
 
 
 def test_a_bar_counts_and_is_wiped_out_in_the_end(terminal):

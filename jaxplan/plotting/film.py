@@ -4,7 +4,6 @@ import base64
 import io
 import os
 import re
-from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
+from jaxplan.display import shown
 from jaxplan.files import replacing_file
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
@@ -87,19 +87,30 @@ def animate(
     legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
     picture = _Picture(axes, plan, motion, seen)
     picture(0)
-    shown = np.linspace(0, len(motion.times) - 1, frames).round().astype(int)
+    instants = np.linspace(0, len(motion.times) - 1, frames).round().astype(int)
     figure = axes.get_figure(root=True)
     assert figure is not None
-    return Film(figure, picture, shown)
+    return Film(figure, picture, instants)
 
 
+@shown("pictures", "duration s", heading="Film of {0.picture.scenario.name}")
 class Film(FuncAnimation):
     """An animation of matplotlib that a notebook plays, with progress where it is saved."""
 
-    def __init__(self, figure: Figure, picture: Callable[[int], Iterable[Artist]], shown: np.ndarray) -> None:
-        self.figure, self.picture, self.shown = figure, picture, shown
-        super().__init__(figure, picture, frames=shown, interval=1000 * _PLAY / len(shown), blit=True)
+    def __init__(self, figure: Figure, picture: "_Picture", instants: np.ndarray) -> None:
+        self.figure, self.picture, self.instants = figure, picture, instants
+        super().__init__(figure, picture, frames=instants, interval=1000 * _PLAY / len(instants), blit=True)
         figure.film = self  # type: ignore[attr-defined]  # else it stops where nobody else keeps it
+
+    @property
+    def pictures(self) -> int:
+        """How many there are."""
+        return len(self.instants)
+
+    @property
+    def duration(self) -> float:
+        """Of the manoeuvre, s."""
+        return float(self.picture.motion.times[-1])
 
     def __del__(self) -> None:
         """Say nothing: a film that nobody looked at is no fault."""
@@ -124,9 +135,9 @@ class Film(FuncAnimation):
         target = Path(filename)
         writer = _writer(target) if writer is None else writer
         _check_place(target)
-        shown = "progress_callback" not in settings
+        bar_shown = "progress_callback" not in settings
         with (
-            progress_bar("film", "pictures", total=len(self.shown), shown=shown) as bar,
+            progress_bar("film", "pictures", total=len(self.instants), shown=bar_shown) as bar,
             replacing_file(target, suffix=target.suffix) as fresh,
         ):
             settings.setdefault("progress_callback", lambda _number, _total: bar.update())
@@ -141,10 +152,10 @@ class Film(FuncAnimation):
 
     def _repr_html_(self) -> str:
         """The player; of a long film with every second picture, or every third, and so on."""
-        step = -(-len(self.shown) // _PLAYER)
+        step = -(-len(self.instants) // _PLAYER)
         if step == 1:
             return self.to_jshtml()
-        return Film(self.figure, self.picture, self.shown[::step]).to_jshtml()
+        return Film(self.figure, self.picture, self.instants[::step]).to_jshtml()
 
 
 def _writer(target: Path) -> str:
