@@ -12,8 +12,8 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing import current_process, parent_process
+from contextlib import contextmanager, suppress
+from multiprocessing import current_process, parent_process, util
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import Any, TypeVar
@@ -75,6 +75,9 @@ class Crew:
             self._hire(int(executor))
         else:
             self._executor, self.workers = executor, os.cpu_count() or 1
+            if isinstance(executor, ProcessPoolExecutor) and not executor._processes:
+                with suppress(BrokenExecutor):  # as it does to whoever hands it work
+                    _bring_up_one(executor)
 
     def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
         """Hand out a part.
@@ -105,14 +108,32 @@ class Crew:
         self.workers = workers
         pool = ProcessPoolExecutor(workers, _Workers(), _begin, (compiled.settings(),))
         self._executor = self._pool = pool
-        begun = pool.submit(os.getpid)  # one comes up; the others do when there is work for them
-        processes = list((pool._processes or {}).values())
         try:
-            begun.result()
+            _bring_up_one(pool)
         except BrokenExecutor:
-            pool.shutdown()  # from then on it is known how they ended
-            unguarded = any(process.exitcode == _UNGUARDED for process in processes)
-            raise RuntimeError(_guard_advice() if unguarded else _DIED) from None
+            raise WorkersDiedError(_DIED) from None
+
+
+def _bring_up_one(pool: ProcessPoolExecutor) -> None:
+    """Begin a single process; the others do when there is work for them.
+
+    Raises:
+        WorkersDiedError: if it came upon the call which began it.
+        BrokenExecutor: if it died of something else.
+    """
+    begun = pool.submit(os.getpid)
+    processes = list((pool._processes or {}).values())
+    try:
+        begun.result()
+    except BrokenExecutor:
+        pool.shutdown()  # from then on it is known how they ended
+        if any(process.exitcode == _UNGUARDED for process in processes):
+            raise WorkersDiedError(_guard_advice()) from None
+        raise
+
+
+class WorkersDiedError(RuntimeError):
+    """Workers died as they began; public functions raise it anew, since our own lines tell nothing."""
 
 
 _DIED = (
@@ -122,7 +143,8 @@ _DIED = (
 
 
 def _guard_advice() -> str:
-    name = Path(getattr(sys.modules["__main__"], "__file__", None) or "the script").name
+    known = (getattr(sys.modules["__main__"], "__file__", None), *sys.argv[:1])
+    name = next((Path(path).name for path in known if path and path != "-c"), "the script")
     return (
         f'{name}: put what uses worker processes below `if __name__ == "__main__":`, since each of them '
         "reads the script, too, and would begin workers of its own"
@@ -139,8 +161,14 @@ def check_executor(executor: object) -> None:
         ValueError: for less than one process, or a pool that forks.
     """
     process = current_process()
-    if process.name.startswith(_WORKER) and getattr(process, "_inheriting", False):
-        os._exit(_UNGUARDED)  # at once and in silence: no clean-up of the script's own in its name
+    if getattr(process, "_inheriting", False):  # it runs the script
+        if not process.name.startswith(_WORKER):
+            print(_guard_advice(), file=sys.stderr, flush=True)  # who began it may not know what to say
+        finish: Any = util
+        finish._run_finalizers(
+            0
+        )  # of a pool of the script's: else warnings of semaphores come after all else
+        os._exit(_UNGUARDED)  # at once: no clean-up of the script's own in its name
     if isinstance(executor, int | np.integer) and not isinstance(executor, bool):
         if executor < 1:
             raise ValueError(f"executor = {executor}: must be at least 1, as a number of processes")

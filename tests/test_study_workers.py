@@ -263,6 +263,38 @@ def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path)
     assert (tmp_path / "cleaned up").read_text() == "once "  # the worker has left that to the script
 
 
+UNGUARDED = {
+    "numbers": "jp.run_study(range(2), executor=2, progress=False)",
+    "plans": "jp.plan_batch([jp.paper_case(4)] * 2, executor=2, progress=False)",
+    "plans by a pool": (
+        'with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:\n'
+        "    jp.plan_batch([jp.paper_case(4)], executor=pool, progress=False)"
+    ),
+    "a pool": (
+        'with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:\n'
+        "    jp.run_study(range(2), executor=pool, progress=False)"
+    ),
+}
+
+
+@pytest.mark.parametrize("work", UNGUARDED.values(), ids=UNGUARDED)
+def test_the_advice_on_a_guard_is_said_last_and_below_the_scripts_own_line(tmp_path, work):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import multiprocessing\n"
+        "from concurrent.futures import ProcessPoolExecutor\n"
+        f"import jaxplan as jp\n{work}\n"
+    )
+    done = spoken(script, cwd=tmp_path)
+    *lines, last = done.stderr.splitlines()
+    advice = 'script.py: put what uses worker processes below `if __name__ == "__main__":`'
+    assert last.startswith(f"RuntimeError: {advice}")
+    begin = lines.index("Traceback (most recent call last):")
+    assert all(line.startswith(advice) for line in lines[:begin])
+    assert sum(line.startswith("  File") for line in lines[begin:]) == 2
+    assert work.splitlines()[-1] in lines[begin + 2]
+
+
 def test_what_a_worker_dies_of_as_it_begins_is_told(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 
-from jaxplan.crew import Crew, check_executor
+from jaxplan.crew import Crew, WorkersDiedError, check_executor
 from jaxplan.given import several
 from jaxplan.kernel_room import make_room
 from jaxplan.planner.answers import Answer, answer, answers
@@ -88,7 +88,10 @@ def plan_batch(
     if executor is not None:
         check_executor(executor)
     if executor is not None and scenarios:
-        return _by_workers(scenarios, executor, progress)
+        try:
+            return _by_workers(scenarios, executor, progress)
+        except WorkersDiedError as error:
+            raise RuntimeError(str(error)) from None
     return _here(scenarios, progress)
 
 

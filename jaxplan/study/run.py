@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.crew import Crew, check_executor
+from jaxplan.crew import Crew, WorkersDiedError, check_executor
 from jaxplan.given import file_path
 from jaxplan.progress import progress_bar
 from jaxplan.scenario import Scenario
@@ -75,7 +75,10 @@ def run_study(
     if out is not None:
         file_path("out", out)
     task = make_task(scenarios_or_seeds, kind, planner, settings)
-    return run_task(task, executor, out, chunk, progress, plan_chunk)
+    try:
+        return run_task(task, executor, out, chunk, progress, plan_chunk)
+    except WorkersDiedError as error:
+        raise RuntimeError(str(error)) from None
 
 
 def run_task(
