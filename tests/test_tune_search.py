@@ -234,13 +234,15 @@ def test_the_figure_shows_every_trial_and_the_best_so_far(planned_by):
     labels = [axes.get_ylabel().replace("\n", "") for axes in grid]
     assert labels == ["expansions", *OWN]
     for axes, key in zip(grid, ("objective", *OWN), strict=True):
-        best, solved, failed = axes.get_lines()
+        best, solved, failed, ring = axes.get_lines()
+        assert ring.get_xydata().tolist() == [[found.best["trial"], found.best[key]]]
         drawn = dict(zip(*solved.get_data(), strict=True)) | dict(zip(*failed.get_data(), strict=True))
         assert drawn == {row["trial"]: row[key] for row in found.history}
         assert list(failed.get_xdata()) == [r["trial"] for r in found.history if r["success_rate"] < 1] != []
         assert best.get_ydata()[0] == found.own[key]
         assert best.get_ydata()[-1] == found.best[key]
-    assert len(grid[0].get_legend().get_texts()) == 3
+    assert [text.get_text() for text in grid[0].get_legend().get_texts()][-1] == "the answer"
+    assert len(grid[0].get_legend().get_texts()) == 4
 
 
 def test_the_figure_of_a_descent_has_a_line_a_number():
@@ -249,8 +251,16 @@ def test_the_figure_of_a_descent_has_a_line_a_number():
         for step in range(3)
     )
     label = "peak acceleration (deg/s²)"
-    result = Tuning(scenarios=(), plans=(), numbers={}, objective=0.25, label=label, history=history)
+    numbers = {"trajectory.rate_weight": 4.0}
+    result = Tuning(scenarios=(), plans=(), numbers=numbers, objective=0.25, label=label, history=history)
     first, second = jp.plot.tuning(result, Figure())
+    assert result.answer == 1
+    for axes, value in ((first, 0.5), (second, 4.0)):
+        assert axes.get_lines()[1].get_xydata().tolist() == [[1, value]]
+    assert [text.get_text() for text in first.get_legend().get_texts()] == ["the answer"]
+    unknown = replace(result, numbers={"trajectory.rate_weight": 9.0})
+    assert unknown.answer is None
+    assert all(len(axes.get_lines()) == 1 for axes in jp.plot.tuning(unknown, Figure()))
     assert first.get_ylabel().replace("\n", " ") == label
     assert list(first.get_lines()[0].get_ydata()) == [1.0, 0.5, 0.25]
     assert list(second.get_lines()[0].get_ydata()) == [3.0, 4.0, 5.0]
@@ -300,7 +310,7 @@ def test_an_objective_of_trials_with_zeros_shows_the_small_ones():
         {"trial": trial, "objective": value, "success_rate": 1.0, "search.anchor_weight": 2.0}
         for trial, value in enumerate((0.0, 0.2, 1.0, 54.0))
     )
-    axes = jp.plot.tuning(SimpleNamespace(label="expansions", history=history), Figure())[0]
+    axes = jp.plot.tuning(SimpleNamespace(label="expansions", history=history, answer=0), Figure())[0]
     axes.figure.draw_without_rendering()
     heights = axes.transAxes.inverted().transform(axes.transData.transform([(0, 0), (0, 0.2), (0, 54)]))[:, 1]
     assert heights[1] - heights[0] > 0.1

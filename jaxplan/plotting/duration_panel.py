@@ -1,4 +1,4 @@
-"""How long several methods take for the same scenes, beside the strict bound that none can beat."""
+"""How long several methods take for the same goals, beside the strict bound that none can beat."""
 
 from collections.abc import Mapping
 from itertools import cycle, islice
@@ -30,7 +30,8 @@ def durations(
 
     Args:
         seconds: of each method, by the names of scenes; a scene without a value has no mark.
-        bounds: s, no motion is shorter, by the names of scenes (`jaxplan.trajectory.duration_bound`).
+        bounds: s, no motion to the same goal is shorter, by the names of scenes
+            (`jaxplan.trajectory.duration_bound`); another goal that meets the same targets may be met sooner.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the methods beside the panel.
 
@@ -86,7 +87,7 @@ def durations(
         entries: Entries = [
             (Line2D([], [], **look), name) for name, look in zip(seconds, looks(len(seconds)), strict=True)
         ]
-        bound_line = (Line2D([], [], **_BOUND), "strict bound")
+        bound_line = (Line2D([], [], **_BOUND), "strict bound\nfor the goal")
         legend_beside(axes, [*entries, bound_line, (Patch(**_AREA), "impossible")])
     return axes
 

@@ -29,6 +29,14 @@ _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
 _STEP: Look = {"marker": ".", "markersize": 6}
 _TRIAL: Look = {"color": GREY, "linestyle": "", "marker": "o", "markersize": 4}
+_ANSWER: Look = {
+    "color": "black",
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 11,
+    "markerfacecolor": "none",
+    "clip_on": False,
+}
 _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
 
 
@@ -39,6 +47,7 @@ class Tuned(Protocol):
         label: what was lowered, with its unit.
         history: a row a step or trial, with its number, the objective, of trials the success rate, and the
             numbers by name.
+        answer: the step or trial whose numbers are the answer; None if it is none of them.
     """
 
     @property
@@ -47,16 +56,21 @@ class Tuned(Protocol):
     @property
     def history(self) -> Sequence[Row]: ...  # noqa: D102
 
+    @property
+    def answer(self) -> int | None: ...  # noqa: D102
+
 
 def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
 
-    Trials are drawn as they were measured first: of times the last measurement may choose another one.
+    A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
+    of times the last measurement may choose another one. The objective of a step is that of trajectories
+    which are followed, the answer's own that of plans which are made anew.
 
     Args:
         result: of `jaxplan.tuning.tune` or `jaxplan.tune_search`.
         ax: as many axes as numbers were tuned and one, a figure to put them in, or None for a new one.
-        legend: whether to name the marks of trials beside the first panel.
+        legend: whether to name the marks beside the first panel.
 
     Returns:
         The axes, from top to bottom: the objective, then the numbers.
@@ -68,7 +82,9 @@ def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axe
     Example:
         >>> jp.plot.tuning(jp.tune_search(range(20), "hard_keep_out", objective="expansions"))
     """
-    expect_like("result", result, ("label", "history"), "a Tuning or SearchTuning, as jp.tune returns")
+    expect_like(
+        "result", result, ("label", "history", "answer"), "a Tuning or SearchTuning, as jp.tune returns"
+    )
     rows = result.history
     if not rows:
         raise ValueError("the tuning has no steps to draw")
@@ -76,20 +92,25 @@ def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axe
     heights = [_FIRST, *[_OTHERS] * len(names)]
     grid = panels(ax, len(heights), (_WIDTH, sum(heights)), heights=heights)
     by_trials = "trial" in rows[0]
+    count = "trial" if by_trials else "step"
+    chosen = [row for row in rows if row[count] == result.answer]
     for axes, key in zip(grid, ("objective", *names), strict=True):
         tidy(axes)
         if by_trials:
             _trials(axes, rows, key)
         else:
-            axes.plot([row["step"] for row in rows], [row[key] for row in rows], **_LINE, **_STEP)
+            axes.plot([row[count] for row in rows], [row[key] for row in rows], **_LINE, **_STEP)
+        for row in chosen:
+            axes.plot([row[count]], [row[key]], **_ANSWER)
         plain(axes.set_ylabel(_broken(result.label if key == "objective" else key), fontsize=TEXT))
         axes.yaxis.set_major_formatter(_WholeNumbers())
     _use_decades(grid[0], np.array([row["objective"] for row in rows], dtype=float))
     grid[0].figure.align_ylabels(grid)
-    grid[-1].set_xlabel("trial" if by_trials else "step", fontsize=TEXT)
+    grid[-1].set_xlabel(count, fontsize=TEXT)
     grid[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    if by_trials and legend:
-        legend_beside(grid[0], _entries(rows))
+    if legend:
+        ring: Entries = [(Line2D([], [], **_ANSWER), "the answer")] * bool(chosen)
+        legend_beside(grid[0], [*(_entries(rows) if by_trials else []), *ring])
     return grid
 
 

@@ -119,6 +119,14 @@ class Tuning:
         return [["", "before", "after"], *([name, f"{a:.6g}", f"{b:.6g}"] for name, (a, b) in rows.items())]
 
     @property
+    def answer(self) -> int | None:
+        """The step that had the tuned numbers; None where none of the history has them."""
+        for row in self.history:
+            if all(row.get(name) == value for name, value in self.numbers.items()):
+                return int(row["step"])
+        return None
+
+    @property
     def title(self) -> str:
         """How many scenarios were tuned, in how many steps."""
         return f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"

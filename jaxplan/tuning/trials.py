@@ -69,6 +69,11 @@ class SearchTuning:
         return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
 
     @property
+    def answer(self) -> int:
+        """The trial that had the best settings."""
+        return int(self.best["trial"])
+
+    @property
     def label(self) -> str:
         """What was lowered, with its unit: as `Tuning` has it beside the objective's value."""
         return self.objective
