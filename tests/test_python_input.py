@@ -196,6 +196,18 @@ SCENARIOS = {
         replace(start(angular_velocity=[0, 0, 0.1]), trajectory=jp.TrajectorySettings(method="paper")),
         "stretching the time would change start.angular_velocity",
     ),
+    "a zone without an axis": (
+        zone(direction=None),
+        "keep_out[0].direction: missing (or axis_body) (or axis_device), must be a unit vector of 3 numbers",
+    ),
+    "a joint bound in degrees": (
+        scene(joint_bounds=[jp.JointBound(name="edge", device="terminal-1", normal=[0, 1], least=-20)]),
+        "scenario: joint_bounds[0].least = -20.0 rad: must lie in [-17.4533, 17.4533]",
+    ),
+    "a further vector that is long": (
+        zone(vectors=[jp.FixedVector(along=[0, 0, 2])]),
+        "keep_out[0].vectors[0].along = [0.0, 0.0, 2.0]: must be a unit vector",
+    ),
     "two of a name": (
         craft(terminals=SCENE.spacecraft.terminals[:1] * 3),
         "spacecraft.terminals[2].name = 'terminal-1': the same as spacecraft.terminals[0].name",

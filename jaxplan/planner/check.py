@@ -120,7 +120,9 @@ def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
     try:
         read_back(scenario_to_dict(scenario))
     except ScenarioError as error:
-        own = tuple(fault for fault in error.faults if fault.startswith(("keep_out", "keep_in")))
+        own = tuple(
+            fault for fault in error.faults if fault.startswith(("keep_out", "keep_in", "joint_bounds"))
+        )
         return (*own, *others) if own else faults
     return faults
 

@@ -106,9 +106,13 @@ class Table(Kind):
     def _note_missing(self, given: Mapping[str, str], place: Place) -> None:
         for entry in self.fields:
             if entry.required and entry.attribute not in given and not entry.kind.may_miss(place):
-                others = [f.key for f in self.fields if f.says == entry.says and f is not entry]
-                instead = "".join(f" (or {key})" for key in others)
-                place.key(entry.key).fault(f"missing{instead}, must be {entry.kind.wanted}")
+                here = place.key(entry.key)
+                alike = [place.key(f.key).path for f in self.fields if f.says == entry.says]
+                others = [
+                    path for path in alike if path != here.path and not path.startswith(f"{here.path}.")
+                ]
+                instead = "".join(f" (or {path.removeprefix(f'{place.path}.')})" for path in others)
+                here.fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def take(self, value: Any, place: Place) -> Any:
         """The model, each attribute as its kind takes it."""
