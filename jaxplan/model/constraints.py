@@ -40,9 +40,11 @@ from jax.typing import ArrayLike
 from jaxplan.display import shown
 from jaxplan.geometry import directions
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.directions import pointing, separation
+from jaxplan.geometry.directions import separation
 from jaxplan.geometry.vectors import length
 from jaxplan.moving import DirectionPath
+from jaxplan.once import made_once
+from jaxplan.spacecraft import body_boresights
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""
@@ -72,23 +74,45 @@ class Sights:
         return self.mounts.shape[0] + self.fixed.shape[0] + self.carried.shape[0]
 
     @property
-    def carriers(self) -> np.ndarray:
+    @made_once
+    def carriers(self) -> AnyArray:
         """(S,) int, the terminal whose moving part each sight is fixed to; -1 of those fixed to the body."""
-        return np.concatenate(
-            [np.arange(len(self.mounts)), np.full(len(self.fixed), -1), np.asarray(self.carrier, int)]
-        )
+        xp = array_module(self.carrier)
+        own, still = xp.arange(self.mounts.shape[0]), xp.full(self.fixed.shape[0], -1)
+        return xp.concatenate([own, still, xp.asarray(self.carrier, int)])
+
+    @property
+    @made_once
+    def turning(self) -> AnyArray:
+        """(2, S), one where the yaw, and the pitch, of its terminal turns a sight, else zero."""
+        carried: AnyArray = self.carriers >= 0
+        return array_module(carried).stack([carried, carried]).astype(float)
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
         """Unit vectors (..., S, 3) in body axes at joints (..., 2n), by equation (13)."""
-        xp, q, mounts, fixed, own = arrays(joints, self.mounts, self.fixed, self.carried)
+        xp, q, mounts = arrays(joints, self.mounts)
+        seen = body_boresights(mounts, self.fixed, q)
+        if not self.carried.shape[0]:
+            return seen
         count = mounts.shape[0]
-        azimuth, elevation = q[..., :count] + mounts, q[..., count:]
-        seen = [pointing(azimuth, elevation), xp.broadcast_to(fixed, (*q.shape[:-1], *fixed.shape))]
-        if own.shape[0]:
-            a, e = azimuth[..., self.carrier], elevation[..., self.carrier]
-            circles = xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e)
-            seen.append(xp.stack(directions.carried(own.T, *circles), axis=-1))
-        return xp.concatenate(seen, axis=-2)
+        a, e = (q[..., :count] + mounts)[..., self.carrier], q[..., count:][..., self.carrier]
+        own = self.carried_at(xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e))
+        return xp.concatenate([seen, xp.stack(own, axis=-1)], axis=-2)
+
+    def carried_at(
+        self, ca: AnyArray, sa: AnyArray, ce: AnyArray, se: AnyArray, *, behind: int = 0
+    ) -> directions.Vector:
+        """Components of the further vectors of moving parts.
+
+        Args:
+            ca: (..., v, ...) cosine of the azimuth of each vector's terminal.
+            sa: (..., v, ...) its sine.
+            ce: (..., v, ...) cosine of the elevation.
+            se: (..., v, ...) its sine.
+            behind: number of axes behind that of the vectors.
+        """
+        _, own = arrays(self.carried)
+        return directions.carried([part.reshape(-1, *(1,) * behind) for part in own.T], ca, sa, ce, se)
 
     def bounds(self, joint_change: ArrayLike) -> tuple[AnyArray, AnyArray]:
         """How fast sights turn and bend, seen from the body, while joints move steadily by some change.

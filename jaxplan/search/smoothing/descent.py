@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.geometry import rotations
+from jaxplan.geometry import directions, rotations
 from jaxplan.geometry.vectors import cross, dot, unit
 from jaxplan.model.constraints import INERTIAL, JOINTS, Sights
 from jaxplan.search.motions import computed_once
@@ -97,28 +97,19 @@ def _zone_terms(
     return first, second, 2 * PENALTY * jnp.sign(joints) * beyond, 2 * PENALTY * (beyond > 0)
 
 
-def _by_joints(sights: Sights, body: Array, angles: Array) -> tuple[Array, Array]:
+def _by_joints(sights: Sights, body: Array, angles: Array) -> list[Array]:
     """Derivatives (3, d, s) of sights in yaw and in pitch.
-
-    A vector of the moving part turns about z with the yaw, and about the opposite of its left with the pitch.
 
     Args:
         sights: what is bound.
         body: (3, d, s) where they are.
         angles: (2, n, s) cosine and sine of the azimuths.
     """
-    count, fixed = sights.mounts.shape[0], sights.fixed.shape[0]
-    parts = []
-    for own, (ca, sa) in (
-        (body[:, :count], angles),
-        (body[:, count + fixed :], angles[:, sights.carrier]),
-    ):
-        x, y, z = own
-        across = jnp.stack([-y, x, jnp.zeros_like(x)]), jnp.stack([-z * ca, -z * sa, x * ca + y * sa])
-        parts.append(across)
-    still = jnp.zeros((3, fixed, body.shape[2]))
-    first, last = parts
-    return tuple(jnp.concatenate([first[i], still, last[i]], axis=1) for i in range(2))  # type: ignore[return-value]
+    if not sights.mounts.shape[0]:
+        return [jnp.zeros_like(body)] * 2
+    circles = angles[:, jnp.maximum(sights.carriers, 0)]
+    both = directions.turns(tuple(body), *circles)
+    return [jnp.stack(own) * part[:, None] for own, part in zip(both, sights.turning, strict=True)]
 
 
 def _of_devices(sights: Sights, terms: Array) -> Array:

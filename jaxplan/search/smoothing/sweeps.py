@@ -180,8 +180,7 @@ def sights_of(sights: Sights, cosines: Array, sines: Array) -> Array:
         seen.append(jnp.broadcast_to(fixed, (*fixed.shape[:2], *ca.shape[1:])))
     if sights.carried.shape[0]:
         circles = (part[sights.carrier] for part in (ca, sa, ce, se))
-        own = spread(jnp.asarray(sights.carried).T, ca.ndim - 1)
-        seen.append(jnp.stack(directions.carried(own, *circles)))
+        seen.append(jnp.stack(sights.carried_at(*circles, behind=ca.ndim - 1)))
     return jnp.concatenate(seen, axis=1)
 
 

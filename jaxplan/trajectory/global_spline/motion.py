@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.geometry.vectors import cross
+from jaxplan.geometry import directions
+from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import (
     INERTIAL,
     JOINTS,
@@ -72,6 +73,11 @@ class Motion:
     def carriers(self) -> np.ndarray:
         """(G, D) int, terminals that carry the sights; -1 of those fixed to the body."""
         return np.stack([problem.sights.carriers for problem in self.problems])
+
+    @cached_property
+    def _turning(self) -> np.ndarray:
+        """(G, 2, D), see `Sights.turning`."""
+        return np.stack([problem.sights.turning for problem in self.problems])
 
     @cached_property
     def _rows(self) -> dict[str, np.ndarray]:
@@ -198,19 +204,16 @@ class Motion:
         seen: np.ndarray,
         other: np.ndarray,
     ) -> None:
-        """Add to slopes (R, 3 + 2n) how ``sight . other`` changes with the joints that turn the sight.
-
-        The yaw turns it about z, the pitch about ``(sin a, -cos a, 0)``, ``a`` being the azimuth.
-        """
+        """Add to slopes (R, 3 + 2n) how ``sight . other`` changes with the joints that turn the sight."""
         carrier = self.carriers[curve, sight]
         row = np.flatnonzero(carrier >= 0)
-        yaw, place, curve = 3 + carrier[row], place[row], curve[row]
+        yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
         mounts = np.stack([problem.sights.mounts for problem in self.problems])
         azimuth = self.curves[curve, 0, place, yaw] + mounts[curve, yaw - 3]
-        (x, y, z), (a, b, c) = seen[row].T, other[row].T
-        cos, sin = np.cos(azimuth), np.sin(azimuth)
-        slopes[row, yaw] += b * x - a * y
-        slopes[row, yaw + self._terminals] += c * (cos * x + sin * y) - z * (cos * a + sin * b)
+        turns = directions.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
+        for part, change in enumerate(turns):
+            weight = self._turning[curve, part, sight]
+            slopes[row, yaw + part * self._terminals] += weight * dot(change, other[row].T)
 
 
 _ARRAYS = (
