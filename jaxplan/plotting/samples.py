@@ -124,5 +124,6 @@ def margins(scenario: "Scenario", moves: Motion) -> list[Margin]:
             for sight in np.flatnonzero(np.any(rows.bound[own], axis=0)):
                 least = np.fmin.reduce(table[:, own, sight], axis=1)
                 name = zone.name if single[leader] else str(zone.any_of)
-                found.append(Margin(device=int(sight), zone=name, values=least))
+                if not np.all(np.isnan(least)):  # of an entry that is never the best
+                    found.append(Margin(device=int(sight), zone=name, values=least))
     return found
