@@ -30,7 +30,7 @@ from jaxplan.planner.check import prove
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import GivenState, Scenario
-from jaxplan.scenario.moments import moves, targets_move
+from jaxplan.scenario.moments import moves
 from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
@@ -119,7 +119,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     craft, asked = scenario.spacecraft, scenario.goal
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
-    if targets_move(scenario):
+    if scenario.goal.moves:
         raise ValueError(f"{scenario.name} has targets that move: `hold` refuses them")
     cones, start = scenario.constraints, scenario.start.attitude
     if isinstance(asked, GivenState):

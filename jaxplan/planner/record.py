@@ -11,7 +11,7 @@ from jaxplan.certificate import Report
 from jaxplan.display import as_table, shown
 from jaxplan.path import Goal, Path
 from jaxplan.scenario import GivenState, Scenario
-from jaxplan.scenario.moments import moves, targets_move
+from jaxplan.scenario.moments import moves
 from jaxplan.search import SearchResult
 from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory, duration_bound, excess
@@ -19,7 +19,7 @@ from jaxplan.trajectory import Trajectory, duration_bound, excess
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
-    if not targets_move(scenario):
+    if not scenario.goal.moves:
         return scenario.goal.angular_velocity, scenario.goal.joint_rates
     if goal.angular_velocity is None or goal.joint_rates is None:
         return np.zeros(3), np.zeros(len(goal.joints))  # which no certificate lets pass

@@ -17,7 +17,7 @@ from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.moving import DirectionPath
 from jaxplan.path import Goal
 from jaxplan.scenario import Scenario
-from jaxplan.scenario.moments import known_until, targets_move
+from jaxplan.scenario.moments import known_until
 
 _SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
 _ROOM = float(np.deg2rad(0.25))  # at most left to a start or goal by a cone that is cut back for it
@@ -73,7 +73,7 @@ def always(scenario: Scenario, goal: Goal) -> Constraints:
     rows = scenario.constraints
     time = goal.time
     if isinstance(scenario.trajectory.duration, str):
-        if targets_move(scenario):
+        if scenario.goal.moves:
             return rows.part(np.zeros(len(rows.zone), bool))
         time = known_until(scenario)[0]
     if not rows.paths:

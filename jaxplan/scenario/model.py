@@ -8,7 +8,7 @@ may be tuned are leaves; counts, names and choices are static.
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import jax
 import numpy as np
@@ -63,6 +63,9 @@ class GivenState:
     joints: np.ndarray
     angular_velocity: np.ndarray = _AT_REST
     joint_rates: np.ndarray = _AT_REST
+
+    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # as of targets: nothing that it points at moves
+    moves: ClassVar[bool] = False
 
     @property
     @made_once
