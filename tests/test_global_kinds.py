@@ -332,7 +332,7 @@ def random_problem(mount):
         rows.append([[row]])
     cones = table(rows, 3, body=unit(1), carrier=RNG.permutation(2), carried=unit(2))
     nodes = wandering(5, 2, seed=1, step=0.4)
-    return Problem.of(fitting(nodes.attitudes, np.linspace(0, 1, 6))[0], craft, cones)
+    return Problem(chart=fitting(nodes.attitudes, np.linspace(0, 1, 6))[0], spacecraft=craft, cones=cones)
 
 
 PROBLEMS = [random_problem(0.5), random_problem(-2.0)]

@@ -182,7 +182,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     path = wandering(5, 3, seed=1, step=0.4)
     chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
     zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
-    problem = Problem.of(chart, craft, zones)
+    problem = Problem(chart=chart, spacecraft=craft, cones=zones)
     places, curves = np.linspace(0.1, 0.9, 4), rng.normal(size=(4, 4, 9))
     curves = np.stack([rng.normal(size=curves.shape), curves])  # the second of two is looked at
 

@@ -89,7 +89,7 @@ def problem():
         [kind(name=f"{i}", direction=axes[i], half_angle=1.0, devices=craft.device_names) for i in numbers]
         for kind, numbers in ((KeepOut, (0, 1)), (KeepIn, (2, 3)))
     )
-    return Problem.of(chart, craft, tabulate(out, inside, craft.device_names))
+    return Problem(chart=chart, spacecraft=craft, cones=tabulate(out, inside, craft.device_names))
 
 
 PROBLEM = problem()

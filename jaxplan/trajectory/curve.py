@@ -20,7 +20,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan.display import shown
+from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
+from jaxplan.model.limits import Kinematics
 from jaxplan.trajectory import pieces
 
 # Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
@@ -61,6 +63,16 @@ class Samples:
     joint_rates: np.ndarray
     joint_accelerations: np.ndarray
     joint_jerks: np.ndarray
+
+    def kinematics(self, inertia: ArrayLike | None = None) -> Kinematics:
+        """What limited quantities are computed from, for a spacecraft of this inertia (3, 3) in kg m^2."""
+        spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
+        joints = (self.joints, self.joint_rates, self.joint_accelerations)
+        return Kinematics(
+            spin=[components(vector) for vector in spin],
+            joints=[components(vector) for vector in joints],
+            inertia=inertia,
+        )
 
 
 @shown("method", "duration s", "smoothness", "breaks s", "joint_breaks s", "node_times s")

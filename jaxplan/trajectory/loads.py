@@ -11,23 +11,25 @@ from itertools import pairwise
 
 import numpy as np
 
+from jaxplan.model import limits
+from jaxplan.model.limits import Kinematics, highest_derivative
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import derivative_matrix
-from jaxplan.trajectory.chart_rates import cross, rates
+from jaxplan.trajectory.chart_rates import rates
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.maxima import are_resolved
 
 _FEW = 8  # pieces; where there are more they are short
 _TOGETHER = 4096  # points; what is computed of them is then still in the processor's cache
 
-Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of loads
+Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of quantities
 
 
 def platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
     """Loads of the platform.
 
     Args:
-        asked: each with names of "rate", "acceleration", "jerk", "torque" and "momentum".
+        asked: each with names of quantities of the platform.
 
     Returns:
         Of each (N, G, 3 Q), at as many points of each piece as tell what is between them.
@@ -88,7 +90,7 @@ def _of_alike(
     found = np.empty((count, points, len(names), 3))
     for first in range(0, count, block):
         part = slice(first, first + block)
-        b = _curves(coefficients[part], length[part], points, 4 if "jerk" in names else 3)
+        b = _curves(coefficients[part], length[part], points, 1 + max(highest_derivative(names), 2))
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
             values = _loads(
                 np.repeat(chart_rate[part].T, points, axis=1),
@@ -105,12 +107,7 @@ def _loads(
     chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, inertia: np.ndarray, names: tuple[str, ...]
 ) -> np.ndarray:
     """(Q, 3, n) by name, of charts' rates (3, n), times (n,), curves (k, 3, n) and inertia (3, 3, n)."""
-    known = dict(zip(("rate", "acceleration", "jerk"), rates(chart_rate, tau, b), strict=False))
-    if "torque" in names or "momentum" in names:
-        rate, acceleration = known["rate"], known["acceleration"]
-        known["momentum"] = momentum = np.sum(inertia * rate, axis=1)
-        known["torque"] = np.sum(inertia * acceleration, axis=1) + cross(rate, momentum)
-    return np.stack([known[name] for name in names])
+    return np.asarray(limits.values(names, Kinematics(spin=rates(chart_rate, tau, b), inertia=inertia)))
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:

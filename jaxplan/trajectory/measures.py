@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
+from jaxplan.model.limits import time_factor, timed_limits
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.scaling import SAFETY
@@ -35,40 +35,21 @@ def time_factors(samples: Samples, craft: Spacecraft) -> Array:
         craft: its limits.
 
     Returns:
-        (k,): of the platform's rate, acceleration, jerk, torque and momentum, as far as they are limited, and
-        of the joints' rates and accelerations, magnitudes over limits, each to one over the power of the time
-        scaling by which it falls; the largest of all components. NaN where one of them is NaN.
+        (k,): magnitudes over limits, each to one over the power of the time scaling by which it falls; the
+        largest of all components of all limits. NaN where one of them is NaN.
     """
-    rate = jnp.asarray(samples.angular_velocity)
-    found: list[tuple[ArrayLike, Any, int]] = [
-        (rate, craft.rate_limit, 1),
-        (samples.angular_acceleration, craft.acceleration_limit, 2),
+    motion = samples.kinematics(craft.inertia)
+    factors = [
+        time_factor(limit.shares(motion), limit.quantity.power)
+        for group in timed_limits(craft)
+        for limit in group
     ]
-    if craft.jerk_limit is not None:
-        found.append((samples.angular_jerk, craft.jerk_limit, 3))
-    if craft.inertia is not None:
-        if craft.torque_limit is not None:
-            found.append((torque(samples, craft), craft.torque_limit, 2))
-        if craft.wheel_momentum_limit is not None:
-            found.append((rate @ jnp.asarray(craft.inertia).T, craft.wheel_momentum_limit, 1))
-    found.append((samples.joint_rates, craft.joint_rate_limits, 1))
-    found.append((samples.joint_accelerations, craft.joint_acceleration_limits, 2))
-    factors = [_root(jnp.abs(values) / limit, power) for values, limit, power in found]
-    return _largest_of(jnp.concatenate(factors, axis=-1))
-
-
-def _root(share: Array, power: int) -> Array:
-    """``share ** (1 / power)`` with a finite derivative at zero, where that of the root is none."""
-    if power == 1:
-        return share
-    zero = share == 0
-    return jnp.where(zero, 0, jnp.where(zero, 1, share) ** (1 / power))
+    return _largest_of(jnp.moveaxis(jnp.concatenate(factors), 0, -1))
 
 
 def torque(samples: Samples, craft: Spacecraft) -> Array:
     """``J omega' + omega x J omega``, (k, 3) N m in body axes."""
-    inertia, rate = jnp.asarray(craft.inertia), jnp.asarray(samples.angular_velocity)
-    return jnp.asarray(samples.angular_acceleration) @ inertia.T + jnp.cross(rate, rate @ inertia.T)
+    return jnp.moveaxis(jnp.asarray(samples.kinematics(craft.inertia).torque), 0, -1)
 
 
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:

@@ -1,18 +1,18 @@
 """Peaks of a trajectory over all time, and the uniform time scaling that brings them to their limits.
 
-Slowing a motion by a factor ``s`` leaves its geometry as it is. Rates and the angular momentum ``J omega``
-fall by ``s``; accelerations and the torque ``J omega' + omega x J omega`` by ``s^2``; the jerk by ``s^3``.
-So the shortest uniform scaling within all limits follows from the peaks of one curve, exactly.
+Slowing a motion leaves its geometry as it is, and every limited quantity falls by a power of the factor on
+time (`jaxplan.model.limits`). So the shortest uniform scaling within all limits follows from the peaks of one
+curve, exactly.
 
 The peaks are maxima over continuous time (`maxima`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from jaxplan.model.limits import Limit, time_factor, timed_limits
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.loads import joint_loads, platform_loads
@@ -42,12 +42,17 @@ class Peaks:
     @property
     def stretch(self) -> float:
         """Factor on time at which the first limit is just met; NaN if a peak is not a number."""
-        return float(np.max(self.ratios ** (1 / self.powers), initial=0.0))
+        return float(np.max(self.time_factors, initial=0.0))
 
     @property
     def binding(self) -> int:
         """Index of the quantity that asks for the longest time."""
-        return int(np.argmax(self.ratios ** (1 / self.powers)))
+        return int(np.argmax(self.time_factors))
+
+    @property
+    def time_factors(self) -> np.ndarray:
+        """(Q,) factors on time at which each limit is just met."""
+        return np.asarray(time_factor(self.ratios, self.powers))
 
 
 def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
@@ -65,43 +70,27 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 
 def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
     """`peaks` of many trajectories; each has those that it has alone, to the last bit."""
-    limited = [_limits(craft) for _, craft in curves]
-    asked = [(*own, tuple(loads)) for own, loads in zip(curves, limited, strict=True)]
-    platform = all_largest(platform_loads(asked))
+    limited = [timed_limits(craft) for _, craft in curves]
+    names = [tuple(limit.quantity.name for limit in platform) for platform, _ in limited]
+    platform = all_largest(platform_loads([(*own, its) for own, its in zip(curves, names, strict=True)]))
     joints = all_largest([joint_loads(curve) for curve, _ in curves])
-    return [
-        _shares(curves[number][1], loads, platform[number], joints[number])
-        for number, loads in enumerate(limited)
-    ]
-
-
-def _limits(spacecraft: Spacecraft) -> dict[str, tuple[Any, int]]:
-    """Limits of the platform's loads by name, and the power of the time scaling by which each load falls."""
-    limited = {
-        "rate": (spacecraft.rate_limit, 1),
-        "acceleration": (spacecraft.acceleration_limit, 2),
-        "jerk": (spacecraft.jerk_limit, 3),
-        "torque": (spacecraft.torque_limit, 2),
-        "momentum": (spacecraft.wheel_momentum_limit, 1),
-    }
-    return {load: own for load, own in limited.items() if own[0] is not None}
+    crafts = [craft for _, craft in curves]
+    return [_shares(*own) for own in zip(crafts, limited, platform, joints, strict=True)]
 
 
 def _shares(
-    spacecraft: Spacecraft, limited: dict[str, tuple[Any, int]], platform: np.ndarray, joints: np.ndarray
+    craft: Spacecraft,
+    limited: tuple[tuple[Limit, ...], tuple[Limit, ...]],
+    platform: np.ndarray,
+    joints: np.ndarray,
 ) -> Peaks:
-    """Peaks from the largest magnitudes of platform (3 Q,) and joints (6n,)."""
-    names, ratios, powers = [], [], []
-    for (load, (limit, power)), highest in zip(limited.items(), platform.reshape(-1, 3), strict=True):
-        names += [f"platform {load} {axis}" for axis in "xyz"]
-        ratios.append(highest / limit)
-        powers += [power] * 3
-    names += [f"{joint} {load}" for load in ("rate", "acceleration") for joint in spacecraft.joint_names]
-    joint_limits = np.concatenate([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
-    angles, *rates = np.split(joints, 3)
-    ratios.append(np.concatenate(rates) / joint_limits)
-    powers += [1] * len(angles) + [2] * len(angles)
-    in_range = bool(np.all(angles <= (1 + _ROUNDING) * spacecraft.joint_limits))
+    """Peaks from the largest magnitudes of the platform's limited quantities (3 Q,) and of joints (6n,)."""
+    angles, *of_joints = np.split(joints, 3)
+    largest = [*platform.reshape(-1, 3), *(of_joints[limit.quantity.power - 1] for limit in limited[1])]
+    every = [limit for group in limited for limit in group]
     return Peaks(
-        names=tuple(names), ratios=np.concatenate(ratios), powers=np.array(powers), in_range=in_range
+        names=tuple(name for limit in every for name in limit.names),
+        ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
+        powers=np.concatenate([np.full(len(limit.bound), limit.quantity.power) for limit in every]),
+        in_range=bool(np.all(angles <= (1 + _ROUNDING) * craft.joint_limits)),
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
+from jaxplan.model.limits import highest_derivative
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
@@ -86,8 +87,10 @@ def build(
     if np.any(rates[1, :3]):
         rates[1, :3] = problem.chart.end_turn @ rates[1, :3]
     space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=request.rest))
-    # At an end in rest with no acceleration only the jerk may be the largest there is.
-    places, rows = basis.within(request.points, to_end=problem.jerky or not request.rest)
+    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
+    places, rows = basis.within(
+        request.points, to_end=highest_derivative(problem.names) > 2 or not request.rest
+    )
     inner = slice(1, -1)
     tube = None
     if len(nodes) == 2:

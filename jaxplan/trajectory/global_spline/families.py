@@ -20,15 +20,11 @@ def families(stack: Stack, at: Points) -> Iterator[Family]:
     if crafts[0].terminals:
         yield Ranges(at.coefficients, np.stack([craft.joint_limits for craft in crafts]))
     if kind.limited:
-        if crafts[0].terminals:
-            limits = (
-                np.stack([craft.joint_rate_limits for craft in crafts]),
-                np.stack([craft.joint_acceleration_limits for craft in crafts]),
-            )
-            for power, limit in enumerate(limits, start=1):
-                differences = stacked([task.space.basis.differences[power] for task in stack.tasks])
-                scale = 1 / (limit * duration**power)
-                yield Joints(at.coefficients, f"joint {power}", power, differences, scale)
+        for each in zip(*(problem.joint_limits for problem in problems), strict=True):
+            quantity, bound = each[0].quantity, np.stack([limit.bound for limit in each])
+            differences = stacked([task.space.basis.differences[quantity.power] for task in stack.tasks])
+            scale = 1 / (bound * duration**quantity.power)
+            yield Joints(at.coefficients, quantity.name, quantity.power, differences, scale)
         first = problems[0]
         for q, (name, power) in enumerate(zip(first.names, first.powers, strict=True)):
             limit = np.stack([problem.limits[q] for problem in problems])

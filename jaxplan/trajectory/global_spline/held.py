@@ -104,7 +104,7 @@ class Held:
         given: (v,) int, nodes that are passed exactly.
         windings: (m + 1,) whole turns added to the logarithm at each node.
         long_way: 1 where the chart turns the long way round, else 0.
-        tightened: (Q, 3) share of the limits on the platform's loads that the rows take.
+        share: of the limits on the platform's loads that the rows allow.
         widened: of the tube that was asked for, the one that was kept.
         counted: (2, D, Z) bool, which margins at the two ends count: of a constraint those of the best entry.
         duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
@@ -113,7 +113,6 @@ class Held:
         zones: of margins.
         x: (k, A) the root.
         multipliers: (R,) of linear rows, loads and zones.
-        powers: of 1 / duration in the loads, those that have a limit.
         stretched: whether the time is stretched to the limits.
     """
 
@@ -127,7 +126,7 @@ class Held:
     given: Traced
     windings: Traced
     long_way: Traced
-    tightened: Traced
+    share: Traced
     widened: Traced
     counted: Traced
     duration: Traced
@@ -136,7 +135,6 @@ class Held:
     zones: ZoneRows
     x: Traced
     multipliers: Traced
-    powers: tuple[int, ...] = field(metadata={"static": True})
     stretched: bool = field(metadata={"static": True})
 
 

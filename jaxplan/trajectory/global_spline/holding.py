@@ -16,8 +16,8 @@ from jaxplan.trajectory.global_spline.families import families
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.global_spline.job import Attempt, Job
+from jaxplan.trajectory.global_spline.linear_rows import Joints
 from jaxplan.trajectory.global_spline.place_rows import Loads
-from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.refit import linearised
 from jaxplan.trajectory.global_spline.rows import SIGNS, Family, Index
 from jaxplan.trajectory.global_spline.stack import Points, Stack, Task
@@ -153,7 +153,6 @@ class Origin:
     ) -> Held:
         job, task = self.job, self.attempt.task
         space, problem = task.space, task.problem
-        own = Problem.of(problem.chart, job.spacecraft, job.cones, problem.horizon)
         inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
         linear, loads, zones, flat = _gathered(task, rows, binding, multipliers)
         places = self.attempt.request.places
@@ -168,7 +167,7 @@ class Origin:
             given=np.concatenate([[0, len(job.attitudes) - 1], inner]),
             windings=padded(_windings(problem.chart, job.attitudes, places), FEWEST_NODES),
             long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
-            tightened=problem.limits / np.where(np.isfinite(own.limits), own.limits, 1),
+            share=np.array(problem.share),
             widened=np.array(self._widened()),
             counted=np.isfinite(end_margins(problem, self.attempt.request)),
             duration=np.array(at.duration[0] if self.stretched else np.nan),
@@ -177,15 +176,15 @@ class Origin:
             zones=zones,
             x=self._free(at),
             multipliers=flat,
-            powers=tuple(int(power) for power in problem.powers),
             stretched=self.stretched,
         )
 
 
 def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index]]:
     """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
+    joints = [name for name, family in families.items() if isinstance(family, Joints)]
     loads = [name for name, family in families.items() if isinstance(family, Loads)]
-    names = ("joint 1", "joint 2", "range", "tube", *loads, "zone")
+    names = (*joints, "range", "tube", *loads, "zone")
     found = {name: np.nonzero(binding[name]) for name in names if name in families}
     return [(name, index[1:]) for name, index in found.items()]  # of the one curve
 
@@ -207,7 +206,9 @@ def _gathered(
     """The rows that bind, padded, with their multipliers in the same order."""
     problem, basis = task.problem, task.space.basis
     joints = task.space.fixed.shape[1] - 3
-    matrices = {"joint 1": basis.differences[1], "joint 2": basis.differences[2], "range": np.eye(basis.size)}
+    quantities = [limit.quantity for limit in problem.joint_limits]
+    matrices = {quantity.name: basis.differences[quantity.power] for quantity in quantities}
+    matrices["range"] = np.eye(basis.size)
     if task.tube is not None:
         matrices["tube"] = task.tube.rows
     none = np.zeros(0, int)

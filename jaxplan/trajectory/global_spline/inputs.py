@@ -12,6 +12,7 @@ from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, Sights, room, state_margins
+from jaxplan.model.limits import timed_limits
 from jaxplan.path import Path
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
@@ -38,8 +39,7 @@ class Inputs:
         inertia: (3, 3).
         cones: the pointing constraints.
         sights: what they bind, D of them.
-        dynamic: whether torque and momentum are among the loads.
-        jerky: whether the jerk is.
+        names: (Q,) of the platform's loads.
     """
 
     attitude: Traced
@@ -53,8 +53,7 @@ class Inputs:
     inertia: Traced
     cones: Constraints
     sights: Sights
-    dynamic: bool = field(metadata={"static": True})
-    jerky: bool = field(metadata={"static": True})
+    names: tuple[str, ...] = field(metadata={"static": True})
 
 
 def gather_inputs(
@@ -82,20 +81,9 @@ def gather_inputs(
     )
     radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
-    scales = [
-        craft.joint_rate_limits * duration,
-        craft.joint_acceleration_limits * duration**2,
-        craft.joint_limits,
-        tube,
-    ]
-    limits: list[ArrayLike] = [craft.rate_limit, craft.acceleration_limit]
-    actuators = (craft.torque_limit, craft.wheel_momentum_limit)
-    dynamic = craft.inertia is not None and any(limit is not None for limit in actuators)
-    if dynamic:
-        limits += [jnp.inf if limit is None else limit for limit in actuators]
-    if craft.jerk_limit is not None:
-        limits.append(craft.jerk_limit)
-    powers = np.array(held.powers)[:, None]
+    platform, of_joints = timed_limits(craft)
+    scales = [limit.bound * duration**limit.quantity.power for limit in of_joints]
+    scales += [craft.joint_limits, tube]
     sights, at_ends = cones.sights(craft.mounts, craft.fixed_boresights), jnp.array([0, -1])
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends]), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
@@ -107,15 +95,13 @@ def gather_inputs(
         offset=held.of_values @ nodes[held.given] + duration * (held.of_rates @ ends),
         energy=jnp.tensordot(weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1),
         scales=jnp.concatenate([jnp.asarray(scale) for scale in scales]),
-        limits=held.tightened
-        * jnp.stack([jnp.broadcast_to(jnp.asarray(limit), 3) for limit in limits])
-        * duration**powers,
+        limits=held.share
+        * jnp.stack([jnp.asarray(limit.bound) * duration**limit.quantity.power for limit in platform]),
         wanted=wanted,
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
         cones=cones,
         sights=sights,
-        dynamic=dynamic,
-        jerky=craft.jerk_limit is not None,
+        names=tuple(limit.quantity.name for limit in platform),
     )
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.limits import Kinematics, limits
 from jaxplan.scenario.model import TrajectorySettings
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
@@ -20,7 +21,7 @@ from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.rows import TUBE
 from jaxplan.trajectory.global_spline.stack import Point, Task
-from jaxplan.trajectory.global_spline.timing import Pace, full_speed_times
+from jaxplan.trajectory.global_spline.timing import Pace
 from jaxplan.trajectory.scaling import Peaks, all_peaks
 
 # About the nodes, unless the settings have one; a shortest motion has none.
@@ -96,21 +97,17 @@ class Job:
     @cached_property
     def times(self) -> np.ndarray:
         """(m,) s of each edge at full speed."""
-        craft = self.spacecraft
-        times = full_speed_times(self.moves, _limits(craft)[0])
-        if craft.inertia is not None and craft.wheel_momentum_limit is not None:
-            wheels = np.broadcast_to(craft.wheel_momentum_limit, 3)
-            momenta = self.moves[:, :3] @ np.asarray(craft.inertia).T
-            times = np.maximum(times, full_speed_times(momenta, wheels))
-        return times
+        platform, joints = self.moves[:, :3].T, self.moves[:, 3:].T
+        # In a second every edge is gone along at a steady pace, which is to be slowed to the limits.
+        steady = Kinematics(spin=[platform], joints=[0 * joints, joints], inertia=self.spacecraft.inertia)
+        paced = [limit for limit in limits(self.spacecraft) if limit.quantity.power == 1]
+        return np.max(np.concatenate([limit.shares(steady) for limit in paced]), axis=0)
 
     @cached_property
     def rise(self) -> float:
         """In which the axis with the longest way reaches its full rate, s."""
-        rate, acceleration = _limits(self.spacecraft)
-        needed = rate / acceleration
-        if self.spacecraft.jerk_limit is not None:
-            needed[:3] += acceleration[:3] / np.min(self.spacecraft.jerk_limit)
+        rate, acceleration, jerk = (_about_any_axis(self.spacecraft, power) for power in (1, 2, 3))
+        needed = rate / acceleration + acceleration / jerk
         return float(needed[np.argmax(np.sum(np.abs(self.moves), axis=0) / rate)])
 
     def quickest(self) -> Pace:
@@ -208,25 +205,22 @@ class Attempt:
         return inside, nearly, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
 
 
-def _limits(spacecraft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Rates and accelerations (3 + 2n,) of platform and joints, about any axis."""
-    acceleration = spacecraft.acceleration_limit
-    if spacecraft.inertia is not None and spacecraft.torque_limit is not None:
-        heaviest = float(np.linalg.norm(spacecraft.inertia, 2))
-        acceleration = min(acceleration, float(np.min(spacecraft.torque_limit)) / heaviest)
-    return (
-        np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits]),
-        np.concatenate([np.full(3, acceleration), spacecraft.joint_acceleration_limits]),
-    )
+def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
+    """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
 
-
-def _tightened(spacecraft: Spacecraft, share: float) -> Spacecraft:
-    """The spacecraft with the platform's limits a little lower; joints are held at every instant anyway."""
-    names = ("rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit")
-    limits = {name: getattr(spacecraft, name) for name in names}
-    return replace(
-        spacecraft, **{name: limit * (1 - share) for name, limit in limits.items() if limit is not None}
-    )
+    Those of the momentum are left to `Job.times`, which knows the axis of each edge.
+    """
+    platform, joints = np.full(3, np.inf), np.full(len(spacecraft.joint_names), np.inf)
+    heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
+    for limit in limits(spacecraft):
+        quantity = limit.quantity
+        if quantity.power != power or (quantity.by_inertia and power == 1):
+            continue
+        if quantity.of_joints:
+            joints = limit.bound
+        else:
+            platform = np.minimum(platform, np.min(limit.bound) / (heaviest if quantity.by_inertia else 1.0))
+    return np.concatenate([platform, joints])
 
 
 def ladder(radius: float, *, in_time: bool = True) -> Iterator[tuple[int, float]]:
@@ -264,17 +258,18 @@ def attempt_at(
         duration: s, given or to begin with.
         limited: whether limits are kept, or time will be stretched to them.
         free_time: whether the shortest duration is looked for.
-        tighter: share of the limits that is left.
+        tighter: share of the platform's limits that is left; joints are held at every instant anyway.
         begin: (n, A) coefficients of the curve to begin with, the one nearest to the path by default.
 
     Returns:
         The attempt; None if the nodes leave the chart or numbers overflow.
     """
-    craft = _tightened(job.spacecraft, tighter) if tighter else job.spacecraft
     chart, b = yield in_turn(fitting, attitudes=request.attitudes, places=request.places)
     if not farthest(chart, b, request.places) <= REACH:
         return None
-    problem = Problem.of(chart, craft, job.cones, job.horizon)
+    problem = Problem(
+        chart=chart, spacecraft=job.spacecraft, cones=job.cones, horizon=job.horizon, share=1 - tighter
+    )
     wanted: np.ndarray = yield Ask(wanted_margins, (problem, request))
     built: Built = yield in_turn(
         build,

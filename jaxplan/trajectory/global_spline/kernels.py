@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan import so3
+from jaxplan.model.limits import Kinematics, highest_derivative, values
 from jaxplan.trajectory.pieces import chart_motion
 
 _CHUNK = 256  # places that a kernel looks at in one call
@@ -31,30 +32,25 @@ def by_chunks(
     return [np.concatenate(arrays)[:count] for arrays in zip(*found, strict=True)]
 
 
-def loads_at(turn: Array, place: Array, z: Array, inertia: Array, dynamic: bool, jerky: bool) -> Array:
-    """The loads (Q, 3) at one place from ``b`` and its derivatives, z (4, 3)."""
+def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:
+    """The loads (Q, 3) of these names at one place from ``b`` and its derivatives, z (4, 3)."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
         return chart_motion(turn, *point)[1:]
 
     b, first, second, third = z
     point = (place[None], b, first, second)
-    if jerky:
-        (rate, acceleration), (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
+    if highest_derivative(names) > 2:
+        spin, (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
+        spin = (*spin, jerk)
     else:
-        rate, acceleration = moving(*point)
-    found = [rate, acceleration]
-    if dynamic:
-        momentum = inertia @ rate
-        found += [inertia @ acceleration + jnp.cross(rate, momentum), momentum]
-    if jerky:
-        found.append(jerk)
-    return jnp.stack(found)
+        spin = moving(*point)
+    return values(names, Kinematics(spin=spin, inertia=inertia))
 
 
-@partial(jax.jit, static_argnames=("dynamic", "jerky"))
-def values(
-    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
+@partial(jax.jit, static_argnames="names")
+def motion_at(
+    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
 ) -> tuple[Array, Array, Array]:
     """Attitudes, tangents and loads at all places."""
 
@@ -65,19 +61,19 @@ def values(
         return (
             attitude @ gamma,
             half.T @ so3.right_jacobian(eta),
-            loads_at(turn, place, z, inertia, dynamic, jerky),
+            loads_at(turn, place, z, inertia, names),
         )
 
     return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
 
 
-@partial(jax.jit, static_argnames=("dynamic", "jerky"))
+@partial(jax.jit, static_argnames="names")
 def load_slopes(
-    turn: Array, places: Array, curves: Array, inertia: Array, *, dynamic: bool, jerky: bool
+    turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
 ) -> Array:
     """Derivatives of the loads at all places."""
 
     def at(place: Array, z: Array) -> Array:
-        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, dynamic, jerky)
+        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, names)
 
     return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

@@ -61,9 +61,9 @@ class Motion:
         """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
         if curve not in self._load_slopes:
             problem = self.problems[curve]
-            turn, inertia, choices = problem.chart.turn, problem.inertia, _choices(problem)
+            turn, inertia, names = problem.chart.turn, problem.inertia, problem.names
             (self._load_slopes[curve],) = kernels.by_chunks(
-                lambda places, own: (kernels.load_slopes(turn, places, own, inertia, **choices),),
+                lambda places, own: (kernels.load_slopes(turn, places, own, inertia, names=names),),
                 self.places[curve],
                 self.curves[curve],
             )
@@ -239,8 +239,8 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
     found = []
     for problem, *own in zip(problems, places, curves, strict=True):
         attitude, tangent, loads = kernels.by_chunks(
-            lambda part, curve, problem=problem: kernels.values(  # type: ignore[misc]
-                problem.chart.attitude, problem.chart.turn, part, curve, problem.inertia, **_choices(problem)
+            lambda part, curve, problem=problem: kernels.motion_at(  # type: ignore[misc]
+                problem.chart.attitude, problem.chart.turn, part, curve, problem.inertia, names=problem.names
             ),
             *own,
         )
@@ -265,7 +265,3 @@ def _pointing(
         kept = counted(cones, np.min(margins, axis=1, initial=np.inf))
         np.copyto(margins, np.inf, where=~kept[:, None])
     return body, cosines, margins
-
-
-def _choices(problem: Problem) -> dict[str, bool]:
-    return {"dynamic": problem.dynamic, "jerky": problem.jerky}

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxplan.model.constraints import Constraints, Sights
+from jaxplan.model.limits import Limit, timed_limits
 from jaxplan.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.chart import Chart
 
@@ -20,22 +20,38 @@ class Problem:
         spacecraft: its limits.
         cones: the pointing constraints.
         horizon: s, when axes that move are taken to be where they are at the end.
-        limits: (Q, 3) of the platform's loads, in time.
-        powers: (Q,) of 1 / duration in the loads.
-        dynamic: whether torque and momentum are among the loads.
-        jerky: whether the jerk is.
-        names: (Q,) of the loads.
+        share: of the limits on the platform's loads that may be taken.
     """
 
     chart: Chart
     spacecraft: Spacecraft
     cones: Constraints
-    horizon: float
-    limits: np.ndarray
-    powers: np.ndarray
-    dynamic: bool
-    jerky: bool
-    names: tuple[str, ...]
+    horizon: float = 0.0
+    share: float = 1.0
+
+    @cached_property
+    def _timed(self) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
+        return timed_limits(self.spacecraft)
+
+    @property
+    def joint_limits(self) -> tuple[Limit, ...]:
+        """Of rates and accelerations of the joints."""
+        return self._timed[1]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(Q,) of the platform's loads: of the quantities that are limited."""
+        return tuple(limit.quantity.name for limit in self._timed[0])
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """(Q, 3) of the platform's loads, in time."""
+        return self.share * np.stack([limit.bound for limit in self._timed[0]])
+
+    @cached_property
+    def powers(self) -> np.ndarray:
+        """(Q,) of 1 / duration in the platform's loads."""
+        return np.array([limit.quantity.power for limit in self._timed[0]])
 
     @property
     def inertia(self) -> np.ndarray:
@@ -51,30 +67,3 @@ class Problem:
     def axes(self, places: np.ndarray) -> np.ndarray:
         """Axes (S, Z, 3) of the rows at places (S,) in [0, 1], inertial unless they are of the body."""
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
-
-    @classmethod
-    def of(cls, chart: Chart, spacecraft: Spacecraft, cones: Constraints, horizon: float = 0.0) -> "Problem":
-        """The problem of a spacecraft among zones; what has no limit is not looked at."""
-        loads: list[tuple[str, ArrayLike, int]] = [
-            ("rate", spacecraft.rate_limit, 1),
-            ("acceleration", spacecraft.acceleration_limit, 2),
-        ]
-        actuators = (spacecraft.torque_limit, spacecraft.wheel_momentum_limit)
-        dynamic = spacecraft.inertia is not None and any(limit is not None for limit in actuators)
-        if dynamic:
-            torque, momentum = (np.inf if limit is None else limit for limit in actuators)
-            loads += [("torque", torque, 2), ("momentum", momentum, 1)]
-        if spacecraft.jerk_limit is not None:
-            loads.append(("jerk", spacecraft.jerk_limit, 3))
-        names, limits, powers = zip(*loads, strict=True)
-        return cls(
-            chart=chart,
-            spacecraft=spacecraft,
-            cones=cones,
-            horizon=horizon,
-            limits=np.stack([np.broadcast_to(np.asarray(limit, float), 3) for limit in limits]),
-            powers=np.array(powers),
-            dynamic=dynamic,
-            jerky=spacecraft.jerk_limit is not None,
-            names=names,
-        )

@@ -175,7 +175,7 @@ def _each(
 
 def _load_row(inputs: Inputs, row: LoadRows, z: Traced) -> Traced:
     """One load at one place, from ``b`` and its derivatives (4, 3)."""
-    loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.dynamic, inputs.jerky)
+    loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.names)
     return row.sign * loads[row.load, row.axis] / inputs.limits[row.load, row.axis] - 1
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxplan.model.limits import time_factor
 from jaxplan.trajectory.global_spline.curve_space import CurveSpace
 from jaxplan.trajectory.global_spline.linear_rows import Tube
 from jaxplan.trajectory.global_spline.motion import Motion, evaluate
@@ -228,19 +229,16 @@ class Stack:
 def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:
     """The shortest durations (G,) in which motions keep all limits of rates and loads at their places, s."""
     limits = np.stack([problem.limits for problem in problems])
-    crafts = [problem.spacecraft for problem in problems]
     found = [
-        np.max(np.abs(motion.loads[:, :, q]) / limits[:, None, q], axis=(1, 2)) ** (1 / power)
+        (np.abs(motion.loads[:, :, q]) / limits[:, None, q], power)
         for q, power in enumerate(problems[0].powers)
     ]
-    of_joints = (
-        np.stack([craft.joint_rate_limits for craft in crafts]),
-        np.stack([craft.joint_acceleration_limits for craft in crafts]),
+    for each in zip(*(problem.joint_limits for problem in problems), strict=True):
+        bound, power = np.stack([limit.bound for limit in each]), each[0].quantity.power
+        found.append((np.abs(motion.curves[:, power, :, 3:]) / bound[:, None], power))
+    return np.asarray(
+        np.max([time_factor(np.max(shares, axis=(1, 2)), power) for shares, power in found], axis=0)
     )
-    for power, limit in enumerate(of_joints, start=1):
-        shares = np.abs(motion.curves[:, power, :, 3:]) / limit[:, None]
-        found.append(np.max(shares, axis=(1, 2), initial=0) ** (1 / power))
-    return np.asarray(np.max(found, axis=0))
 
 
 def _most(values: np.ndarray) -> np.ndarray:

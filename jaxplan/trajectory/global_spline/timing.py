@@ -75,19 +75,6 @@ class Pace:
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
 
 
-def full_speed_times(moves: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Time of each edge at full speed.
-
-    Args:
-        moves: (m, A) rad.
-        rates: (A,) rad/s, the limits.
-
-    Returns:
-        (m,) s.
-    """
-    return np.max(np.abs(moves) / rates, axis=1)
-
-
 def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarray:
     """Points on the straight lines between nodes.
 

@@ -1,0 +1,298 @@
+"""The limits of a spacecraft: what is limited, by which name and unit, and how it changes with the pace.
+
+This is the one list of them. Fit, time scaling, peaks, certificate, figures and report go through `limits` of
+a spacecraft; a further limit is a further row of `QUANTITIES`.
+
+Vectors of the platform are in body axes. A motion that takes ``s`` times as long passes the same attitudes
+and joint angles, and each quantity falls by a power of ``s``. So the shortest time in which a motion keeps a
+limit follows from the largest share of it that is taken, exactly (`time_factor`).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+from jaxplan.geometry.vectors import Components, cross, dot
+from jaxplan.spacecraft import Spacecraft
+
+_AXES = ("x", "y", "z")
+_RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
+
+
+class Kinematics(NamedTuple):
+    """What quantities are computed from, components first; what none of them needs may be left out.
+
+    Attributes:
+        spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
+        joints: angles and their derivatives by time, each (2n, ...), rad, rad/s, rad/s^2.
+        inertia: (3, 3) or (3, 3, ...) kg m^2.
+    """
+
+    spin: Sequence[AnyArray] = ()
+    joints: Sequence[AnyArray] = ()
+    inertia: AnyArray | None = None
+
+    @property
+    def momentum(self) -> AnyArray:
+        """``J omega``, (3, ...) N m s."""
+        return _stacked(_times(self.inertia, self.spin[0]))
+
+    @property
+    def torque(self) -> AnyArray:
+        """``J omega' + omega x J omega``, (3, ...) N m."""
+        gyroscopic = cross(self.spin[0], _times(self.inertia, self.spin[0]))
+        return _stacked([a + b for a, b in zip(_times(self.inertia, self.spin[1]), gyroscopic, strict=True)])
+
+
+def _times(matrix: Any, vector: Components) -> tuple[AnyArray, ...]:
+    return tuple(dot(row, vector) for row in matrix)
+
+
+def _stacked(components: Sequence[AnyArray]) -> AnyArray:
+    return array_module(*components).stack(components)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """Something that a spacecraft may limit.
+
+    Attributes:
+        name: in reports, such as "angular_velocity".
+        word: for it where it is said of which joint or body axis it is, such as "rate".
+        label: for it at the head of a row of a table.
+        caption: for it beside a panel of a figure, where it is of the platform.
+        unit: for people: with angles in degrees, and "^" before exponents.
+        power: as a motion takes ``s`` times as long, it falls by ``s ** power``: the number of derivatives by
+            time that it is made of. Zero of what does not depend on the pace.
+        of_joints: whether its components are of joints; else they are the platform's three axes.
+        by_inertia: whether it depends on the inertia, without which it cannot be limited.
+        values: its components (c, ...) in SI units, of a motion.
+        given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit.
+    """
+
+    name: str
+    word: str
+    label: str
+    caption: str = ""
+    unit: str
+    power: int
+    of_joints: bool = False
+    by_inertia: bool = False
+    values: Callable[[Kinematics], AnyArray]
+    given: Callable[[Spacecraft], Any]
+
+    @property
+    def printed_unit(self) -> str:
+        """The unit with raised exponents."""
+        return self.unit.translate(_RAISED)
+
+    def in_unit(self, values: ArrayLike) -> np.ndarray:
+        """Values in `unit`, of values in SI units."""
+        return np.rad2deg(values) if self.unit.startswith("deg") else np.asarray(values, float)
+
+
+def _yaws(joints: AnyArray) -> AnyArray:
+    return joints[: len(joints) // 2]
+
+
+def _pitches(joints: AnyArray) -> AnyArray:
+    return joints[len(joints) // 2 :]
+
+
+QUANTITIES = (
+    Quantity(
+        name="angular_velocity",
+        word="rate",
+        label="Angular velocity",
+        caption="platform angular\nvelocity",
+        unit="deg/s",
+        power=1,
+        values=lambda motion: motion.spin[0],
+        given=lambda craft: craft.rate_limit,
+    ),
+    Quantity(
+        name="angular_acceleration",
+        word="acceleration",
+        label="Angular acceleration",
+        caption="platform angular\nacceleration",
+        unit="deg/s^2",
+        power=2,
+        values=lambda motion: motion.spin[1],
+        given=lambda craft: craft.acceleration_limit,
+    ),
+    Quantity(
+        name="joint_rates",
+        word="rate",
+        label="Joint rates",
+        unit="deg/s",
+        power=1,
+        of_joints=True,
+        values=lambda motion: motion.joints[1],
+        given=lambda craft: craft.joint_rate_limits,
+    ),
+    Quantity(
+        name="joint_accelerations",
+        word="acceleration",
+        label="Joint accelerations",
+        unit="deg/s^2",
+        power=2,
+        of_joints=True,
+        values=lambda motion: motion.joints[2],
+        given=lambda craft: craft.joint_acceleration_limits,
+    ),
+    Quantity(
+        name="yaw",
+        word="yaw",
+        label="Yaw angles",
+        unit="deg",
+        power=0,
+        of_joints=True,
+        values=lambda motion: _yaws(motion.joints[0]),
+        given=lambda craft: _yaws(craft.joint_limits),
+    ),
+    Quantity(
+        name="pitch",
+        word="pitch",
+        label="Pitch angles",
+        unit="deg",
+        power=0,
+        of_joints=True,
+        values=lambda motion: _pitches(motion.joints[0]),
+        given=lambda craft: _pitches(craft.joint_limits),
+    ),
+    Quantity(
+        name="torque",
+        word="torque",
+        label="Torque",
+        caption="torque",
+        unit="N m",
+        power=2,
+        by_inertia=True,
+        values=lambda motion: motion.torque,
+        given=lambda craft: craft.torque_limit,
+    ),
+    Quantity(
+        name="wheel_momentum",
+        word="momentum",
+        label="Wheel momentum",
+        caption="angular\nmomentum",
+        unit="N m s",
+        power=1,
+        by_inertia=True,
+        values=lambda motion: motion.momentum,
+        given=lambda craft: craft.wheel_momentum_limit,
+    ),
+    Quantity(
+        name="jerk",
+        word="jerk",
+        label="Jerk",
+        caption="platform angular\njerk",
+        unit="deg/s^3",
+        power=3,
+        values=lambda motion: motion.spin[2],
+        given=lambda craft: craft.jerk_limit,
+    ),
+)
+"""All that can be limited, in the order of a report."""
+
+_BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limit:
+    """``|f| <= bound`` at every instant, for each component ``f`` of a quantity.
+
+    Attributes:
+        quantity: what is limited.
+        owners: (c,) of each component the body axis, the joint, or for angles the terminal, by name.
+        bound: (c,) positive, in SI units.
+    """
+
+    quantity: Quantity
+    owners: tuple[str, ...]
+    bound: AnyArray
+
+    def shares(self, motion: Kinematics) -> AnyArray:
+        """Magnitudes over bounds, (c, ...), of a motion."""
+        xp, magnitudes, bound = arrays(self.quantity.values(motion), self.bound)
+        return xp.abs(magnitudes) / bound.reshape(-1, *[1] * (magnitudes.ndim - 1))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(c,) of the components, such as "platform rate x" or "terminal-1 yaw rate"."""
+        word = self.quantity.word
+        if self.quantity.of_joints:
+            return tuple(f"{owner} {word}" for owner in self.owners)
+        return tuple(f"platform {word} {owner}" for owner in self.owners)
+
+
+def limits(craft: Spacecraft) -> tuple[Limit, ...]:
+    """All limits that a spacecraft has, in the order of `QUANTITIES`.
+
+    Args:
+        craft: its numbers may be traced; then so are the bounds.
+
+    Returns:
+        Without those of joints where there are none, and without those that need the inertia where there is
+        no inertia.
+    """
+    found = []
+    for quantity in QUANTITIES:
+        given = quantity.given(craft)
+        if given is None or (quantity.by_inertia and craft.inertia is None):
+            continue
+        owners = _owners(quantity, craft)
+        if owners:
+            bound = array_module(given).full(len(owners), given)
+            found.append(Limit(quantity=quantity, owners=owners, bound=bound))
+    return tuple(found)
+
+
+def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
+    if not quantity.of_joints:
+        return _AXES
+    return craft.joint_names if quantity.power else tuple(terminal.name for terminal in craft.terminals)
+
+
+def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
+    """Limits that a slower motion keeps: those of the platform, and those of the joints."""
+    timed = [limit for limit in limits(craft) if limit.quantity.power]
+    joints = tuple(limit for limit in timed if limit.quantity.of_joints)
+    return tuple(limit for limit in timed if not limit.quantity.of_joints), joints
+
+
+def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
+    """Quantities by name, all with as many components.
+
+    Args:
+        names: Q of them.
+        motion: with all that they need.
+
+    Returns:
+        (Q, c, ...) in SI units.
+    """
+    return _stacked([_BY_NAME[name].values(motion) for name in names])
+
+
+def highest_derivative(names: Iterable[str]) -> int:
+    """By how many derivatives by time the quantities of these names are made."""
+    return max(_BY_NAME[name].power for name in names)
+
+
+def time_factor(share: ArrayLike, power: int | np.ndarray) -> AnyArray:
+    """How many times as long a motion has to take for a share of a limit to become one.
+
+    Args:
+        share: magnitude over limit, of a quantity that depends on the pace.
+        power: its power, 1 or more.
+
+    Returns:
+        ``share ** (1 / power)``; at zero, where a root has no derivative, the derivative is taken as zero.
+    """
+    xp, given = arrays(share)
+    zero = given == 0
+    return xp.where(zero, 0, xp.where(zero, 1, given) ** (1 / power))
