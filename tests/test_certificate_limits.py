@@ -8,7 +8,8 @@ from manoeuvres import craft, grid, joints_of, judge, manoeuvre, spin_of
 from scipy.optimize import minimize_scalar
 
 from jaxplan.certificate.bounds import Minima
-from jaxplan.certificate.limits import Quantity, faults
+from jaxplan.certificate.limits import Limited, faults
+from jaxplan.model.limits import limits
 
 
 def largest(trajectory, curve):
@@ -96,7 +97,8 @@ def test_each_limit_is_held_to_a_millionth(name):
 
 def test_a_bound_over_the_limit_is_no_breach_that_was_met():
     values, limit = np.zeros((3, 1, 1)), np.full(3, 2.0)
-    quantity = Quantity("torque", ("about x", "about y", "about z"), values, values[0], values[0], limit)
+    torque = limits(craft(0, inertia=INERTIA, torque_limit=limit))[-1]
+    quantity = Limited(torque, values, values[0], values[0], limit)
     minima = Minima(bound=np.array([-0.5, -0.5, 0.0]), seen=np.array([-0.25, 0.0, 0.2]), time=np.arange(3.0))
     assert list(faults([quantity], minima, 1e-6)) == [
         "torque about x reaches 2.5 N m, 1.25 of its limit, at t = 0 s",

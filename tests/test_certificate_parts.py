@@ -16,6 +16,7 @@ from jaxplan.certificate.errors import Errors, Evidence
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views
 from jaxplan.certificate.pieces import ROUNDING, Pieces
+from jaxplan.model import limits as model
 from jaxplan.moving import DirectionPath
 from jaxplan.zones import KeepIn, KeepOut, tabulate
 
@@ -445,12 +446,23 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_peaks():
     motion = random_motion(54)
     on = motion.between(motion.platform.breaks())
     evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
-    values, none = np.stack([np.full((2, DEGREE + 1), 0.25), np.full((2, DEGREE + 1), 1.0)]), np.zeros(2)
-    quantity = limits.Quantity("torque", ("about x", "about y"), values, none, none, np.full(2, 2.0))
+    values, none = np.stack([np.full((2, DEGREE + 1), value) for value in (0.25, 1.0, 0.5)]), np.zeros(2)
+    torque = model.limits(craft(0, inertia=INERTIA, torque_limit=np.full(3, 2.0)))[-1]
+    quantity = limits.Limited(torque, values, none, none, torque.bound)
     room = limits.prove([quantity], evidence)
-    ratios = np.array([0.125, 0.5])
+    ratios = np.array([0.125, 0.5, 0.25])
     lost = 1 - ratios - room.bound
     assert lost == pytest.approx(ROUNDING * bounds.growth(DEGREE) * ratios, rel=0.3, abs=0)
+
+
+def test_a_limit_of_which_no_proof_is_known_is_not_passed_over(monkeypatch):
+    spacecraft, motion = craft(0, inertia=INERTIA, torque_limit=1.0), random_motion(54)
+    on = motion.between(motion.platform.breaks())
+    evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
+    unknown = replace(model.limits(spacecraft)[-1].quantity, name="magnetic_moment")
+    monkeypatch.setattr(model, "QUANTITIES", (unknown,))
+    with pytest.raises(KeyError, match="magnetic_moment"):
+        limits.quantities(spacecraft, evidence)
 
 
 def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():

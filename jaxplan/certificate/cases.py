@@ -16,6 +16,8 @@ from jaxplan.certificate.errors import Errors
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion, Samples
 from jaxplan.certificate.report import Claim, Report
+from jaxplan.model.limits import QUANTITIES
+from jaxplan.model.limits import limits as every_limit
 
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
@@ -63,15 +65,8 @@ class Case:
         numbers = (
             craft.mounts,
             craft.fixed_boresights,
-            craft.joint_limits,
-            craft.joint_rate_limits,
-            craft.joint_acceleration_limits,
-            craft.rate_limit,
-            craft.acceleration_limit,
-            craft.jerk_limit,
             craft.inertia,
-            craft.torque_limit,
-            craft.wheel_momentum_limit,
+            *(quantity.given(craft) for quantity in QUANTITIES),
         )
         return (
             number if self.bindings.ways else None,
@@ -141,7 +136,7 @@ class _Found:
     first: int
     last: int
     margin: Minima
-    limited: list[limits.Quantity]
+    limited: list[limits.Limited]
     room: Minima
     jumps: dict[str, np.ndarray]
 
@@ -149,7 +144,7 @@ class _Found:
 def _report(case: Case, found: _Found) -> Report:
     """What is said of one trajectory."""
     claim, bindings, margin, room = case.claim, case.bindings, found.margin, found.room
-    craft, names, sights = claim.spacecraft, claim.zone_names, claim.every_sight
+    names, sights = claim.zone_names, claim.every_sight
     if case.static:
         margin.time[:] = room.time[:] = 0
     faults = (
@@ -159,7 +154,7 @@ def _report(case: Case, found: _Found) -> Report:
             found.jumps,
             found.samples.time[found.first : found.last, -1],
             case.curve.smoothness,
-            craft.jerk_limit is not None,
+            jerk_limited=any(limited.of.quantity.power > 2 for limited in found.limited),
         ),
         *limits.faults(found.limited, room, LIMIT_ALLOWANCE),
         *bindings.faults(margin, found.motion, sights, names, MARGIN_ALLOWANCE, found.number),
@@ -192,17 +187,19 @@ def negligible(spacecraft: "Spacecraft", several: Sequence[Bindings]) -> Errors:
         spacecraft: of all trajectories.
         several: the bindings of each, which number the last axis.
     """
-    spin = np.array([spacecraft.rate_limit, spacecraft.acceleration_limit, spacecraft.jerk_limit or np.inf])
-    if spacecraft.inertia is not None:
-        inertia = np.linalg.norm(spacecraft.inertia, 2)
-        for order, limit in enumerate((spacecraft.wheel_momentum_limit, spacecraft.torque_limit)):
-            spin[order] = np.minimum(spin[order], np.inf if limit is None else np.min(limit) / inertia)
+    spin, joints = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)]
+    heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
+    for limit in every_limit(spacecraft):
+        power, size = limit.quantity.power, heaviest if limit.quantity.by_inertia else 1.0
+        if limit.quantity.of_joints:
+            joints[power].append(limit.bound)
+        else:
+            spin[power - 1] = np.minimum(spin[power - 1], np.min(limit.bound) / size)
     angle = np.sin([bindings.narrowest for bindings in several])
     views = several[0].views
     directions = sum(map(len, (spacecraft.device_names, views.body, views.carrier, views.within)))
-    joints = (spacecraft.joint_limits, spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits)
     each = np.ones(len(several))
-    angles = errors.NEGLIGIBLE * np.stack(joints)[..., None] * each
+    angles = errors.NEGLIGIBLE * np.stack([np.concatenate(own) for own in joints])[..., None] * each
     for number, bindings in enumerate(several):
         if np.any(bindings.frame == form.JOINTS):  # whose margins are angles
             angles[0, :, number] = np.minimum(angles[0, :, number], errors.NEGLIGIBLE)

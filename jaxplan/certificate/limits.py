@@ -4,9 +4,9 @@ Every limited quantity has components ``f`` that must stay within ``-limit`` and
 component is ``1 - |f| / limit``, so that a peak over its limit is one minus the least margin.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,23 +15,10 @@ from jaxplan.certificate.bounds import LEBESGUE, Layout, Minima, Rows
 from jaxplan.certificate.errors import Evidence
 from jaxplan.certificate.motion import DEGREE
 from jaxplan.certificate.pieces import ROUNDING
+from jaxplan.model.limits import Limit, limits
 
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
-
-_AXES = ("about x", "about y", "about z")
-_DEGREE = float(np.rad2deg(1))
-_UNITS = {
-    "angular_velocity": (_DEGREE, "deg/s"),
-    "angular_acceleration": (_DEGREE, "deg/s^2"),
-    "joint_rates": (_DEGREE, "deg/s"),
-    "joint_accelerations": (_DEGREE, "deg/s^2"),
-    "yaw": (_DEGREE, "deg"),
-    "pitch": (_DEGREE, "deg"),
-    "torque": (1.0, "N m"),
-    "wheel_momentum": (1.0, "N m s"),
-    "jerk": (_DEGREE, "deg/s^3"),
-}
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -40,88 +27,104 @@ def tolerance(margin: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
-    """Something with a limit, sampled.
+class Limited:
+    """What a limit is on, sampled.
 
     Attributes:
-        name: its key in the report.
-        components: (c,) names, such as "about x".
+        of: the limit, which gives names and unit.
         values: (c, n, m) samples on the intervals.
         left_out: (c, n) or (n,), how far the polynomials through the samples may be off.
         rounding: likewise, size of the samples' rounding errors.
         limit: (c,) positive.
     """
 
-    name: str
-    components: tuple[str, ...]
+    of: Limit
     values: np.ndarray
     left_out: np.ndarray
     rounding: np.ndarray
     limit: np.ndarray
 
+    @property
+    def name(self) -> str:
+        """Its key in the report."""
+        return self.of.quantity.name
 
-def quantities(spacecraft: "Spacecraft", evidence: Evidence) -> list[Quantity]:
-    """All quantities that the spacecraft limits, in the order of the report."""
-    spin, joints = evidence.samples.spin, evidence.samples.joints
-    left_out, rounding = evidence.left_out, evidence.rounding
-    rates = [
-        Quantity(name, _AXES, spin[d], left_out.spin[d], rounding.spin[d], np.full(3, limit))
-        for d, (name, limit) in enumerate(
-            (
-                ("angular_velocity", spacecraft.rate_limit),
-                ("angular_acceleration", spacecraft.acceleration_limit),
-                ("jerk", spacecraft.jerk_limit),
-            )
+    @property
+    def components(self) -> tuple[str, ...]:
+        """(c,) names, such as "about x" or "of terminal-1 yaw"."""
+        preposition = "of" if self.of.quantity.of_joints else "about"
+        return tuple(f"{preposition} {owner}" for owner in self.of.owners)
+
+
+def quantities(spacecraft: "Spacecraft", evidence: Evidence) -> list[Limited]:
+    """All that the spacecraft limits, in the order of the report."""
+    return [
+        Limited(
+            limit,
+            *_SAMPLED[limit.quantity.name](evidence, spacecraft),
+            np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64)),
         )
-        if limit is not None
+        for limit in limits(spacecraft)
     ]
-    count = len(spacecraft.terminals)
-    terminals, joint_names = spacecraft.device_names[:count], spacecraft.joint_names
-    every, yaws, pitches = slice(None), slice(None, count), slice(count, None)
-    of_joints = [
-        Quantity(
-            name,
-            tuple(f"of {owner}" for owner in owners),
-            joints[d][part],
-            left_out.joints[d][part],
-            rounding.joints[d][part],
-            limit[part],
-        )
-        for name, owners, d, part, limit in (
-            ("joint_rates", joint_names, 1, every, spacecraft.joint_rate_limits),
-            ("joint_accelerations", joint_names, 2, every, spacecraft.joint_acceleration_limits),
-            ("yaw", terminals, 0, yaws, spacecraft.joint_limits),
-            ("pitch", terminals, 0, pitches, spacecraft.joint_limits),
-        )
-        if count
-    ]
-    return rates[:2] + of_joints + _of_actuators(spacecraft, evidence) + rates[2:]
 
 
-def _of_actuators(spacecraft: "Spacecraft", evidence: Evidence) -> list[Quantity]:
-    """Torque ``J w' + w x J w`` and momentum ``J w`` in body axes, where they are limited."""
-    if spacecraft.inertia is None:
-        return []
-    (velocity, acceleration), inertia = evidence.samples.spin[:2], np.asarray(spacecraft.inertia, float)
-    size = np.linalg.norm(inertia, 2)
-    left_out, rounding = size * evidence.left_out.spin, size * evidence.rounding.spin
-    momentum = np.einsum("ij,jnm->inm", inertia, velocity)
-    found = []
-    if spacecraft.torque_limit is not None:
-        torque = np.einsum("ij,jnm->inm", inertia, acceleration) + np.cross(velocity, momentum, axis=0)
-        speed, half = evidence.majorants.spin, evidence.on.half
-        square = jets.product("n,n->n", speed, speed)[DEGREE + 1] / half**2
-        left_out_torque = left_out[1] + size * 2.0 ** (1 - DEGREE) * square
-        rounding_torque = rounding[1] + 2 * speed[0] / half * rounding[0]
-        limit = np.full(3, spacecraft.torque_limit)
-        found.append(Quantity("torque", _AXES, torque, left_out_torque, rounding_torque, limit))
-    if spacecraft.wheel_momentum_limit is not None:
-        limit = np.full(3, spacecraft.wheel_momentum_limit)
-        found.append(Quantity("wheel_momentum", _AXES, momentum, left_out[0], rounding[0], limit))
-    return found
+_Sampled = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, what is left out, and rounding
 
 
-def prove(limited: list[Quantity], evidence: Evidence) -> Minima:
+def _spin(evidence: Evidence, derivative: int) -> _Sampled:
+    """The angular velocity or a derivative of it, body axes."""
+    of = evidence.samples.spin, evidence.left_out.spin, evidence.rounding.spin
+    values, left_out, rounding = (array[derivative] for array in of)
+    return values, left_out, rounding
+
+
+def _joints(evidence: Evidence, derivative: int, part: slice = slice(None)) -> _Sampled:
+    """Joint angles or a derivative of them, of all or of some joints."""
+    of = evidence.samples.joints, evidence.left_out.joints, evidence.rounding.joints
+    values, left_out, rounding = (array[derivative][part] for array in of)
+    return values, left_out, rounding
+
+
+def _momentum(evidence: Evidence, spacecraft: "Spacecraft") -> _Sampled:
+    """``J w``, body axes."""
+    velocity, left_out, rounding = _spin(evidence, 0)
+    inertia, size = _inertia(spacecraft)
+    return np.einsum("ij,jnm->inm", inertia, velocity), size * left_out, size * rounding
+
+
+def _torque(evidence: Evidence, spacecraft: "Spacecraft") -> _Sampled:
+    """``J w' + w x J w``, body axes."""
+    velocity, (momentum, _, of_momentum) = evidence.samples.spin[0], _momentum(evidence, spacecraft)
+    acceleration, left_out, rounding = _spin(evidence, 1)
+    inertia, size = _inertia(spacecraft)
+    torque = np.einsum("ij,jnm->inm", inertia, acceleration) + np.cross(velocity, momentum, axis=0)
+    speed, half = evidence.majorants.spin, evidence.on.half
+    square = jets.product("n,n->n", speed, speed)[DEGREE + 1] / half**2
+    left_out = size * left_out + size * 2.0 ** (1 - DEGREE) * square
+    return torque, left_out, size * rounding + 2 * speed[0] / half * of_momentum
+
+
+def _inertia(spacecraft: "Spacecraft") -> tuple[np.ndarray, np.floating[Any]]:
+    """The inertia, and the most by which it makes a vector longer."""
+    inertia = np.asarray(spacecraft.inertia, np.float64)
+    return inertia, np.linalg.norm(inertia, 2)
+
+
+# The certificate's own writing of every quantity; a limit on another one cannot be proved.
+_SAMPLED: dict[str, Callable[[Evidence, "Spacecraft"], _Sampled]] = {
+    "angular_velocity": lambda evidence, _: _spin(evidence, 0),
+    "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
+    "joint_rates": lambda evidence, _: _joints(evidence, 1),
+    "joint_accelerations": lambda evidence, _: _joints(evidence, 2),
+    "yaw": lambda evidence, craft: _joints(evidence, 0, slice(None, len(craft.terminals))),
+    "pitch": lambda evidence, craft: _joints(evidence, 0, slice(len(craft.terminals), None)),
+    "torque": _torque,
+    "wheel_momentum": _momentum,
+    "jerk": lambda evidence, _: _spin(evidence, 2),
+}
+
+
+def prove(limited: list[Limited], evidence: Evidence) -> Minima:
     """Bounds the least of ``1 - |f| / limit`` over all time.
 
     Returns:
@@ -155,20 +158,20 @@ def prove(limited: list[Quantity], evidence: Evidence) -> Minima:
     return minima
 
 
-def peaks(limited: list[Quantity], minima: Minima) -> dict[str, float]:
+def peaks(limited: list[Limited], minima: Minima) -> dict[str, float]:
     """Upper bounds of the largest ``|f| / limit`` of each quantity."""
     return {q.name: 1 - float(np.min(minima.bound[part])) for q, part in _parts(limited)}
 
 
-def peak_times(limited: list[Quantity], minima: Minima) -> dict[str, float]:
+def peak_times(limited: list[Limited], minima: Minima) -> dict[str, float]:
     """When each quantity is largest, s."""
     return {q.name: float(minima.time[part][np.argmin(minima.seen[part])]) for q, part in _parts(limited)}
 
 
-def faults(limited: list[Quantity], minima: Minima, allowance: float) -> Iterator[str]:
+def faults(limited: list[Limited], minima: Minima, allowance: float) -> Iterator[str]:
     """A sentence for each component that is not proved to stay within its limit and the allowance."""
     for quantity, part in _parts(limited):
-        scale, unit = _UNITS[quantity.name]
+        kind = quantity.of.quantity
         for component, limit, bound, seen, time in zip(
             quantity.components,
             quantity.limit,
@@ -181,14 +184,14 @@ def faults(limited: list[Quantity], minima: Minima, allowance: float) -> Iterato
                 continue
             name = f"{quantity.name.replace('_', ' ')} {component}"
             if seen < -allowance:
-                reached = f"{scale * limit * (1 - seen):.6g} {unit}, {1 - seen:.8g} of its limit,"
+                reached = f"{kind.in_unit(limit * (1 - seen)):.6g} {kind.unit}, {1 - seen:.8g} of its limit,"
                 yield f"{name} reaches {reached} at t = {time:.6g} s"
             else:
                 met = f"{1 - seen:.8g} of it was met at t = {time:.6g} s, the bound is {1 - bound:.8g}"
                 yield f"{name} is not proved to keep its limit: {met}"
 
 
-def _parts(limited: list[Quantity]) -> Iterator[tuple[Quantity, slice]]:
+def _parts(limited: list[Limited]) -> Iterator[tuple[Limited, slice]]:
     """The quantities with the places of their components among all."""
     begin = 0
     for quantity in limited:
