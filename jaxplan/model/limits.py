@@ -86,13 +86,18 @@ class Quantity:
     given: Callable[[Spacecraft], Any]
 
     @property
+    def angular(self) -> bool:
+        """Whether it is measured in radians, and in degrees for people."""
+        return self.unit.startswith("deg")
+
+    @property
     def printed_unit(self) -> str:
         """The unit with raised exponents."""
         return self.unit.translate(_RAISED)
 
     def in_unit(self, values: ArrayLike) -> np.ndarray:
         """Values in `unit`, of values in SI units."""
-        return np.rad2deg(values) if self.unit.startswith("deg") else np.asarray(values, float)
+        return np.rad2deg(values) if self.angular else np.asarray(values, float)
 
 
 def _yaws(joints: AnyArray) -> AnyArray:

@@ -1,18 +1,17 @@
 """Angles, rates and accelerations over time with their limits (the paper's Figures 8 to 10 and 13 to 15).
 
-Beside them are the loads that a spacecraft may limit in addition, by body axis: with the inertia ``J``, the
-torque ``J omega' + omega x J omega`` and the angular momentum ``J omega``, and the platform's jerk.
+Beside them are the loads that a spacecraft may limit in addition, by body axis. What there is, by which name
+and in which unit, is the list of `jaxplan.model.limits`.
 """
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike
 
+from jaxplan.model.limits import QUANTITIES, Limit, Quantity, timed_limits
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.samples import Motion, motion
 from jaxplan.plotting.style import (
@@ -24,7 +23,7 @@ from jaxplan.plotting.style import (
     legend_beside,
     note,
 )
-from jaxplan.plotting.timelines import FAR, panel, time_axis
+from jaxplan.plotting.timelines import FAR, labelled, panel, time_axis
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
@@ -57,13 +56,21 @@ def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         ValueError: if the plan has no trajectory, or other than two axes are given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    values, limits = moves.values.joints, craft.joint_limits
+    motions = moves.values.kinematics()
     axes = panels(ax, 2, size(2))
     for panel_axes in axes:
         panel_axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
     entries = [
-        _joints(axes[row], moves, craft, values, limits, name, f"{name} (deg)", far=np.inf)
-        for row, name in enumerate(("yaw", "pitch"))
+        _joints(
+            axes[row],
+            moves,
+            quantity.values(motions).T,
+            quantity.given(craft),
+            quantity.word,
+            quantity,
+            far=np.inf,
+        )
+        for row, quantity in enumerate(each for each in QUANTITIES if each.power == 0)
     ]
     if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
         for row, nodes in enumerate(np.split(np.rad2deg(plan.path.joints), 2, axis=1)):
@@ -94,16 +101,7 @@ def rates(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
-    moves, craft = motion(plan), plan.scenario.spacecraft
-    axes = panels(ax, _count(craft), size(_count(craft)))
-    if craft.terminals:
-        values, limits = moves.values.joint_rates, craft.joint_rate_limits
-        _joint_pair(axes, moves, craft, values, limits, "rate (deg/s)", legend)
-    entries = platform_rate(axes[-1], moves, craft)
-    if legend:
-        legend_beside(axes[-1], entries)
-    time_axis(axes, moves)
-    return axes
+    return _derivatives(plan, ax, 1, legend=legend)
 
 
 def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -121,15 +119,17 @@ def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> li
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
+    return _derivatives(plan, ax, 2, legend=legend)
+
+
+def _derivatives(plan: "Plan", ax: Canvas, power: int, *, legend: bool) -> list[Axes]:
+    """A derivative of the joints, and the one of the platform's attitude that falls as fast with the pace."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     axes = panels(ax, _count(craft), size(_count(craft)))
-    if craft.terminals:
-        values, limits = moves.values.joint_accelerations, craft.joint_acceleration_limits
-        _joint_pair(axes, moves, craft, values, limits, "acceleration\n(deg/s²)", legend)
-    values = moves.values.angular_acceleration
-    entries = _platform(
-        axes[-1], moves, values, craft.acceleration_limit, "platform angular\nacceleration (deg/s²)"
-    )
+    for limit in timed_limits(craft)[1]:
+        if limit.quantity.power == power:
+            _joint_pair(axes, moves, craft, limit, legend)
+    entries = _of_attitude(axes[-1], moves, craft, power)
     if legend:
         legend_beside(axes[-1], entries)
     time_axis(axes, moves)
@@ -154,17 +154,17 @@ def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
             or another number of axes is given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    loads = _loads(moves, craft)
-    if not loads:
+    limited = {limit.quantity: limit.bound for limit in _loads(craft)}
+    shown = list(limited) or [each for each in QUANTITIES if each.by_inertia and craft.inertia is not None]
+    if not shown:
         raise ValueError(
             f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
             "so there is no torque to draw"
         )
-    shown = [load for load in loads if load.limit is not None] or loads
     axes = panels(ax, len(shown), size(len(shown)))
     every = [
-        _platform(axes[row], moves, load.values, load.limit, load.label, degrees=load.degrees)
-        for row, load in enumerate(shown)
+        _platform(axes[row], moves, craft, quantity, limited.get(quantity, np.full(3, np.inf)))
+        for row, quantity in enumerate(shown)
     ]
     if legend:
         legend_beside(axes[0], max(every, key=len))  # limits may be drawn on one panel and told on another
@@ -173,78 +173,51 @@ def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
 
 
 def load_limits(craft: "Spacecraft") -> int:
-    """How many of torque, momentum and jerk a spacecraft limits: the panels of its `torque`."""
-    limits = (craft.torque_limit, craft.wheel_momentum_limit, craft.jerk_limit)
-    return sum(limit is not None for limit in limits)
+    """How many loads a spacecraft limits beside its rate and acceleration: the panels of its `torque`."""
+    return len(_loads(craft))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Load:
-    """What a panel of `torque` shows: values (k, 3), their limit, and what they are called."""
-
-    values: np.ndarray
-    limit: ArrayLike | None
-    label: str
-    degrees: bool
-
-
-def _loads(moves: Motion, craft: "Spacecraft") -> list[_Load]:
-    """The loads that can be computed; the jerk only where it is limited."""
-    loads = []
-    if craft.inertia is not None:
-        rate, acceleration = moves.values.angular_velocity, moves.values.angular_acceleration
-        inertia = np.asarray(craft.inertia)
-        momentum = rate @ inertia.T
-        moment = acceleration @ inertia.T + np.cross(rate, momentum)
-        loads = [
-            _Load(values=moment, limit=craft.torque_limit, label="torque (N m)", degrees=False),
-            _Load(
-                values=momentum,
-                limit=craft.wheel_momentum_limit,
-                label="angular\nmomentum (N m s)",
-                degrees=False,
-            ),
-        ]
-    if craft.jerk_limit is not None:
-        jerk, label = moves.values.angular_jerk, "platform angular\njerk (deg/s³)"
-        loads.append(_Load(values=jerk, limit=craft.jerk_limit, label=label, degrees=True))
-    return loads
+def _loads(craft: "Spacecraft") -> list[Limit]:
+    """The platform's limits that have no panel among rates and accelerations."""
+    return [each for each in timed_limits(craft)[0] if each.quantity.by_inertia or each.quantity.power > 2]
 
 
 def platform_rate(axes: Axes, moves: Motion, craft: "Spacecraft") -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
-    label = "platform angular\nvelocity (deg/s)"
-    return _platform(axes, moves, moves.values.angular_velocity, craft.rate_limit, label)
+    return _of_attitude(axes, moves, craft, 1)
+
+
+def _of_attitude(axes: Axes, moves: Motion, craft: "Spacecraft", power: int) -> Entries:
+    """The angular velocity or its derivative on one panel."""
+    (limit,) = (
+        each
+        for each in timed_limits(craft)[0]
+        if each.quantity.power == power and not each.quantity.by_inertia
+    )
+    return _platform(axes, moves, craft, limit.quantity, limit.bound)
 
 
 def _platform(
-    axes: Axes,
-    moves: Motion,
-    values: np.ndarray,
-    limit: ArrayLike | None,
-    label: str,
-    *,
-    degrees: bool = True,
+    axes: Axes, moves: Motion, craft: "Spacecraft", quantity: Quantity, limits: np.ndarray
 ) -> Entries:
-    """Values (k, 3) by body axis, with one limit for all or one each."""
-    limits = np.broadcast_to(np.inf if limit is None else np.asarray(limit, dtype=float), 3)
-    entries = panel(axes, moves, values, limits, AXIS_STYLES, label, degrees=degrees)
+    """A quantity by body axis, with its limits (3,), which may be infinite."""
+    values = quantity.values(moves.values.kinematics(craft.inertia)).T
+    label = labelled(quantity.caption, quantity)
+    entries = panel(axes, moves, values, limits, AXIS_STYLES, label, degrees=quantity.angular)
     lines = [Line2D([], [], linewidth=1.6, **look) for look in AXIS_STYLES]
     return [*zip(lines, ("body x", "body y", "body z"), strict=True), *entries]
 
 
-def _joint_pair(
-    axes: list[Axes],
-    moves: Motion,
-    craft: "Spacecraft",
-    values: np.ndarray,
-    limits: np.ndarray,
-    quantity: str,
-    legend: bool,
-) -> None:
+def _joint_pair(axes: list[Axes], moves: Motion, craft: "Spacecraft", limit: Limit, legend: bool) -> None:
     """Pitches on the first panel and yaws on the second, the paper's order."""
-    pitches = _joints(axes[0], moves, craft, values, limits, "pitch", f"pitch {quantity}")
-    yaws = _joints(axes[1], moves, craft, values, limits, "yaw", f"yaw {quantity}")
+    values = np.split(limit.quantity.values(moves.values.kinematics()).T, 2, axis=1)
+    bounds, names = np.split(limit.bound, 2), ("yaw", "pitch")
+    yaws, pitches = (
+        _joints(
+            axes[1 - half], moves, values[half], bounds[half], f"{name} {limit.quantity.word}", limit.quantity
+        )
+        for half, name in enumerate(names)
+    )
     if legend:
         legend_beside(axes[0], [*_terminals(craft), *(pitches or yaws)])
 
@@ -252,20 +225,17 @@ def _joint_pair(
 def _joints(
     axes: Axes,
     moves: Motion,
-    craft: "Spacecraft",
     values: np.ndarray,
     limits: np.ndarray,
-    joint: str,
-    label: str,
+    words: str,
+    quantity: Quantity,
     far: float = FAR,
 ) -> Entries:
-    """The yaws or the pitches on one panel; values (k, 2n) and limits (2n,) are of all joints."""
-    count = len(craft.terminals)
-    half = slice(0, count) if joint == "yaw" else slice(count, None)
-    styles = [device_style(number) for number in range(count)]
-    if not count:
+    """A joint of every terminal on one panel, with values (k, n) and limits (n,)."""
+    styles = [device_style(number) for number in range(len(limits))]
+    if not styles:
         note(axes, "no terminals")
-    return panel(axes, moves, values[:, half], limits[half], styles, label, far=far)
+    return panel(axes, moves, values, limits, styles, labelled(words, quantity), far=far)
 
 
 def _terminals(craft: "Spacecraft") -> Entries:

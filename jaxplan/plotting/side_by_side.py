@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from jaxplan.model.limits import QUANTITIES, limits, timed_limits
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.given import expect_trajectories
 from jaxplan.plotting.style import (
@@ -27,14 +28,15 @@ from jaxplan.plotting.style import (
     limit_lines,
     plain,
 )
-from jaxplan.plotting.timelines import curve, time_span
+from jaxplan.plotting.timelines import curve, labelled, time_span
 
 if TYPE_CHECKING:
     from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 _BODY = ("body x", "body y", "body z")
-_LABELS = ("rate (deg/s)", "acceleration\n(deg/s²)", "jerk (deg/s³)")
+# Of the angular velocity and its derivatives.
+_LABELS = [labelled(each.word, each) for each in QUANTITIES if not each.of_joints and not each.by_inertia]
 _FAR = 1.5  # times the largest value, beyond which a limit is told and not drawn
 _INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
@@ -74,12 +76,12 @@ def compare(
     sampled = _sampled(trajectories)
     titles = [*_BODY]
     columns = [[found.platform[:, :, axis] for found in sampled.values()] for axis in range(3)]
-    limits = np.repeat(_platform_limits(spacecraft)[:, None], 3, axis=1)
+    bounds = np.repeat(_platform_limits(spacecraft)[:, None], 3, axis=1)
     if spacecraft.terminals:
         joint = _busiest(list(sampled.values()), spacecraft)
         titles.append(spacecraft.joint_names[joint])
         columns.append([found.joints[:, :, joint] for found in sampled.values()])
-        limits = np.column_stack([limits, [*_joint_limits(spacecraft)[:, joint], np.inf]])
+        bounds = np.column_stack([bounds, [*_joint_limits(spacecraft)[:, joint], np.inf]])
     across = len(columns)
     every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across, alone=across - 3)
     styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
@@ -91,7 +93,7 @@ def compare(
                 curve(axes, found.times, np.rad2deg(values[row]), **look)
         highest = [max(float(np.max(np.abs(values[row]))) for values in curves) for curves in columns]
         highest[:3] = [max(highest[:3])] * 3  # the body axes share their scale
-        shown = [_limit(*of_panel) for of_panel in zip(line, limits[row], highest, strict=True)]
+        shown = [_limit(*of_panel) for of_panel in zip(line, bounds[row], highest, strict=True)]
         entries += next((drawn for drawn in shown if drawn and len(entries) == len(sampled)), [])
         line[0].set_ylabel(_LABELS[row], fontsize=TEXT)
     _finish(every, titles, max(float(found.times[-1]) for found in sampled.values()))
@@ -132,7 +134,7 @@ def segments(
     sampled = _sampled(trajectories)
     across = len(sampled)
     every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
-    limits = _platform_limits(spacecraft)
+    bounds = _platform_limits(spacecraft)
     entries: Entries = [
         (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
     ]
@@ -145,7 +147,7 @@ def segments(
                 axes.axvline(time, zorder=1.4, **_JOIN)
             for values, look in zip(found.platform[row].T, AXIS_STYLES, strict=True):
                 curve(axes, found.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
-            drawn = _limit(axes, limits[row], highest) or drawn
+            drawn = _limit(axes, bounds[row], highest) or drawn
         line[0].set_ylabel(f"platform angular\n{_LABELS[row]}", fontsize=TEXT)
     _finish(every, list(sampled), max(float(found.times[-1]) for found in sampled.values()))
     for axes, found in zip(every[across:], sampled.values(), strict=True):
@@ -206,13 +208,16 @@ def _sampled(trajectories: Mapping[str, "Trajectory"]) -> dict[str, _Sampled]:
 
 def _platform_limits(spacecraft: "Spacecraft") -> np.ndarray:
     """Of rate, acceleration and jerk, (3,); infinite where there is none."""
-    jerk = np.inf if spacecraft.jerk_limit is None else spacecraft.jerk_limit
-    return np.array([spacecraft.rate_limit, spacecraft.acceleration_limit, jerk], dtype=float)
+    found = np.full(3, np.inf)
+    for limit in limits(spacecraft):
+        if not limit.quantity.of_joints and not limit.quantity.by_inertia:
+            found[limit.quantity.power - 1] = limit.bound[0]  # it is the same about every axis
+    return found
 
 
 def _joint_limits(spacecraft: "Spacecraft") -> np.ndarray:
     """Of rates and accelerations, (2, 2n)."""
-    return np.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
+    return np.stack([limit.bound for limit in timed_limits(spacecraft)[1]])
 
 
 def _busiest(sampled: list[_Sampled], spacecraft: "Spacecraft") -> int:

@@ -10,10 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
+from jaxplan.model.limits import Quantity
 from jaxplan.plotting.samples import Motion
 from jaxplan.plotting.style import TEXT, Entries, Look, limit_lines, tidy
 
+_LONG = 10  # letters of a word, beside more of which its unit has no place
 FAR = 4.0  # times the highest value: a limit beyond is told and not drawn
+
+
+def labelled(words: str, quantity: Quantity) -> str:
+    """What a panel of a quantity is labelled with: words and the unit, which stands below a long word."""
+    below = len(words.split()[-1]) > _LONG and "\n" not in words
+    between = "\n" if below else " "
+    return f"{words}{between}({quantity.printed_unit})"
 
 
 def panel(

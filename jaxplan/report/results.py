@@ -4,10 +4,11 @@ Peaks are upper bounds and margins lower bounds over all time, from the proof an
 and seconds.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.model.limits import limits
 from jaxplan.report.markup import (
     NONE,
     Column,
@@ -122,32 +123,10 @@ def _range(limits: np.ndarray) -> str:
 
 def _limited(name: str, craft: "Spacecraft") -> tuple[str, str, np.ndarray]:
     """Of a peak in the report: its label, its unit, and the limits of its components in that unit."""
-    count = len(craft.terminals)
-    known: dict[str, tuple[str, str, Any]] = {
-        "angular_velocity": ("Angular velocity", "deg/s", np.rad2deg(craft.rate_limit)),
-        "angular_acceleration": (
-            "Angular acceleration",
-            "deg/s\N{SUPERSCRIPT TWO}",
-            np.rad2deg(craft.acceleration_limit),
-        ),
-        "joint_rates": ("Joint rates", "deg/s", np.rad2deg(craft.joint_rate_limits)),
-        "joint_accelerations": (
-            "Joint accelerations",
-            "deg/s\N{SUPERSCRIPT TWO}",
-            np.rad2deg(craft.joint_acceleration_limits),
-        ),
-        "yaw": ("Yaw angles", "deg", np.rad2deg(craft.joint_limits[:count])),
-        "pitch": ("Pitch angles", "deg", np.rad2deg(craft.joint_limits[count:])),
-        "torque": ("Torque", "N m", craft.torque_limit),
-        "wheel_momentum": ("Wheel momentum", "N m s", craft.wheel_momentum_limit),
-        "jerk": (
-            "Jerk",
-            "deg/s\N{SUPERSCRIPT THREE}",
-            None if craft.jerk_limit is None else np.rad2deg(craft.jerk_limit),
-        ),
-    }
-    label, unit, limits = known.get(name, (name.replace("_", " "), "", None))
-    return label, unit, np.zeros(0) if limits is None else np.ravel(np.asarray(limits, float))
+    for limit in limits(craft):
+        if limit.quantity.name == name:
+            return limit.quantity.label, limit.quantity.printed_unit, limit.quantity.in_unit(limit.bound)
+    return name.replace("_", " "), "", np.zeros(0)
 
 
 def _bar(peak: float) -> Markup:

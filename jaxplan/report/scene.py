@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxplan import quaternion
 from jaxplan.geometry.directions import azimuth_elevation
+from jaxplan.model.limits import limits
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
 from jaxplan.scenario import GivenState
 from jaxplan.scenario.moments import paths
@@ -59,20 +60,10 @@ def spacecraft_tables(craft: "Spacecraft") -> Markup:
 
 def _platform(craft: "Spacecraft") -> list[tuple[str, str]]:
     rows = [
-        ("Angular velocity", f"{number(float(np.rad2deg(craft.rate_limit)), 3)} deg/s"),
-        (
-            "Angular acceleration",
-            f"{number(float(np.rad2deg(craft.acceleration_limit)), 3)} deg/s\N{SUPERSCRIPT TWO}",
-        ),
+        (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
+        for limit in limits(craft)
+        if not limit.quantity.of_joints
     ]
-    if craft.jerk_limit is not None:
-        rows.append(("Jerk", f"{number(float(np.rad2deg(craft.jerk_limit)), 3)} deg/s\N{SUPERSCRIPT THREE}"))
-    for label, limit, unit in (
-        ("Torque", craft.torque_limit, "N m"),
-        ("Wheel momentum", craft.wheel_momentum_limit, "N m s"),
-    ):
-        if limit is not None:
-            rows.append((label, f"{_span(limit)} {unit}"))
     if craft.inertia is not None:
         rows.append(("Moments of inertia", f"{_list(np.diagonal(craft.inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
     return rows
