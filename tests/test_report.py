@@ -15,6 +15,7 @@ from matplotlib import image
 
 import jaxplan as jp
 from jaxplan.cli import main
+from jaxplan.model.limits import limits
 from jaxplan.path import Path as Way
 from jaxplan.scenario import parse_scenario
 from jaxplan.search import SearchResult
@@ -226,6 +227,28 @@ def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
     bare = replace(bare, scenario=replace(bare.scenario, spacecraft=craft))
     page = Page(jp.report_html(bare, tmp_path / "bare.html").read_text(encoding="utf-8"))
     assert any("none: devices may look anywhere" in table for table in page.texts["table"])
+
+
+def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):
+    plan = flown_plan()
+    loads = {"torque_limit": np.array([90.0, 91.0, 92.0]), "wheel_momentum_limit": 55.5, "jerk_limit": 0.025}
+    craft = replace(plan.scenario.spacecraft, inertia=np.diag([20.0, 30.0, 40.0]), **loads)
+    craft = replace(
+        craft, terminals=tuple(replace(t, yaw_limit=3.1, pitch_limit=1.5) for t in craft.terminals)
+    )
+    plan = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
+    plan = replace(plan, report=jp.planner.certify(plan))
+    page = Page(jp.report_html(plan, tmp_path / "loads.html").read_text(encoding="utf-8"))
+    (given,) = [table for table in page.texts["table"] if "limits of each body axis" in table]
+    for text in ("Torque90, 91, 92 N m", "Wheel momentum55.5 N m s", f"Jerk{np.rad2deg(0.025):.6g} deg/s³"):
+        assert text in given
+    (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
+    jerk = np.rad2deg(0.025)
+    assert f"{plan.report.peaks['jerk'] * jerk:.3f}{jerk:.3f}deg/s³" in peaks
+    assert f"{plan.report.peaks['wheel_momentum'] * 55.5:.3f}55.500N m s" in peaks
+    assert "90.000 to 92.000N m" in peaks
+    assert [limit.quantity.name for limit in limits(craft)] == list(plan.report.peaks)
+    assert all(limit.quantity.label in peaks for limit in limits(craft))
 
 
 def test_an_old_file_stays_unless_it_may_go(plan, tmp_path, monkeypatch):

@@ -31,6 +31,7 @@ PARTS = {
     "so3": (["so3.py"], ["test_so3.py"]),
     "zones": (["zones.py"], ["test_zones.py", "test_path.py"]),
     "spacecraft": (["spacecraft.py"], ["test_spacecraft.py"]),
+    "limits": (["model/limits.py"], ["test_limits.py"]),
     "kernels": (["search/kernels.py"], ["test_expansion.py", "test_smoothing.py"]),
     "rows": (
         ["trajectory/global_spline/place_rows.py", "trajectory/global_spline/linear_rows.py"],

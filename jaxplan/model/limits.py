@@ -62,13 +62,13 @@ class Quantity:
 
     Attributes:
         name: in reports, such as "angular_velocity".
-        word: for it where it is said of which joint or body axis it is, such as "rate".
-        label: for it at the head of a row of a table.
-        caption: for it beside a panel of a figure, where it is of the platform.
+        word: where it is said of which joint or body axis it is, such as "rate".
+        label: at the head of a row of a table.
+        caption: beside a panel of a figure, where it is of the platform.
         unit: for people: with angles in degrees, and "^" before exponents.
-        power: as a motion takes ``s`` times as long, it falls by ``s ** power``: the number of derivatives by
-            time that it is made of. Zero of what does not depend on the pace.
-        of_joints: whether its components are of joints; else they are the platform's three axes.
+        power: how it scales: in ``s`` times the time it is ``s ** power`` times smaller. That is the number
+            of derivatives by time that it is made of; zero of what does not depend on the pace.
+        of_joints: whether its components are those of joints; else they are along the platform's three axes.
         by_inertia: whether it depends on the inertia, without which it cannot be limited.
         values: its components (c, ...) in SI units, of a motion.
         given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit.

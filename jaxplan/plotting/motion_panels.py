@@ -56,7 +56,7 @@ def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         ValueError: if the plan has no trajectory, or other than two axes are given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    motions = moves.values.kinematics()
+    kinematics = moves.values.kinematics()
     axes = panels(ax, 2, size(2))
     for panel_axes in axes:
         panel_axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
@@ -64,7 +64,7 @@ def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes
         _joints(
             axes[row],
             moves,
-            quantity.values(motions).T,
+            quantity.values(kinematics).T,
             quantity.given(craft),
             quantity.word,
             quantity,
