@@ -16,7 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.vectors import Components, cross, dot
+from jaxplan.geometry.vectors import cross
 from jaxplan.spacecraft import Spacecraft
 
 _AXES = ("x", "y", "z")
@@ -39,17 +39,19 @@ class Kinematics(NamedTuple):
     @property
     def momentum(self) -> AnyArray:
         """``J omega``, (3, ...) N m s."""
-        return _stacked(_times(self.inertia, self.spin[0]))
+        return _product(self.inertia, self.spin[0])
 
     @property
     def torque(self) -> AnyArray:
         """``J omega' + omega x J omega``, (3, ...) N m."""
-        gyroscopic = cross(self.spin[0], _times(self.inertia, self.spin[0]))
-        return _stacked([a + b for a, b in zip(_times(self.inertia, self.spin[1]), gyroscopic, strict=True)])
+        return _product(self.inertia, self.spin[1]) + _stacked(cross(self.spin[0], self.momentum))
 
 
-def _times(matrix: Any, vector: Components) -> tuple[AnyArray, ...]:
-    return tuple(dot(row, vector) for row in matrix)
+def _product(matrix: Any, vector: AnyArray) -> AnyArray:
+    """A matrix (3, 3), or one for each of many vectors (3, ...), times the vectors."""
+    _, m, v = arrays(matrix, vector)
+    m = m.reshape(*m.shape, *[1] * (v.ndim + 1 - m.ndim))
+    return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
 
 
 def _stacked(components: Sequence[AnyArray]) -> AnyArray:
