@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Goal
-from jaxplan.scenario import Scenario
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import Trajectory
 
 STEPS = 20_000

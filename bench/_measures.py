@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search import Scene
 from jaxplan.table4 import TOLERANCE, least_margins
 
@@ -17,10 +17,10 @@ class Measures:
     """A path in numbers.
 
     Attributes:
-        steps: length in steps, `jaxplan.path.step_cost`.
+        steps: length in steps, `jaxplan.model.path.step_cost`.
         travel: rotation of the platform and changes of all joints summed, rad.
         edges: of the path, each at most one step.
-        below: edges whose margin is below zero by the exact bound of `jaxplan.path.edge_margins`.
+        below: edges whose margin is below zero by the exact bound of `jaxplan.model.path.edge_margins`.
         below_sampled: likewise by dense samples.
         margin: least, by the bound, rad.
     """

@@ -1,8 +1,8 @@
 """Whole-motion checkers for OMPL: is the straight motion between two states clear of all zones?
 
 A motion is a pair of states, each as OMPL's compound state space serializes it: quaternion x, y, z, w, then
-the joints (rad). It turns along the geodesic with linear joints, as the motions of `jaxplan.path` do, and is
-sampled so that platform and joints move by at most the resolution from one sample to the next. A row of a
+the joints (rad). It turns along the geodesic with linear joints, as those of `jaxplan.model.path` do, and
+is sampled so that platform and joints move by at most the resolution from one sample to the next. A row of a
 zone table is ``axis (3), cosine of the half-angle, side (+1 keep out, -1 keep in), 1 for each device bound``.
 
 `compiled` is the fastest that a Python user gets, `vectorised` what numpy alone gives.

@@ -16,7 +16,7 @@ from _motion_checkers import Checker, zone_table
 from _options import MISSING
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search import Scene
 from jaxplan.search.corners import subdivide
 

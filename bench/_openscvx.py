@@ -25,9 +25,9 @@ from _openscvx_data import first_duration, first_guess, flight_of, zones_by_term
 from _options import MISSING
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Goal, Path
-from jaxplan.scenario import Scenario
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
 
 try:
     import openscvx as ox

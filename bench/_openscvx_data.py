@@ -6,8 +6,8 @@ import numpy as np
 from _flight import Flight, joint_bound, rest_to_rest
 from scipy.spatial.transform import Rotation, Slerp
 
-from jaxplan.path import Goal, Path
-from jaxplan.scenario import Scenario
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import Scenario
 
 LEISURE = 1.3  # of the first guess, over the longer of the platform's and the joints' own times
 

@@ -32,9 +32,9 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.scenario import GivenState, Scenario, TrajectorySettings
-from jaxplan.spacecraft import Instrument, Spacecraft
-from jaxplan.zones import KeepOut
+from jaxplan.model.scenario import GivenState, Scenario, TrajectorySettings
+from jaxplan.model.spacecraft import Instrument, Spacecraft
+from jaxplan.model.zones import KeepOut
 
 try:
     import _basilisk

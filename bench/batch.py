@@ -24,9 +24,9 @@ from tqdm import tqdm
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.scenario import TrajectorySettings
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.zones import tabulate
 from jaxplan.trajectory import FitQuery, Trajectory, fit_batch
-from jaxplan.zones import tabulate
 
 Work = Callable[[], list[Trajectory | None]]
 

@@ -18,9 +18,8 @@ from _machine import print_machine
 from _options import positive
 
 import jaxplan as jp
-from jaxplan import zones
 from jaxplan.certificate import Report
-from jaxplan.model import constraints
+from jaxplan.model import constraints, zones
 from jaxplan.planner.check import prove
 
 

@@ -16,7 +16,7 @@ from _options import not_negative, positive
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, random_scenario
-from jaxplan.scenario import Scenario
+from jaxplan.model.scenario import Scenario
 
 
 def scenes(kind: str, first: int, count: int) -> list[Scenario]:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.scenario import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, SearchResult, search_batch
 from jaxplan.table4 import make_problem
 

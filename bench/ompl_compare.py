@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.scenario import Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.search import PLANNERS, Scene, find_barrier
 from jaxplan.table4 import make_problem
 

@@ -33,8 +33,8 @@ from tqdm import tqdm
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.path import Goal, Path
-from jaxplan.scenario import Scenario
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import Scenario
 
 CASES, WAYS = "cases", ("bang-bang", "smooth")
 

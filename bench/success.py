@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.scenario import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, find_barrier
 from jaxplan.table4 import TOLERANCE, least_margins, make_problem
 

@@ -21,7 +21,7 @@ sys.path.insert(0, str(File(__file__).parents[1] / "tests"))
 from node_paths import NAMES, load, wandering
 from scenes import make_spacecraft
 
-from jaxplan.scenario import TrajectorySettings
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory import fit_paper
 
 

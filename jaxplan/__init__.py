@@ -22,51 +22,43 @@ if TYPE_CHECKING:
     from jaxplan.compiled import compilation_cache
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
-    from jaxplan.moving import DirectionPath
+    from jaxplan.model.moving import DirectionPath
+    from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
+    from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+    from jaxplan.model.status import Status
+    from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
-    from jaxplan.scenario import (
-        GivenState,
-        Scenario,
-        ScenarioError,
-        SearchSettings,
-        Targets,
-        TrajectorySettings,
-        load_scenario,
-        save_scenario,
-    )
+    from jaxplan.scenario import ScenarioError, load_scenario, save_scenario
     from jaxplan.sensitivity import follow, hold, replan
-    from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-    from jaxplan.status import Status
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
-    from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 _HOMES = {
     "Constellation": "jaxplan.constellation",
-    "DirectionPath": "jaxplan.moving",
-    "FixedVector": "jaxplan.zones",
-    "GivenState": "jaxplan.scenario",
-    "Instrument": "jaxplan.spacecraft",
-    "JointBound": "jaxplan.zones",
-    "KeepIn": "jaxplan.zones",
-    "KeepOut": "jaxplan.zones",
+    "DirectionPath": "jaxplan.model.moving",
+    "FixedVector": "jaxplan.model.zones",
+    "GivenState": "jaxplan.model.scenario",
+    "Instrument": "jaxplan.model.spacecraft",
+    "JointBound": "jaxplan.model.zones",
+    "KeepIn": "jaxplan.model.zones",
+    "KeepOut": "jaxplan.model.zones",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
-    "Scenario": "jaxplan.scenario",
+    "Scenario": "jaxplan.model.scenario",
     "ScenarioError": "jaxplan.scenario",
-    "SearchSettings": "jaxplan.scenario",
+    "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
-    "Spacecraft": "jaxplan.spacecraft",
-    "Status": "jaxplan.status",
+    "Spacecraft": "jaxplan.model.spacecraft",
+    "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
-    "Targets": "jaxplan.scenario",
-    "Terminal": "jaxplan.spacecraft",
+    "Targets": "jaxplan.model.scenario",
+    "Terminal": "jaxplan.model.spacecraft",
     "Trajectory": "jaxplan.trajectory",
-    "TrajectorySettings": "jaxplan.scenario",
+    "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",

@@ -6,10 +6,10 @@ import numpy as np
 from manoeuvres import attitudes_of, boresights_of, craft, holding, joints_of, manoeuvre, spin_of
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Goal
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
-from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory
 
 DURATION = 30.0

@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import EndState, certify
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 # Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])

@@ -6,8 +6,8 @@ import numpy as np
 from manoeuvres import boresights_of
 from scipy.interpolate import CubicSpline
 
-from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepOut
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.zones import KeepOut
 
 LOW_ORBIT = Path(__file__).parent / "scenarios" / "low_orbit.toml"
 

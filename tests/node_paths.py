@@ -12,8 +12,8 @@ import numpy as np
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Path
-from jaxplan.scenario import TrajectorySettings
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory import Fit, fit_paper
 
 NAMES = [f"{kind}_c{case}" for kind in ("rrt", "astar") for case in (1, 2, 3, 4)]

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.decomposition import Decomposition, decompose
 from jaxplan.model.constraints import Constraints
-from jaxplan.scenario import Targets
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 PAPER_DIRECTIONS = np.array(
     [[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832], [0.4601, -0.7960, -0.3933]]

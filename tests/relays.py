@@ -6,9 +6,9 @@ degrees, of instruments in the body and of zones in the inertial frame.
 
 import numpy as np
 
-from jaxplan.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut
 
 
 def look(azimuth: float, elevation: float = 0.0) -> np.ndarray:

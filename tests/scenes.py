@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Goal
-from jaxplan.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import Scene, make_scene
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import KeepIn, KeepOut
 
 
 def make_spacecraft(terminals: int = 3, instruments: int = 0) -> Spacecraft:

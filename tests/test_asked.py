@@ -8,9 +8,10 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.moving import DirectionPath
-from jaxplan.scenario import ScenarioError, Targets
-from jaxplan.zones import KeepOut
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.scenario import Targets
+from jaxplan.model.zones import KeepOut
+from jaxplan.scenario import ScenarioError
 
 SCENE = make_scenario(2)
 SUN = KeepOut(name="Sun", direction=np.array([0.0, 0.0, 1.0]), half_angle=0.1, devices=("terminal-1",))

@@ -10,17 +10,17 @@ from scenes import boresights, edge_states, make_scenario, sampled_margin, scene
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import RANDOM_KINDS, paper_case, random_scenario
+from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.goals import find_goals
-from jaxplan.scenario import SearchSettings, dump_scenario, parse_scenario
-from jaxplan.scenario.model import SEARCH_METHODS
+from jaxplan.scenario import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
 from jaxplan.search.corners import between
 from jaxplan.search.lockstep import alone
 from jaxplan.search.problem import steps_between
 from jaxplan.search.rrt import INTERVALS, Space
 from jaxplan.search.samples import draw
-from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut
 
 WHOLE_EDGES = ("rrt_star", "rrt_connect")
 BASELINES = ("wastar", *WHOLE_EDGES)

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jaxplan import so3, zones
+from jaxplan import so3
 from jaxplan.cases import CASE_NAMES, case_path, paper_case
-from jaxplan.model import constraints
+from jaxplan.model import constraints, zones
 from jaxplan.scenario import dump_scenario, load_scenario, parse_scenario
 
 # Section 5: the published goals, equations (50) and (53).

@@ -20,7 +20,7 @@ from manoeuvres import (
 )
 
 from jaxplan.certificate import certify, prove_margins
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 DEGREE = np.deg2rad(1)
 

@@ -7,8 +7,8 @@ import pytest
 from manoeuvres import craft, ends, manoeuvre, unit
 
 from jaxplan.certificate import Claim, bounds, certify_batch, errors, proof
-from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 LIMITED = {"rate_limit": 0.05, "acceleration_limit": 0.01, "jerk_limit": 0.01}
 HEAVY = {"inertia": np.diag([120.0, 80.0, 150.0]), "torque_limit": 0.5, "wheel_momentum_limit": 4.0}

@@ -9,9 +9,9 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import EndState, certify
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 DURATION = 20.0
 TURN = np.array([0.4, -0.2, 0.3])

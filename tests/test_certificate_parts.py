@@ -17,8 +17,8 @@ from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views
 from jaxplan.certificate.pieces import ROUNDING, Pieces
 from jaxplan.model import limits as model
-from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 RNG = np.random.default_rng
 LONG = np.longdouble

@@ -15,8 +15,8 @@ from jaxplan.constellation.craft import nominal_attitudes
 from jaxplan.constellation.sun import CLEARANCE, waiting_directions
 from jaxplan.decomposition import decompose
 from jaxplan.decomposition.nearest import nearest_attitudes
-from jaxplan.scenario import Targets
-from jaxplan.zones import tabulate
+from jaxplan.model.scenario import Targets
+from jaxplan.model.zones import tabulate
 
 R, MU = 6378.137, 398600.4418
 SUN = np.array([0.0, np.cos(np.deg2rad(23.44)), np.sin(np.deg2rad(23.44))])

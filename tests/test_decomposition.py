@@ -6,7 +6,7 @@ from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
 from jaxplan.decomposition import Decomposition
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model.zones import KeepIn, KeepOut
 
 # Case by case: the start, the limits at the goal that its answer tells of, the goal as (50) and (53)
 # print it, and the slew under those limits and under the printed ones.

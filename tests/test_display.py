@@ -25,11 +25,12 @@ from jaxplan.constellation.shell import Shell
 from jaxplan.decomposition import Decomposition
 from jaxplan.display import UNKNOWN, as_table, shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
+from jaxplan.model.spacecraft import Instrument, Spacecraft
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.planner.chain import fit
-from jaxplan.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.search import Barrier
-from jaxplan.spacecraft import Instrument, Spacecraft
 from jaxplan.study.run import run_task
 from jaxplan.table4 import PAPER_KINDS, printed_rows
 from jaxplan.trajectory import FitQuery
@@ -37,7 +38,6 @@ from jaxplan.trajectory.global_spline import held as global_spline
 from jaxplan.trajectory.paper import refit as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
-from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"

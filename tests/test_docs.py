@@ -15,11 +15,11 @@ from urllib.parse import unquote, urldefrag
 import pytest
 
 from jaxplan.cli import main
+from jaxplan.model.status import Status
 from jaxplan.scenario.faults import DeviceNames, Place
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
-from jaxplan.status import Status
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -194,11 +194,12 @@ def test_the_readme_is_the_source_of_the_front_and_the_guide(pages):
 
 def test_the_names_beside_the_symbols_exist(rows):
     import jaxplan as jp
-    from jaxplan import so3, spacecraft, trajectory, zones
+    from jaxplan import so3, trajectory
     from jaxplan.geometry import directions
-    from jaxplan.path import Goal as PathGoal
-    from jaxplan.path import Path as Way
-    from jaxplan.scenario import SearchSettings, Targets, TrajectorySettings
+    from jaxplan.model import spacecraft, zones
+    from jaxplan.model.path import Goal as PathGoal
+    from jaxplan.model.path import Path as Way
+    from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
     from jaxplan.trajectory import Samples, basis
 
     homes = {

@@ -5,6 +5,7 @@ from scenes import boresights, edge_states, make_scenario, sampled_margin, scene
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import PLANNERS, mha_paper, mha_rules
 from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
@@ -13,7 +14,6 @@ from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_IN
 from jaxplan.search.problem import Scene, steps_between
 from jaxplan.search.tree import Moves, Node, chosen, make_root
 from jaxplan.table4 import make_problem
-from jaxplan.zones import KeepIn, KeepOut
 
 CLEARANCE = np.deg2rad(0.5)
 LAST_SCALE = len(mha_rules.SCALES) - 1  # the number of an expansion with short moves

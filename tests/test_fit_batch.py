@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.path import Path
-from jaxplan.scenario import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
 from jaxplan.trajectory import FitQuery, fit_batch, fit_global, fit_paper, maxima
 from jaxplan.trajectory.global_spline import box_qp, sqp
-from jaxplan.zones import tabulate
 
 EACH = 5
 FITS = {"global": fit_global, "paper": fit_paper}

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan import quaternion, so3, spacecraft
+from jaxplan import quaternion, so3
 from jaxplan.geometry import directions, rotations, vectors
 from jaxplan.geometry.arrays import arrays
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model import spacecraft
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 
 RNG = np.random.default_rng(31)
 ANGLES = np.concatenate([RNG.uniform(0.01, 3.1, 20), [1e-9, 1 - 1e-9, 1 + 1e-9, np.pi - 1e-6]])

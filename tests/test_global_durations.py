@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, paper_case
 from jaxplan.certificate import EndState
-from jaxplan.path import Path
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepOut, tabulate
 from jaxplan.planner.check import prove
-from jaxplan.scenario import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.status import Status
 from jaxplan.trajectory import duration_bound, fit_global, fit_paper
-from jaxplan.zones import KeepOut, tabulate
 
 CRAFT = make_spacecraft()
 numbers = pytest.mark.parametrize("number", [1, 2, 3, 4])

@@ -17,9 +17,9 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
-from jaxplan.path import Path
-from jaxplan.scenario import TrajectorySettings
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
 from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.chart import fitting

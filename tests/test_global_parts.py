@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.bound import duration_bound, shortest_time
 from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
 from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qp, solve_box_qps
@@ -19,7 +20,6 @@ from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends, weigh
 from jaxplan.trajectory.global_spline.motion import evaluate
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 RNG = np.random.default_rng(3)
 UNEVEN = np.concatenate([[0.0], np.sort(RNG.uniform(0.02, 0.98, 9)), [1.0]])

@@ -7,8 +7,8 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
-from jaxplan.scenario import TrajectorySettings
 from jaxplan.trajectory import fit_batch
 from jaxplan.trajectory.global_spline import job, sqp
 from jaxplan.trajectory.global_spline.families import families

@@ -7,6 +7,7 @@ import pytest
 from node_paths import wandering
 from scenes import make_spacecraft
 
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.global_spline.bases import Basis
 from jaxplan.trajectory.global_spline.chart import fitting
 from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
@@ -14,7 +15,6 @@ from jaxplan.trajectory.global_spline.motion import evaluate
 from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
 from jaxplan.trajectory.global_spline.problem import Problem
 from jaxplan.trajectory.global_spline.rows import Step
-from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 RNG = np.random.default_rng(8)
 BASIS = Basis.even(6)

@@ -12,11 +12,11 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case
-from jaxplan.path import Path
-from jaxplan.scenario import TrajectorySettings
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.status import Status
+from jaxplan.model.zones import tabulate
 from jaxplan.trajectory import fit_global
-from jaxplan.zones import tabulate
 
 CRAFT = make_spacecraft()
 EXACT = TrajectorySettings(duration=80.0, node_tube=0.0)

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import jaxplan as jp
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import film as film_module
 from jaxplan.plotting.style import device_style
 from jaxplan.plotting.view import View, circle, insides
-from jaxplan.zones import KeepIn, KeepOut
 
 RNG = np.random.default_rng(11)
 DIRECTIONS = RNG.standard_normal((200, 3))

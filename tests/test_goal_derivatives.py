@@ -21,8 +21,8 @@ from jaxplan.decomposition.descent import active_terms
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.geometry.directions import pointing
 from jaxplan.model.constraints import JOINTS
-from jaxplan.path import Goal
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.path import Goal
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 STEP = 1e-4
 TOLERANCE = 1e-6

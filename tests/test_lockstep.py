@@ -7,11 +7,11 @@ from scenes import make_scenario, scene_of
 from trust import lanes
 
 from jaxplan.cases import RANDOM_KINDS, random_scenario
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.planner.goals import find_goals
-from jaxplan.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, SearchResult, search_batch
 from jaxplan.search.lockstep import CALLS, POOL, Call, Kernel, together
-from jaxplan.status import Status
 
 
 def random_problem(seed: int, kind: str, **changes: object) -> tuple[Scene, SearchSettings]:

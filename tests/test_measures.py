@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from quick import quick_jit
 
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import Trajectory, measures
 
 ANGLE, DURATION = 1.2, 20.0

@@ -9,8 +9,8 @@ from moving_scenes import great_circle, sampled, seen, turning, wandering
 
 from jaxplan.certificate import EndState, certify, prove_margins
 from jaxplan.certificate.axes import Way
-from jaxplan.moving import DirectionPath
-from jaxplan.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 
 def random_zones(rng, duration, devices):

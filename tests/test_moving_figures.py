@@ -8,11 +8,11 @@ import pytest
 from moving_scenes import LOW_ORBIT, sampled
 
 import jaxplan as jp
+from jaxplan.model.zones import KeepOut
 from jaxplan.plotting import samples, unfolded
 from jaxplan.plotting.globe_map import view_of
 from jaxplan.plotting.marks import zone_ways, zones_at
 from jaxplan.plotting.view import circle
-from jaxplan.zones import KeepOut
 
 
 @pytest.fixture(scope="module")

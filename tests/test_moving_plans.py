@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan import sky
-from jaxplan.moving import DirectionPath
-from jaxplan.path import Goal
+from jaxplan.model.moments import known_until
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.meeting import meet
 from jaxplan.planner.sweeps import always, swept
-from jaxplan.scenario import Targets
-from jaxplan.scenario.moments import known_until
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
-from jaxplan.zones import KeepIn, KeepOut
 
 EPOCH = "2026-03-20T12:00:00"
 

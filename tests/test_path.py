@@ -6,9 +6,9 @@ import pytest
 from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
-from jaxplan import path, spacecraft, zones
-from jaxplan.path import Path
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model import path, spacecraft, zones
+from jaxplan.model.path import Path
+from jaxplan.model.zones import KeepIn, KeepOut
 
 INTERVALS = 3
 NEAR = 0.1  # rad: margins this close to zero are what decides, and are far from every cone's axis

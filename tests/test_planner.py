@@ -12,15 +12,16 @@ from trust import flights, golden
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.certificate import Report
+from jaxplan.model.scenario import STRETCHED, Targets
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import chain, messages
 from jaxplan.planner.check import certify
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.results import trajectory_table
-from jaxplan.scenario import STRETCHED, Targets, parse_scenario, with_settings
+from jaxplan.scenario import parse_scenario, with_settings
 from jaxplan.search import make_scene
 from jaxplan.trajectory import METHODS
-from jaxplan.zones import KeepIn, KeepOut
 
 INSTANTS = 100_000
 
@@ -382,7 +383,7 @@ def test_targets_that_cannot_be_reached_together_say_by_how_much():
 
 
 def test_an_instrument_keeps_the_platform_from_the_nearest_goal():
-    from jaxplan.spacecraft import Instrument
+    from jaxplan.model.spacecraft import Instrument
 
     scenario = jp.paper_case(2)
     nearest = jp.plan(scenario).goal

@@ -16,16 +16,16 @@ from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan import path as motions
 from jaxplan.certificate import Report
 from jaxplan.model import constraints
-from jaxplan.path import Goal, Path
+from jaxplan.model import path as motions
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import samples, style, unfolded
-from jaxplan.scenario import GivenState, Scenario, Targets
-from jaxplan.status import Status
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.zones import KeepIn, KeepOut
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
 

@@ -3,10 +3,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jaxplan.path import Path
+from jaxplan.model.path import Path
+from jaxplan.model.status import Status
 from jaxplan.search.problem import SearchResult
 from jaxplan.search.race import race
-from jaxplan.status import Status
 
 PATH = Path(attitudes=np.eye(3)[None], joints=np.zeros((1, 2)), edge_costs=np.zeros(0))
 HEAD_START = 3

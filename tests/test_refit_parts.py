@@ -21,7 +21,7 @@ from quick import quick_jit
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import paper_case
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
 from jaxplan.trajectory.asking import alone
 from jaxplan.trajectory.basis import end_derivatives

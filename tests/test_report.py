@@ -16,11 +16,11 @@ from matplotlib import image
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.limits import limits
-from jaxplan.path import Path as Way
+from jaxplan.model.path import Path as Way
+from jaxplan.model.status import STEPS, Status
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.scenario import parse_scenario
 from jaxplan.search import SearchResult
-from jaxplan.status import STEPS, Status
-from jaxplan.zones import KeepIn, KeepOut
 
 NASTY = "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\"> & $x_1$"
 DRAW = "jaxplan.report.document._pictures"

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import jaxplan as jp
 import jaxplan.scenario as sc
 from jaxplan.scenario.bodies import SKY
 from jaxplan.scenario.kinds import shortest_degrees
@@ -82,8 +83,8 @@ def test_a_file_is_read_in_radians_and_seconds():
 
 def test_what_a_file_leaves_out_is_the_default_of_the_model():
     s = sc.parse_scenario(MINIMAL)
-    assert vars(s.search) == vars(sc.SearchSettings())
-    assert vars(s.trajectory) == vars(sc.TrajectorySettings())
+    assert vars(s.search) == vars(jp.SearchSettings())
+    assert vars(s.trajectory) == vars(jp.TrajectorySettings())
     assert s.trajectory.duration == "stretched"
     assert (s.keep_out, s.keep_in, s.spacecraft.terminals, s.spacecraft.instruments) == ((), (), (), ())
     assert s.spacecraft.jerk_limit is s.spacecraft.inertia is s.spacecraft.torque_limit is None

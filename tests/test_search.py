@@ -6,12 +6,12 @@ from scenes import boresights, edge_states, make_scenario, sampled_margin, scene
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case, random_scenario
-from jaxplan.path import Goal
+from jaxplan.model.path import Goal
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepOut
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, Scene, SearchResult, mha
 from jaxplan.search.problem import steps_between
-from jaxplan.status import Status
-from jaxplan.zones import KeepOut
 
 # Equations (50) and (53): attitude as rotation vector, yaws, pitches.
 PUBLISHED_GOALS = {

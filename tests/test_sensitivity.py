@@ -12,11 +12,11 @@ from quick import quick_jit
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.path import Path
+from jaxplan.model.path import Path
+from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.planner.chain import fit
 from jaxplan.sensitivity import follow, hold, replan
 from jaxplan.trajectory import fit_global
-from jaxplan.zones import KeepIn, tabulate
 
 STEP = 5e-6  # twice that is within what the rows that bind allow
 

@@ -6,8 +6,9 @@ import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Path
-from jaxplan.scenario import Scenario, SearchSettings
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import PLANNERS, Scene, mha_rules, multi_heuristic, smoothing
 from jaxplan.search.corners import make_path, subdivide
 from jaxplan.search.lockstep import alone
@@ -15,7 +16,6 @@ from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, steps_between
 from jaxplan.search.smoothing import bends
 from jaxplan.search.smoothing.smoother import LENGTHENING
 from jaxplan.search.tree import make_root
-from jaxplan.zones import KeepIn, KeepOut
 
 
 def smooth(scene: Scene, settings: SearchSettings, path: Path) -> Path:

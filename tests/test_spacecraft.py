@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan import spacecraft
 from jaxplan.geometry.directions import pointing
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model import spacecraft
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 
 COUNTS = [0, 1, 2, 4, 12]
 AXIS = np.array([0.6, 0.0, 0.8])

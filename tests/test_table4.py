@@ -5,10 +5,10 @@ import pytest
 from scenes import edge_states, make_scenario, sampled_margin, scene_of
 
 from jaxplan import table4
-from jaxplan.path import Path
+from jaxplan.model.path import Path
+from jaxplan.model.zones import KeepOut
 from jaxplan.search.corners import make_path
 from jaxplan.table4 import comparison
-from jaxplan.zones import KeepOut
 
 
 def straight_path(scene, edges: int) -> Path:

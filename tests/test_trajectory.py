@@ -11,7 +11,7 @@ from quick import quick_jit
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
-from jaxplan.scenario import TrajectorySettings
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper
 from jaxplan.trajectory.paper import assembly, chain
 

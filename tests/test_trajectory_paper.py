@@ -8,10 +8,10 @@ from node_paths import NAMES, ZIG_ZAG, fit_stored, load, wandering
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
-from jaxplan.path import Path
-from jaxplan.scenario import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
 from jaxplan.trajectory import Samples, Trajectory, fit_paper
 from jaxplan.trajectory.paper import chain
 

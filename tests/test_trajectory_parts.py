@@ -11,7 +11,7 @@ from scenes import make_spacecraft
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
-from jaxplan.scenario import TrajectorySettings
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory import basis, fit_global, maxima, scaling, schedule
 from jaxplan.trajectory.paper import counting, qp
 from jaxplan.trajectory.paper.assembly import assemble

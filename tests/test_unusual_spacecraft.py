@@ -12,7 +12,7 @@ from relays import avoids, look, make_relay, sees
 
 import jaxplan as jp
 from jaxplan.cli import main
-from jaxplan.path import Goal
+from jaxplan.model.path import Goal
 from jaxplan.planner.check import certify
 from jaxplan.search.holding import held_axes
 

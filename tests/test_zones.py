@@ -6,10 +6,9 @@ import pytest
 from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
-from jaxplan import zones
 from jaxplan.geometry.directions import separation
-from jaxplan.model import constraints
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model import constraints, zones
+from jaxplan.model.zones import KeepIn, KeepOut
 
 DEVICES = ("a", "b", "c")
 ANGLES = [0.0, 1e-12, 1e-8, 1e-4, 1.0, np.pi / 2, 2.0, np.pi - 1e-5, np.pi - 1e-11, np.pi]

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.scenario import Scenario, load_scenario
+from jaxplan.model.scenario import Scenario
+from jaxplan.scenario import load_scenario
 
 CASE_NAMES = ("case-1", "case-2", "case-3", "case-4")
 

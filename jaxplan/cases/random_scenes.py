@@ -39,8 +39,8 @@ from jaxplan.cases.random_starts import (
     starts,
     straight_motion,
 )
-from jaxplan.scenario import GivenState, Scenario, SearchSettings
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.zones import KeepIn, KeepOut
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,10 +17,10 @@ from jax import Array
 from jaxplan import orbits, so3
 from jaxplan.cases.paper import paper_case
 from jaxplan.decomposition import decompose
-from jaxplan.path import Goal, motion
-from jaxplan.scenario import GivenState, Targets
-from jaxplan.spacecraft import Spacecraft, body_boresights, joints_along
-from jaxplan.zones import tabulate
+from jaxplan.model.path import Goal, motion
+from jaxplan.model.scenario import GivenState, Targets
+from jaxplan.model.spacecraft import Spacecraft, body_boresights, joints_along
+from jaxplan.model.zones import tabulate
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)

@@ -14,7 +14,7 @@ from jaxplan.certificate import jets
 from jaxplan.certificate.pieces import ROUNDING
 
 if TYPE_CHECKING:
-    from jaxplan.moving import DirectionPath
+    from jaxplan.model.moving import DirectionPath
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

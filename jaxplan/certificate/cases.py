@@ -20,7 +20,7 @@ from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
 
 if TYPE_CHECKING:
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 MARGIN_ALLOWANCE = 1e-9  # rad

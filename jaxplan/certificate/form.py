@@ -13,8 +13,8 @@ from jaxplan.certificate.report import EndState
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
-    from jaxplan.moving import DirectionPath
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.moving import DirectionPath
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 _ORTHONORMAL = 1e-9

@@ -18,7 +18,7 @@ from jaxplan.certificate.pieces import ROUNDING
 from jaxplan.model.limits import Limit, limits
 
 if TYPE_CHECKING:
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:

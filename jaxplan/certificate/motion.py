@@ -31,7 +31,7 @@ from jaxplan.certificate.pieces import Pieces
 if TYPE_CHECKING:
     from jaxplan.certificate.axes import Way
     from jaxplan.model.constraints import Constraints
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 DEGREE = 10  # of the polynomials through the samples of an interval

@@ -15,7 +15,7 @@ from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report, ev
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 _TOGETHER, _PIECES = 16, 1024  # trajectories that are proved at once, and about their pieces

@@ -10,7 +10,7 @@ from jaxplan.display import as_table, shown
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
+    from jaxplan.model.scenario import Scenario
+    from jaxplan.model.status import Status
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
-    from jaxplan.status import Status
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
 MARK = "jaxplan"  # in the pictures that are ours

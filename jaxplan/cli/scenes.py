@@ -10,7 +10,7 @@ from jaxplan.cli import common
 from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, load_scene, print_result, say, try_folder_of
 
 if TYPE_CHECKING:
-    from jaxplan.scenario import Scenario
+    from jaxplan.model.scenario import Scenario
 
 
 def add_commands(commands: Any) -> None:
@@ -103,11 +103,11 @@ def _findings(name: str) -> dict[str, Any]:
 
 def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
     """List what the start breaks, and the goal where it is a given state among nothing that moves."""
+    from jaxplan.model.moments import moves
+    from jaxplan.model.scenario import GivenState
     from jaxplan.planner import Plan
     from jaxplan.planner.check import start_breaches
     from jaxplan.planner.goals import find_goals
-    from jaxplan.scenario import GivenState
-    from jaxplan.scenario.moments import moves
 
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
@@ -117,8 +117,8 @@ def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
 
 def _line(found: dict[str, Any]) -> str:
     """The findings for a reader."""
+    from jaxplan.model.status import Status
     from jaxplan.scenario import ScenarioError
-    from jaxplan.status import Status
 
     name, holds = found["file"], found["holds"]
     if holds is None:

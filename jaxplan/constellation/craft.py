@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from jaxplan.spacecraft import Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft, Terminal
 
 
 def relay_spacecraft() -> Spacecraft:

@@ -13,9 +13,10 @@ from jaxplan import so3
 from jaxplan.constellation.shell import Shell
 from jaxplan.display import shown
 from jaxplan.given import several
-from jaxplan.scenario import GivenState, Scenario, ScenarioError, Targets
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import KeepOut
+from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepOut
+from jaxplan.scenario import ScenarioError
 
 
 @shown(

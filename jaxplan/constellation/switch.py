@@ -31,11 +31,12 @@ from jaxplan.constellation.sun import in_the_sun, waiting_directions
 from jaxplan.decomposition import decompose
 from jaxplan.decomposition.nearest import nearest_attitudes
 from jaxplan.given import expect
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
 from jaxplan.orbits import EARTH_RADIUS
-from jaxplan.scenario import ScenarioError, Targets
+from jaxplan.scenario import ScenarioError
 from jaxplan.scenario.taking import checked_spacecraft
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import tabulate
 
 SUN_OUTAGES = ("wait", "keep")
 

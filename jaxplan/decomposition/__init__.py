@@ -21,10 +21,10 @@ from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import Caps, assemble, deepest_row
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints, state_margins
-from jaxplan.path import Goal
-from jaxplan.scenario.model import Targets
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import tabulate
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
 
 
 @shown(

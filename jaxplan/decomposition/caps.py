@@ -28,7 +28,7 @@ import numpy as np
 from jaxplan.decomposition.pairs import Pairs, pairs_at_goal, single_yaws
 from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import JOINTS, Constraints, Sights, best_entries, capacity, chosen_entries
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 
 HAIR = 1e-12
 """rad; caps are wider than the constraints by this, so that rounding breaks none."""

@@ -11,8 +11,8 @@ from jaxplan import quaternion
 from jaxplan.decomposition import multistart
 from jaxplan.decomposition.caps import assemble
 from jaxplan.decomposition.descent import descent_ends
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
 
 TOGETHER = 256
 """Problems of one call: there is one shape to compile."""

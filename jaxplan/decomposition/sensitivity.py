@@ -30,9 +30,9 @@ from jaxplan.decomposition.quadratic import MET
 from jaxplan.first_order import first_derivatives_only
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
-from jaxplan.path import Goal
-from jaxplan.scenario.model import Targets
-from jaxplan.spacecraft import Spacecraft, joints_toward, stacked
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft, joints_toward, stacked
 
 
 def differentiable_goal(

@@ -15,9 +15,9 @@ from jax import Array
 from jaxplan import so3
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.model.constraints import Constraints
-from jaxplan.path import Goal
-from jaxplan.scenario.model import Targets
-from jaxplan.spacecraft import Spacecraft, joints_toward
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft, joints_toward
 
 
 def tracking_rates(

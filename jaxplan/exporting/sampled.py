@@ -8,8 +8,8 @@ import numpy as np
 from jaxplan.progress import progress_bar
 
 if TYPE_CHECKING:
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.planner import Plan
-    from jaxplan.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Samples, Trajectory
 
 MOST_SAMPLES = 10_000_000

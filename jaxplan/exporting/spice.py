@@ -24,7 +24,7 @@ from jaxplan.exporting.sampled import Sampled, continuous_quaternions
 from jaxplan.exporting.text import plain, progress
 
 if TYPE_CHECKING:
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
 
 _CRAFT = -999  # of the numbers that NAIF leaves to everybody
 _BUS = -999000

@@ -42,9 +42,9 @@ from jaxplan.geometry import directions
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.directions import separation
 from jaxplan.geometry.vectors import length
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.spacecraft import body_boresights
 from jaxplan.once import made_once
-from jaxplan.spacecraft import body_boresights
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.vectors import cross
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 
 _AXES = ("x", "y", "z")
 _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxplan.geometry.directions import outward, slopes
-from jaxplan.path import Goal
-from jaxplan.scenario import GivenState, Scenario, Targets
-from jaxplan.scenario.moments import known_until
+from jaxplan.model.moments import known_until
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.trajectory import Trajectory
 
 # What a beam may be off its target, rad, and its rate, rad/s; the certificate allows as much of the ends.

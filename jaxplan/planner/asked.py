@@ -1,8 +1,9 @@
 """What is planned is what a scenario file would say: checked alike, and the same when it is read back."""
 
 from jaxplan.given import expect
-from jaxplan.scenario import Scenario, ScenarioError, scenario_to_dict
-from jaxplan.scenario.moments import moves
+from jaxplan.model.moments import moves
+from jaxplan.model.scenario import Scenario
+from jaxplan.scenario import ScenarioError, scenario_to_dict
 from jaxplan.scenario.taking import read_back
 from jaxplan.search import PLANNERS
 from jaxplan.trajectory import METHODS

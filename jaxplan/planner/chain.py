@@ -17,7 +17,10 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, Path, halve
+from jaxplan.model.moments import moves
+from jaxplan.model.path import Goal, Path, halve
+from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.check import ProofQuery, start_breaches
 from jaxplan.planner.clock import Clock
@@ -25,10 +28,7 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.planner.meeting import guesses, meet
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.sweeps import always, swept
-from jaxplan.scenario import Scenario, SearchSettings
-from jaxplan.scenario.moments import moves
 from jaxplan.search import Scene, derived_seed, find_barrier, make_scene
-from jaxplan.status import Status
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.

@@ -8,14 +8,15 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import Claim, EndState, ProvedMargin, Report, certify_batch, prove_margins
 from jaxplan.given import expect
-from jaxplan.path import Goal
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.zones import sight_names
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import GivenState, Scenario, ScenarioError, scenario_to_dict
+from jaxplan.scenario import ScenarioError, scenario_to_dict
 from jaxplan.scenario.taking import read_back, take_in
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import sight_names
 
 # How far a goal may be from what the scenario asks for, rad.
 GOAL_TOLERANCE = 1e-8

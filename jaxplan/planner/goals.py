@@ -11,13 +11,13 @@ from jaxplan import so3
 from jaxplan.decomposition import decompose
 from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.tracking import tracking_rates
-from jaxplan.path import Goal
+from jaxplan.model.moments import moves
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import GivenState, Scenario
-from jaxplan.scenario.moments import moves
-from jaxplan.status import Status
 
 CANDIDATES = 16
 """Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Report
-from jaxplan.path import Goal, Path
+from jaxplan.model.moments import moves
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.status import Status
+from jaxplan.model.zones import sight_names
 from jaxplan.planner.arrays import (
     Array,
     ByName,
@@ -24,15 +28,11 @@ from jaxplan.planner.arrays import (
     Words,
 )
 from jaxplan.planner.record import Plan
-from jaxplan.scenario import Scenario
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
-from jaxplan.scenario.moments import moves
 from jaxplan.scenario.tables import Field, Table
 from jaxplan.search import SearchResult
-from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import sight_names
 
 SCHEMA_VERSION = 1
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.path import Goal, Path
+from jaxplan.model.moments import known_until, moves
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import MINIMUM, GivenState, Scenario
+from jaxplan.model.status import Status
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
-from jaxplan.scenario import MINIMUM, GivenState, Scenario
-from jaxplan.scenario.moments import known_until, moves
-from jaxplan.status import Status
 from jaxplan.trajectory import Fit, duration_bound
 
 _ROUNDS = 5

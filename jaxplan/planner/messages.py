@@ -8,11 +8,11 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.model.constraints import Constraints
-from jaxplan.scenario import Scenario
-from jaxplan.scenario.moments import moves
+from jaxplan.model.moments import moves
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn, KeepOut, sight_names
 from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
-from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut, sight_names
 
 if TYPE_CHECKING:
     from jaxplan.planner.record import Plan

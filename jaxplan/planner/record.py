@@ -9,11 +9,11 @@ import numpy as np
 
 from jaxplan.certificate import Report
 from jaxplan.display import as_table, shown
-from jaxplan.path import Goal, Path
-from jaxplan.scenario import GivenState, Scenario
-from jaxplan.scenario.moments import moves
+from jaxplan.model.moments import moves
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.status import Status
 from jaxplan.search import SearchResult
-from jaxplan.status import Status
 from jaxplan.trajectory import Trajectory, duration_bound, excess
 
 

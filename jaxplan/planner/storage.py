@@ -18,12 +18,12 @@ import numpy as np
 
 from jaxplan.files import replacing_file
 from jaxplan.given import file_path
+from jaxplan.model.moments import moves
+from jaxplan.model.status import Status
 from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.faults import DeviceNames, Place
-from jaxplan.scenario.moments import moves
-from jaxplan.status import Status
 
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
 LARGEST_FILE = 64 * 2**20

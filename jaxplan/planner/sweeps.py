@@ -14,10 +14,10 @@ import numpy as np
 
 from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import Constraints, pair_margins
-from jaxplan.moving import DirectionPath
-from jaxplan.path import Goal
-from jaxplan.scenario import Scenario
-from jaxplan.scenario.moments import known_until
+from jaxplan.model.moments import known_until
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Scenario
 
 _SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
 _ROOM = float(np.deg2rad(0.25))  # at most left to a start or goal by a cone that is cut back for it

@@ -13,9 +13,9 @@ from jaxplan.model.constraints import (
     chosen_entries,
     state_margins,
 )
-from jaxplan.scenario import Scenario
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import body_axis_name, sight_names
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import body_axis_name, sight_names
 
 # What rounding may cost at the very limit, rad; the certificate allows the same.
 ROUNDING = 1e-9

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from jaxplan.given import as_floats, expect, show
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

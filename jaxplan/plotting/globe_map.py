@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.given import expect_plan, expect_view
 from jaxplan.plotting.labels import Labels
@@ -38,7 +39,6 @@ from jaxplan.plotting.style import (
     plain,
 )
 from jaxplan.plotting.view import PALE, View, circle, insides
-from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
+from jaxplan.model.zones import sight_names
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.labels import Labels
@@ -29,7 +30,6 @@ from jaxplan.plotting.style import (
     plain,
 )
 from jaxplan.plotting.timelines import curve, time_axis
-from jaxplan.zones import sight_names
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -8,14 +8,14 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from jaxplan.model.scenario import GivenState
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.plotting import samples
 from jaxplan.plotting.style import GREY, KEEP_IN, KEEP_OUT, Entries, Look, device_style
-from jaxplan.scenario import GivenState
-from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
+    from jaxplan.model.scenario import Scenario
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
 
 # The square is open, and the star fits into it, so that both show where a device does not move.
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}

@@ -26,8 +26,8 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.timelines import FAR, labelled, panel, time_axis
 
 if TYPE_CHECKING:
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.planner import Plan
-    from jaxplan.spacecraft import Spacecraft
 
 
 def size(count: int) -> tuple[float, float]:

@@ -15,8 +15,8 @@ from jaxplan.model.constraints import chosen_entries, state_margins
 from jaxplan.plotting.given import expect_plan
 
 if TYPE_CHECKING:
+    from jaxplan.model.scenario import Scenario
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
     from jaxplan.trajectory.curve import Samples
 
 INSTANTS = 1024  # of the grid; the paper's manoeuvres have 14 to 50 nodes

@@ -31,7 +31,7 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.timelines import curve, labelled, time_span
 
 if TYPE_CHECKING:
-    from jaxplan.spacecraft import Spacecraft
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
 _BODY = ("body x", "body y", "body z")

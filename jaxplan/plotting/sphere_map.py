@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Shape
 
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.given import expect_plan
@@ -36,7 +37,6 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.plotting.zone_names import name_zones
-from jaxplan.zones import KeepIn, KeepOut
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
+from jaxplan.model.status import Status
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.margin_scale import open_near_zero
 from jaxplan.plotting.studied import OK, Studied, Studies, looks, named, planned_values
 from jaxplan.plotting.style import GREY, SMALL, TEXT, Entries, Look, legend_beside, note, plain, tidy
 from jaxplan.proportions import success_interval
-from jaxplan.status import Status
 
 _SIZE = (8.0, 4.2)  # inches
 _ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines

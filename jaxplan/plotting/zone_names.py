@@ -7,14 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from jaxplan.geometry.directions import pointing, separation
+from jaxplan.model.zones import KeepIn, KeepOut, binds_all
 from jaxplan.plotting import unfolded
 from jaxplan.plotting.labels import Labels
 from jaxplan.plotting.marks import zones_at
 from jaxplan.plotting.style import KEEP_IN, KEEP_OUT, SMALL, plain
-from jaxplan.zones import KeepIn, KeepOut, binds_all
 
 if TYPE_CHECKING:
-    from jaxplan.scenario import Scenario
+    from jaxplan.model.scenario import Scenario
 
 _CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
 _LETTER, _LINE = 3.0, 5.5  # deg of the map that a letter is wide and a line high

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from jaxplan.model.status import STEPS, Status
 from jaxplan.planner.check import certify, check_margins
 from jaxplan.report import results, scene
 from jaxplan.report.markup import Markup, facts, join, number, section, tag
 from jaxplan.scenario import dump_scenario
-from jaxplan.status import STEPS, Status
 from jaxplan.version import __version__
 
 if TYPE_CHECKING:

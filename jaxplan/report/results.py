@@ -27,8 +27,8 @@ from jaxplan.trajectory import excess
 
 if TYPE_CHECKING:
     from jaxplan.certificate import ProvedMargin, Report
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.planner import Plan
-    from jaxplan.spacecraft import Spacecraft
 
 _STEP_NAMES = {
     "decompose": "goal",

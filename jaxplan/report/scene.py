@@ -11,15 +11,15 @@ import numpy as np
 from jaxplan import quaternion
 from jaxplan.geometry.directions import azimuth_elevation
 from jaxplan.model.limits import limits
+from jaxplan.model.moments import paths
+from jaxplan.model.scenario import GivenState
+from jaxplan.model.zones import JointBound, Zone, binds_all
 from jaxplan.report.markup import NONE, Column, Markup, facts, join, number, numeric, table
-from jaxplan.scenario import GivenState
-from jaxplan.scenario.moments import paths
-from jaxplan.zones import JointBound, Zone, binds_all
 
 if TYPE_CHECKING:
+    from jaxplan.model.scenario import Scenario
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.planner import Plan
-    from jaxplan.scenario import Scenario
-    from jaxplan.spacecraft import Spacecraft
 
 
 def spacecraft_tables(craft: "Spacecraft") -> Markup:

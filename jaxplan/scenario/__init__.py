@@ -1,33 +1,16 @@
-"""The problem and its settings, and the files that hold them.
+"""Files that hold scenarios; their dataclasses are those of `jaxplan.model.scenario`.
 
-`model` has the dataclasses, in radians and seconds; `layout` and `states` say what a file may hold, `reading`
-and `writing` go from one to the other, `taking` from what Python gives to the dataclasses' own types, and
-`overrides` changes settings by their names.
+`layout` and `states` say what a file may hold, `reading` and `writing` go from one to the other, `taking`
+from what Python gives to the dataclasses' own types, and `overrides` changes settings by their names.
 """
 
 from jaxplan.scenario.faults import ScenarioError
-from jaxplan.scenario.model import (
-    MINIMUM,
-    STRETCHED,
-    GivenState,
-    Scenario,
-    SearchSettings,
-    Targets,
-    TrajectorySettings,
-)
 from jaxplan.scenario.overrides import with_settings
 from jaxplan.scenario.reading import load_scenario, parse_scenario, scenario_from_dict
 from jaxplan.scenario.writing import dump_scenario, save_scenario, scenario_to_dict
 
 __all__ = [
-    "MINIMUM",
-    "STRETCHED",
-    "GivenState",
-    "Scenario",
     "ScenarioError",
-    "SearchSettings",
-    "Targets",
-    "TrajectorySettings",
     "dump_scenario",
     "load_scenario",
     "parse_scenario",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import quaternion
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number, finite
 from jaxplan.scenario.values import read_array

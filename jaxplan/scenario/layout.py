@@ -9,18 +9,18 @@ import math
 from functools import partial
 from typing import Any
 
-from jaxplan.scenario import model
+from jaxplan.model import scenario as model
+from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
 from jaxplan.scenario.bodies import SKY, Epoch, View
 from jaxplan.scenario.devices import DeviceList, DeviceName, TerminalFactors
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
-from jaxplan.scenario.model import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.scenario.paths import SAMPLES, TIMES, split_zone
 from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
 from jaxplan.sky import BODIES
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import FixedVector, JointBound, KeepIn, KeepOut
 
 SCHEMA_VERSION = 1
 

@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.scenario.arrays import Direction, Each, Inertia, PerAxis, Vector
 from jaxplan.scenario.faults import nearest
 from jaxplan.scenario.kinds import Integer, Interval, Number
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.model import GivenState, Scenario
 from jaxplan.scenario.states import STATE, TARGETS, Goal
 from jaxplan.scenario.tables import Field, Rows, Table
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from jaxplan.model.scenario import Scenario
 from jaxplan.scenario.faults import ScenarioError, quote
-from jaxplan.scenario.model import Scenario
 from jaxplan.scenario.reading import scenario_from_dict
 from jaxplan.scenario.writing import scenario_to_dict
 

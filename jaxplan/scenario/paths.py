@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.moving import DirectionPath, as_path
+from jaxplan.model.moving import DirectionPath, as_path
 from jaxplan.scenario.arrays import Direction, Each
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Kind, Number

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from jaxplan.given import file_path
+from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
 from jaxplan.scenario import toml
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
 from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.model import MINIMUM, STRETCHED, Scenario
 from jaxplan.scenario.resolving import resolve_directions
 
 MOST_ZONES = 1000

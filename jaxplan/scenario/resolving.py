@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import sky
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
 from jaxplan.scenario.bodies import SATELLITES, View
 from jaxplan.scenario.faults import Place, nearest
 from jaxplan.scenario.kinds import shortest_degrees

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.model.scenario import GivenState, Targets
 from jaxplan.scenario.arrays import Each, Quaternion, Vector
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Interval, Number
-from jaxplan.scenario.model import GivenState, Targets
 from jaxplan.scenario.paths import TargetList
 from jaxplan.scenario.tables import Either, Field, Table
 from jaxplan.scenario.values import read_array

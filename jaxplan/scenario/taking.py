@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from jaxplan.given import as_floats, expect
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft, Terminal
 from jaxplan.scenario.faults import DeviceNames, ScenarioError
 from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
-from jaxplan.scenario.model import Scenario
 from jaxplan.scenario.reading import check_inertia, check_names, device_names, read_scenario
 from jaxplan.scenario.spelling import python_root
-from jaxplan.spacecraft import Spacecraft, Terminal
 
 
 def take_in(given: object) -> Scenario:

@@ -9,9 +9,9 @@ from typing import Any
 
 from jaxplan.files import replacing_file
 from jaxplan.given import file_path
+from jaxplan.model.scenario import Scenario
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.model import Scenario
 from jaxplan.scenario.taking import read_back, take_in
 
 

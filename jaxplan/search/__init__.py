@@ -6,12 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from jaxplan.scenario.model import SEARCH_METHODS, SearchSettings
+from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.lockstep import Steps, alone, together
 from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
-from jaxplan.status import Status
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 Search = Callable[[Scene, SearchSettings], Steps[SearchResult]]

@@ -33,7 +33,7 @@ import numpy as np
 from jaxplan.display import shown
 from jaxplan.geometry.directions import separation
 from jaxplan.model.constraints import INERTIAL, Constraints, constraint_margins, state_margins
-from jaxplan.path import motion
+from jaxplan.model.path import motion
 from jaxplan.search.problem import Scene
 
 # By how much each cap is shrunk before anything is decided, rad.

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxplan import quaternion, so3
 from jaxplan.geometry import rotations
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search.problem import Scene, steps_between
 
 # A node this near to the goal, in steps, is the goal.

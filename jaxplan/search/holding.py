@@ -9,9 +9,9 @@ nearest to at start or goal. This only guides a search: what is clear, the margi
 import numpy as np
 
 from jaxplan.model.constraints import INERTIAL, Constraints
-from jaxplan.path import Goal
-from jaxplan.scenario.model import GivenState
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import GivenState
+from jaxplan.model.spacecraft import Spacecraft
 
 
 def held_axes(

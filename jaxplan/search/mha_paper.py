@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import multi_heuristic
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.path import Path
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.search.corners import ARRIVED
 from jaxplan.search.fields import Fields, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
@@ -23,7 +24,6 @@ from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_IN
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.tree import Children, Moves, Node, make_root, trace
-from jaxplan.status import Status
 from jaxplan.stopwatch import working_time
 
 # Every so many turns the exploration queue has its own.

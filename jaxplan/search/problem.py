@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from jaxplan import quaternion
 from jaxplan.display import shown
 from jaxplan.model.constraints import SIGHT, Constraints, Sights
-from jaxplan.path import Goal, Path
-from jaxplan.scenario.model import Scenario, SearchSettings
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.search.holding import held_axes
-from jaxplan.status import Status
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -166,7 +166,7 @@ def joint_steps(scenario: Scenario) -> np.ndarray:
 
 
 def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:
-    """Cost of straight motions in steps, `jaxplan.path.step_cost` in numpy.
+    """Cost of straight motions in steps, `jaxplan.model.path.step_cost` in numpy.
 
     Args:
         scene: gives the steps.

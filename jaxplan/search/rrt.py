@@ -3,8 +3,8 @@
 A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, and the
 joints. The distance between two states is the cost of the straight motion, in steps. Straight motions are
 checked whole, a batch in one jitted call: each is cut into intervals over which the second-order bound of
-`jaxplan.path` holds, and the answer is how far the motion is clear, so that one call does what many single
-steps of a tree do.
+`jaxplan.model.constraints` holds, and the answer is how far the motion is clear, so that one call does what
+many single steps of a tree do.
 
 The clearance wanted beyond the zones grows over `TAPER_STEPS` steps from nothing at start and goal, as with
 the other planners. How far a state is from the root is known along its tree; from the other end it is
@@ -16,8 +16,9 @@ import numpy as np
 from jax import Array
 
 from jaxplan import quaternion
-from jaxplan.path import Path
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.search.corners import subdivide
 from jaxplan.search.kernels import interval_slacks
 from jaxplan.search.lockstep import Call, Kernel, Steps
@@ -26,7 +27,6 @@ from jaxplan.search.multi_heuristic import try_straight
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
 from jaxplan.search.smoothing import smooth
-from jaxplan.status import Status
 from jaxplan.stopwatch import working_time
 
 INTERVALS = 32

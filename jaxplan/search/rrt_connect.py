@@ -11,7 +11,7 @@ An expansion is one extension, the attempt of either tree to grow towards one st
 
 import numpy as np
 
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.corners import between
 from jaxplan.search.lockstep import Steps
 from jaxplan.search.problem import Scene, SearchResult

@@ -16,7 +16,7 @@ become less, and the wanted clearance with them, so that what has been clear rem
 
 import numpy as np
 
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.corners import ARRIVED, between
 from jaxplan.search.lockstep import Steps
 from jaxplan.search.problem import Scene, SearchResult

@@ -7,8 +7,8 @@ joints.
 import numpy as np
 
 from jaxplan import quaternion
+from jaxplan.model.spacecraft import joints_toward
 from jaxplan.search.problem import Scene
-from jaxplan.spacecraft import joints_toward
 
 # States of which one is taken, where terminals are to be held.
 CANDIDATES = 32

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search.corners import ARRIVED, subdivide
 from jaxplan.search.kernels import Expansion
 from jaxplan.search.problem import Scene

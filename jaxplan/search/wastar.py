@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import mha_paper, multi_heuristic
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion

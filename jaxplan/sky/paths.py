@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxplan.geometry.directions import separation
 from jaxplan.given import number
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
 from jaxplan.sky.sights import Epoch, Thing, directions, drift_times
 
 ACCURACY = 1e-9  # rad, of the path between its samples

@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxplan.geometry.directions import separation
 from jaxplan.given import number, several
-from jaxplan.moving import DirectionPath
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.zones import KeepOut
 from jaxplan.sky.paths import path
 from jaxplan.sky.sights import (
     Epoch,
@@ -23,7 +24,6 @@ from jaxplan.sky.sights import (
     drift_times,
     half_step,
 )
-from jaxplan.zones import KeepOut
 
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 

@@ -10,10 +10,10 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.cases import random_scenario
 from jaxplan.model.constraints import capacity
-from jaxplan.path import Path, edge_margins
+from jaxplan.model.path import Path, edge_margins
+from jaxplan.model.scenario import Scenario
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
-from jaxplan.scenario import Scenario
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
 from jaxplan.table4.rows import Row
 

@@ -9,7 +9,7 @@ again. Zones, torque, and that accelerations must be continuous, only add to it.
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 
 _TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.path import Path
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.scaling import Peaks
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxplan.model import limits
 from jaxplan.model.limits import Kinematics, highest_derivative
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import derivative_matrix
 from jaxplan.trajectory.chart_rates import rates
 from jaxplan.trajectory.curve import Trajectory

@@ -16,7 +16,7 @@ from jax import Array
 
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import time_factor, timed_limits
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.scaling import SAFETY
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.model.limits import Limit, time_factor, timed_limits
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.loads import joint_loads, platform_loads
 from jaxplan.trajectory.maxima import all_largest

@@ -8,7 +8,7 @@ nodes with a corner between them do not ask for a jolt. Nodes without motion bet
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 
 FEWEST_NODES = 32  # smallest padded number; each next one is four times as large
 

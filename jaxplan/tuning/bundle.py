@@ -9,7 +9,7 @@ from typing import Any, Self
 import jax
 import numpy as np
 
-from jaxplan.scenario import Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.scenario.numbers import with_numbers
 from jaxplan.sensitivity import Held, replan
 from jaxplan.threads import one_thread

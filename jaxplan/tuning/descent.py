@@ -16,11 +16,12 @@ import numpy as np
 import optax
 
 from jaxplan.given import expect, several
+from jaxplan.model.moments import moves
+from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.asked import as_filed
 from jaxplan.progress import progress_bar
-from jaxplan.scenario import Scenario, scenario_to_dict
-from jaxplan.scenario.moments import moves
+from jaxplan.scenario import scenario_to_dict
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory

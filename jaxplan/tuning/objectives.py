@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.scenario import Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.trajectory import Trajectory, measures
 
 Objective = Callable[[Trajectory, Scenario], Array]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.scenario import Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.scenario.numbers import NumberPlace, find_number
 
 _FAR = 10.0  # ratio of bounds from which on the logarithm is taken

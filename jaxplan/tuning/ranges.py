@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jaxplan.scenario import Scenario, ScenarioError
+from jaxplan.model.scenario import Scenario
+from jaxplan.scenario import ScenarioError
 from jaxplan.scenario.kinds import Integer
 from jaxplan.scenario.layout import SEARCH, TRAJECTORY
 from jaxplan.study.task import Task, make_task

@@ -7,8 +7,8 @@ from typing import Any
 import jax
 
 from jaxplan.display import as_table, shown
+from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
-from jaxplan.scenario import Scenario
 
 
 @shown("over", "objective")

@@ -13,8 +13,8 @@ import numpy as np
 
 from jaxplan.cases import random_scenario
 from jaxplan.display import as_table, shown
+from jaxplan.model.scenario import Scenario
 from jaxplan.progress import progress_bar
-from jaxplan.scenario import Scenario
 from jaxplan.study import Study
 from jaxplan.study.summary import column_values
 from jaxplan.study.task import make_task

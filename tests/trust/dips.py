@@ -16,9 +16,9 @@ from numpy.polynomial import Polynomial, legendre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import MARGIN_ALLOWANCE
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import KeepIn, KeepOut
 
 KINDS = ("platform", "joint", "needle")
 DURATION = 40.0

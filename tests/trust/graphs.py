@@ -18,13 +18,13 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import capacity
-from jaxplan.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import Scene, find_barrier
 from jaxplan.search.lockstep import alone
 from jaxplan.search.multi_heuristic import Rules, search
 from jaxplan.search.tree import Moves
-from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut
 
 SIZE = np.array([5, 7, 5])  # values of turn, yaw and pitch
 STEPS = np.array([0.25, 0.3, 0.12])  # rad, of a move

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from jaxplan import so3
 from jaxplan.cases import random_scenario
 from jaxplan.model import constraints
-from jaxplan.path import edge_margins
+from jaxplan.model.path import edge_margins
+from jaxplan.model.spacecraft import body_boresights
+from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import Scene, search_batch
-from jaxplan.spacecraft import body_boresights
-from jaxplan.status import Status
-from jaxplan.zones import KeepIn, KeepOut, tabulate
 
 LANES = 1000
 CRAFT = make_spacecraft(2, 1)

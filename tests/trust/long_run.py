@@ -16,7 +16,8 @@ from manoeuvres import boresights_of, joints_of
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.scenario import GivenState, dump_scenario, parse_scenario
+from jaxplan.model.scenario import GivenState
+from jaxplan.scenario import dump_scenario, parse_scenario
 from trust.mixed import mixed_scenario, shape_of
 from trust.tally import Tally, tally
 

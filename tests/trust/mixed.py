@@ -8,10 +8,17 @@ combination is compiled once.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxplan.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
-from jaxplan.scenario.model import MINIMUM, STRETCHED
-from jaxplan.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.zones import KeepIn, KeepOut
+from jaxplan.model.scenario import (
+    MINIMUM,
+    STRETCHED,
+    GivenState,
+    Scenario,
+    SearchSettings,
+    Targets,
+    TrajectorySettings,
+)
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.zones import KeepIn, KeepOut
 
 # Terminals and instruments.
 SHAPES = (

@@ -11,9 +11,9 @@ from manoeuvres import craft, judge, manoeuvre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import Report
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import KeepIn, KeepOut
 from trust.verdicts import Sampler, random_zone, tuned
 
 MIRROR = np.diag([1.0, -1.0, 1.0])

@@ -12,9 +12,9 @@ import numpy as np
 from manoeuvres import boresights_of, craft, grid, judge, manoeuvre, unit
 
 from jaxplan.certificate import MARGIN_ALLOWANCE
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory import Trajectory
-from jaxplan.zones import KeepIn, KeepOut
 
 CLEAR = np.deg2rad(0.05)  # from such a margin on the certificate is to say yes
 SHARE = 0.99  # of these, at least

@@ -1,7 +1,7 @@
 """One descent of a band from start to end: nodes in, nodes and what is to be known of their edges out.
 
 What comes out is cut anew into equal edges of at most one step, and its margins are taken of the attitudes
-and joints that are handed out, by the exact bound of `jaxplan.path`.
+and joints that are handed out, by the exact bound of `jaxplan.model.path`.
 """
 
 import math
@@ -13,7 +13,7 @@ from jax import Array
 
 from jaxplan import quaternion
 from jaxplan.model.constraints import capacity
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search.corners import ARRIVED, make_path
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.problem import Scene

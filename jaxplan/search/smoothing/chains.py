@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan.geometry import rotations
-from jaxplan.path import Path
+from jaxplan.model.path import Path
 from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing import sweeps

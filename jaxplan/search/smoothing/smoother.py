@@ -8,8 +8,8 @@ is clear, by as much as is wanted or by as much as in the path that was given.
 
 import numpy as np
 
-from jaxplan.path import Path
-from jaxplan.scenario.model import SearchSettings
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.corners import ARRIVED, edge_rotations
 from jaxplan.search.lockstep import Call, Steps
 from jaxplan.search.problem import Scene

@@ -25,7 +25,7 @@ from jaxplan.model.constraints import (
     score_curvature,
     scores,
 )
-from jaxplan.path import step_cost
+from jaxplan.model.path import step_cost
 from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread
@@ -123,7 +123,7 @@ def motion_margins(
     *,
     halvings: int,
 ) -> tuple[Array, Array]:
-    """Lower bounds over whole motions, as `jaxplan.path.edge_margins` has them for one.
+    """Lower bounds over whole motions, as `jaxplan.model.path.edge_margins` has them for one.
 
     Args:
         scene: the problem.

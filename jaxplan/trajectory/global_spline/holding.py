@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from jaxplan.display import shown
-from jaxplan.path import Path
-from jaxplan.scenario.model import MINIMUM
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import MINIMUM
 from jaxplan.trajectory.global_spline import program, sqp
 from jaxplan.trajectory.global_spline.binding import Masks, independent, next_rows
 from jaxplan.trajectory.global_spline.build import end_margins

@@ -13,9 +13,9 @@ from jaxplan.display import shown
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, Sights, room, state_margins
 from jaxplan.model.limits import timed_limits
-from jaxplan.path import Path
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.build import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.global_spline.held import Held, Traced
 from jaxplan.trajectory.global_spline.job import TUBE_RADIUS

@@ -8,8 +8,8 @@ import numpy as np
 
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import Kinematics, limits
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.asking import Ask, Steps, in_turn
 from jaxplan.trajectory.bound import duration_bound

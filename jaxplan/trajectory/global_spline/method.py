@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.model.constraints import Constraints
-from jaxplan.path import Path
-from jaxplan.scenario.model import MINIMUM, STRETCHED, TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import MINIMUM, STRETCHED, TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.model.zones import tabulate
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.asking import Steps, alone, in_turn
 from jaxplan.trajectory.bound import excess
@@ -30,7 +31,6 @@ from jaxplan.trajectory.global_spline.chart import REACH
 from jaxplan.trajectory.global_spline.holding import Origin
 from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at
 from jaxplan.trajectory.scaling import SAFETY
-from jaxplan.zones import tabulate
 
 _MOST_LONGER = 1.1  # from one duration to the next
 _ROUNDING = 1e-9  # of a rate, beyond its limit

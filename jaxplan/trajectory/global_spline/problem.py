@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxplan.model.constraints import Constraints, Sights
 from jaxplan.model.limits import Limit, timed_limits
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.global_spline.chart import Chart
 
 

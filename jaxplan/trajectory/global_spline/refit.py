@@ -23,9 +23,9 @@ from jaxplan.model.constraints import (
     margins_of_scores,
     scores,
 )
-from jaxplan.path import Path
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
 from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.scenario.model import TrajectorySettings
+from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory.asking import Ask, Steps, in_turn
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.curve import Trajectory

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan.model.constraints import Constraints
-from jaxplan.path import Path
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.status import Status
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.asking import Ask, Steps, alone, in_turn
 from jaxplan.trajectory.curve import Trajectory

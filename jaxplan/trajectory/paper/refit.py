@@ -16,9 +16,9 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.path import Path
-from jaxplan.scenario.model import TrajectorySettings
-from jaxplan.spacecraft import Spacecraft
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import end_derivatives, energy
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits

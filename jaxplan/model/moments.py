@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxplan.moving import DirectionPath
-from jaxplan.scenario.model import Scenario
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.scenario import Scenario
 
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:

@@ -16,10 +16,10 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.moving import DirectionPath, as_path
+from jaxplan.model.moving import DirectionPath, as_path
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
 from jaxplan.once import made_once
-from jaxplan.spacecraft import Spacecraft
-from jaxplan.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
 
 # `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]

@@ -21,8 +21,8 @@ import numpy as np
 
 from jaxplan.display import shown
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, capacity
-from jaxplan.moving import DirectionPath, as_path
-from jaxplan.spacecraft import stacked
+from jaxplan.model.moving import DirectionPath, as_path
+from jaxplan.model.spacecraft import stacked
 
 
 def _static(default: Any) -> Any:
