@@ -198,7 +198,7 @@ SCENARIOS = {
     ),
     "a zone without an axis": (
         zone(direction=None),
-        "keep_out[0].direction: missing (or axis_body) (or axis_device), must be a unit vector of 3 numbers",
+        "keep_out[0].direction: missing (or axis_body, axis_device), must be a unit vector of 3 numbers",
     ),
     "a joint bound in degrees": (
         scene(joint_bounds=[jp.JointBound(name="edge", device="terminal-1", normal=[0, 1], least=-20)]),

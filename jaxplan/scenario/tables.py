@@ -111,7 +111,8 @@ class Table(Kind):
                 others = [
                     path for path in alike if path != here.path and not path.startswith(f"{here.path}.")
                 ]
-                instead = "".join(f" (or {path.removeprefix(f'{place.path}.')})" for path in others)
+                named = [path.removeprefix(f"{place.path}.") for path in others]
+                instead = f" (or {', '.join(named)})" if named else ""
                 here.fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def take(self, value: Any, place: Place) -> Any:
