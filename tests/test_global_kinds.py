@@ -352,7 +352,7 @@ def test_margins_of_a_stack_are_those_of_rotations():
         np.testing.assert_allclose(own.margins[number], margins, atol=1e-12)
 
 
-def test_of_a_constraint_only_the_rows_of_its_best_entry_count():
+def test_of_a_constraint_only_the_rows_of_its_best_entries_to_both_places_beside_count():
     entry, group = np.array([0, 0, 2, 3, 4, 4, 6, 7]), np.array([0, 0, 0, 3, 4, 4, 4, 7])
 
     def looked_at(**changes):  # a terminal and an axis of the body
@@ -363,15 +363,17 @@ def test_of_a_constraint_only_the_rows_of_its_best_entry_count():
 
     every, found = looked_at(), looked_at(entry=entry, group=group, nested=True)
     of_rows = every.min(axis=2)
+    last = len(PLACES) - 1
     for curve, place in np.ndindex(found.shape[:2]):
-        row = of_rows[curve, place]
         kept = {3, 7}
-        kept |= {0, 1} if min(row[0], row[1]) >= row[2] else {2}
-        kept |= {4, 5} if min(row[4], row[5]) >= row[6] else {6}
+        for other in (max(place - 1, 0), min(place + 1, last)):
+            row = np.minimum(of_rows[curve, place], of_rows[curve, other])
+            kept |= {0, 1} if min(row[0], row[1]) >= row[2] else {2}
+            kept |= {4, 5} if min(row[4], row[5]) >= row[6] else {6}
         for number in range(8):
             expected = every[curve, place, :, number] if number in kept else np.inf
             np.testing.assert_array_equal(found[curve, place, :, number], expected)
-    assert {*np.isfinite(found[:, :, 0, 2]).ravel().tolist()} == {True, False}
+    assert {*np.isfinite(found[:, :, 0, :3]).ravel().tolist()} == {True, False}
 
 
 def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():

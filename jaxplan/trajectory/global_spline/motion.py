@@ -43,7 +43,7 @@ class Motion:
         body: (G, S, D, 3) sights in body axes.
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
-            but the one that holds best.
+            but the one that holds best from there to the next place, and to the place before.
     """
 
     problems: Sequence[Problem]
@@ -262,6 +262,10 @@ def _pointing(
     margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, values)))
     np.copyto(margins, np.inf, where=~cones.bound.T)
     if np.any(cones.entry != cones.group):
-        kept = counted(cones, np.min(margins, axis=1, initial=np.inf))
+        # From each place to the next one entry holds at both, or between them none might.
+        of_rows = np.min(margins, axis=1, initial=np.inf)
+        ends = np.concatenate([of_rows[:1], of_rows, of_rows[-1:]])
+        from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
+        kept = from_to[:-1] | from_to[1:]
         np.copyto(margins, np.inf, where=~kept[:, None])
     return body, cosines, margins
