@@ -18,13 +18,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxplan import so3
+from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.display import shown
 from jaxplan.given import expect
 from jaxplan.kernel_room import make_room
 from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.planner import Plan
 from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import fit, fitted_plan, judged
@@ -35,6 +37,7 @@ from jaxplan.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
+_OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
 _A_PLAN = "jp.plan makes one of a scenario"
 
 
@@ -69,7 +72,8 @@ def hold(plan: Plan) -> Held:
     Raises:
         TypeError: if it is no plan.
         ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
-            motion, a target or a zone moves, or another limit is about to bind.
+            motion, a target or a zone moves, another limit is about to bind, or its goal leans on what step 1
+            leaves open (`decomposition.beside`).
     """
     make_room()
     expect("plan", plan, Plan, _A_PLAN)
@@ -88,6 +92,11 @@ def _held(plan: Plan, fitted: Fit) -> Held:
     assert path is not None
     if origin is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
+    if not _goal_is_optimal(plan.scenario, plan.goal):
+        raise ValueError(
+            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
+            "turn, and how it moves with that is not known"
+        )
     at_speed = any(np.any(rate) for end in _ends(plan.scenario) for rate in end)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     return Held(
@@ -97,6 +106,17 @@ def _held(plan: Plan, fitted: Fit) -> Held:
         last=np.array(len(path.attitudes) - 1),
         fit=origin.hold(),
     )
+
+
+def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
+    """Whether a goal is the optimum that `differentiable_goal` takes it for, or given as it is."""
+    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints
+    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    if not isinstance(asked, Targets) or not leaves_open(rows, sights, asked.directions):
+        return True
+    with jax.enable_x64(True):
+        optimum = differentiable_goal(goal, craft, scenario.start.attitude, asked, rows)
+    return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:

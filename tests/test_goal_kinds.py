@@ -8,6 +8,7 @@ from pointing import make_problem
 from pointing_kinds import random_kinds, row_margins, slsqp, table, unit, worst_margin
 from scenes import make_scenario
 from scipy.spatial.transform import Rotation
+from stated import state_margins
 
 import jaxplan as jp
 from jaxplan.decomposition.pairs import leaves_open
@@ -293,3 +294,64 @@ def test_tracking_follows_targets_beside_rows_of_the_body(row):
     turned = Rotation.from_matrix(before.attitude.T @ after.attitude).as_rotvec()
     np.testing.assert_allclose(spin, turned / (2 * step), atol=1e-6)
     np.testing.assert_allclose(rates, (after.joints - before.joints) / (2 * step), atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """Scenes whose nearest goal of step 1 breaks what it leaves open, and all goals that are found."""
+    scenes = [jp.random_scenario(seed, "moved_goals") for seed in range(12)]
+    return [(scene, find_goals(scene)) for scene in scenes]
+
+
+def stated_margin(scene, attitudes, joints):
+    """(k,) rad, the least of states to the zones as they are stated."""
+    found = state_margins(scene, attitudes, joints, np.zeros(len(joints)))
+    return np.min(list(found.values()), axis=0)
+
+
+def test_goals_are_found_beside_what_step_1_leaves_open(moved):
+    for scene, goals in moved:
+        assert isinstance(goals, tuple)
+        slews = [goal.slew_angle for goal in goals]
+        assert slews == sorted(slews)
+        for goal in goals:
+            seen = scene.spacecraft.boresights(goal.attitude, goal.joints)
+            np.testing.assert_allclose(seen, scene.goal.directions, atol=1e-12)
+            limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
+            assert np.all(np.abs(goal.joints) <= limits)
+            assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] >= 0
+
+
+def test_no_attitude_around_such_a_goal_is_nearer_to_the_start(moved):
+    rng, near = np.random.default_rng(3), 0
+    for scene, goals in moved:
+        craft, goal = scene.spacecraft, goals[0]
+        turns = 0.02 * unit(rng, 3000) * rng.random((3000, 1))
+        attitudes = goal.attitude @ Rotation.from_rotvec(turns).as_matrix()
+        joints = craft.joints_toward(attitudes, scene.goal.directions)
+        limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
+        kept = np.all(np.abs(joints) <= limits, axis=1) & (stated_margin(scene, attitudes, joints) >= 0)
+        turned = Rotation.from_matrix(scene.start.attitude.T @ attitudes).magnitude()
+        assert np.all(turned[kept] >= goal.slew_angle - 1e-7)
+        near += np.sum(kept)
+    assert near > 1000
+
+
+def test_where_nothing_holds_the_goal_is_invalid(moved):
+    scene, _ = moved[0]
+    bounds = [
+        jp.JointBound(name=name, device="terminal-1", normal=[sign * 0.6, sign * 0.8], least=0.1)
+        for name, sign in (("up", 1), ("down", -1))
+    ]
+    found = find_goals(replace(scene, joint_bounds=bounds))
+    assert found.status is jp.Status.INVALID_GOAL
+    assert "terminal-1" in found.message
+
+
+def test_a_plan_whose_goal_leans_on_what_step_1_leaves_open_is_not_held(moved):
+    scene, (goal, *_) = moved[0]
+    assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] < 1e-6
+    plan = jp.plan(scene)
+    assert plan.ok
+    with pytest.raises(ValueError, match="leans on a bound of joints or a vector that these turn"):
+        jp.hold(plan)

@@ -95,7 +95,7 @@ def decompose(
     """
     start = np.asarray(start_attitude, dtype=np.float64)
     directions = np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3)
-    limits = _goal_limits(spacecraft, targets)
+    limits = goal_limits(spacecraft, targets)
     caps = assemble(spacecraft, start, directions, limits, cones)
     with jax.enable_x64(True):
         solutions = multistart.minima(caps, max_goals, seed)
@@ -146,7 +146,7 @@ def _least_broken(
     return multistart.least_widening(easier_zones if can_point else wider_joints, np.pi, seed)[None]
 
 
-def _goal_limits(spacecraft: Spacecraft, targets: Targets) -> np.ndarray:
+def goal_limits(spacecraft: Spacecraft, targets: Targets) -> np.ndarray:
     """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
     given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
     return np.minimum(spacecraft.joint_limits, np.repeat(given, len(spacecraft.terminals)))

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.decomposition import decompose
+from jaxplan.decomposition import decompose, goal_limits
+from jaxplan.decomposition.beside import GoalProblem, goals_beside
 from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.tracking import tracking_rates
 from jaxplan.model.moments import moves
@@ -52,17 +53,32 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
             message = messages.unreachable(scenario, rows, found) + messages.when(scenario, end)
             return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
         candidates = found.goals
+        if unsure and _broken(scenario, candidates[0], end):
+            problem = GoalProblem(
+                spacecraft=craft,
+                start=start,
+                directions=np.asarray(targets.directions, float).reshape(-1, 3),
+                joint_limits=goal_limits(craft, targets),
+                rows=rows,
+                max_slew=largest_slew(scenario),
+            )
+            around = np.stack([goal.attitude for goal in candidates])
+            more = goals_beside(problem, around, scenario.search.seed)
+            candidates = tuple(sorted([*candidates, *more], key=lambda goal: goal.slew_angle))
     if moves(scenario):
         candidates = tuple(_arriving(scenario, goal, end) for goal in candidates)
-    broken = [
-        breaches(scenario, goal.attitude, goal.joints, *end_rates(scenario, goal), arriving=True, time=end)
-        for goal in candidates
-    ]
+    broken = [_broken(scenario, goal, end) for goal in candidates]
     valid = tuple(goal for goal, faults in zip(candidates, broken, strict=True) if not faults)
     if not valid:
         message = messages.invalid(broken[0]) + messages.when(scenario, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
     return valid[:wanted]
+
+
+def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
+    """What a goal breaks when it is reached at a time, s."""
+    rates = end_rates(scenario, goal)
+    return breaches(scenario, goal.attitude, goal.joints, *rates, arriving=True, time=time)
 
 
 def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:

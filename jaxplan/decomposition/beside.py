@@ -1,0 +1,154 @@
+"""Goals beside constraints that step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
+
+At a goal every joint is a function of the attitude, so all that is asked of a state is asked of three
+numbers, the rotation vector ``eta`` of equation (2). Random attitudes around goals that break something show
+where all of it holds, and by which entries. From the nearest of these, sequential quadratic programming
+(SLSQP of scipy) goes to the least ``|eta|`` beside the same entries. It proves nothing: there may be a goal
+that is nearer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.model.constraints import Constraints, chosen_entries, constraint_margins, state_margins
+from jaxplan.model.path import Goal
+from jaxplan.model.spacecraft import Spacecraft
+
+TRIES = 4096
+"""Random attitudes, shared out among the goals."""
+WIDEST = np.deg2rad(60.0)
+"""Of an attitude from the goal around which it is."""
+STARTS = 8
+"""Of them, from which goals are looked for, `STARTS_APART` or more."""
+STARTS_APART = np.deg2rad(8.0)
+APART = np.deg2rad(2.0)
+"""Goals closer than this count as one."""
+SPARE = 2e-9
+"""rad by which all is kept, but for half of it."""
+_STEP = 1e-5  # rad, of central differences
+_ITERATIONS = 60
+_CHANGES = 4  # of the entries
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GoalProblem:
+    """What is asked of the attitude at a goal, constraints that depend on the joints among it.
+
+    Attributes:
+        spacecraft: its terminals and instruments.
+        start: (3, 3) attitude at the start, body to inertial.
+        directions: (n, 3) inertial unit vectors that the terminals point along.
+        joint_limits: (2n,) rad, at the goal.
+        rows: all constraints, at an instant.
+        max_slew: rad, bound of ``|eta|``.
+    """
+
+    spacecraft: Spacecraft
+    start: np.ndarray
+    directions: np.ndarray
+    joint_limits: np.ndarray
+    rows: Constraints
+    max_slew: float
+
+    def goal(self, eta: np.ndarray) -> Goal:
+        """The goal with a rotation vector (3,) from the start."""
+        attitude, joints = self._states(eta)
+        return Goal(attitude=attitude, joints=joints, slew_angle=float(so3.distance(self.start, attitude)))
+
+    def spare(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What joints have left of their ranges (..., 4n), and margins (..., Z, S), at ``eta`` (..., 3)."""
+        attitudes, joints = self._states(eta)
+        left = np.concatenate([self.joint_limits - joints, self.joint_limits + joints], axis=-1)
+        sights = self.rows.sights(self.spacecraft.mounts, self.spacecraft.fixed_boresights)
+        return left, np.asarray(state_margins(self.rows, sights, attitudes, joints))
+
+    def _states(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        attitudes = self.start @ np.asarray(so3.exp(eta))
+        return attitudes, np.asarray(self.spacecraft.joints_toward(attitudes, self.directions))
+
+
+def goals_beside(problem: GoalProblem, around: np.ndarray, seed: int) -> list[Goal]:
+    """Goals that keep all constraints, in the order of their slews.
+
+    Args:
+        problem: what is asked.
+        around: (k, 3, 3) attitudes of goals that break some of it, at least one.
+        seed: of the random attitudes.
+
+    Returns:
+        As many as were found, perhaps none, 2 deg or more apart.
+    """
+    tried = _around(problem.start, around, seed)
+    left, margins = problem.spare(tried)
+    least = np.min(constraint_margins(problem.rows, margins), axis=-1)
+    kept = (np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)
+    found = []
+    for number in _distinct(problem.start, tried[kept], STARTS_APART):
+        eta = _nearest(problem, tried[kept][number])
+        if eta is not None and np.linalg.norm(eta) <= problem.max_slew:
+            found.append(eta)
+    etas = np.array(found).reshape(-1, 3)
+    return [problem.goal(etas[number]) for number in _distinct(problem.start, etas, APART)]
+
+
+def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
+    """Rotation vectors (k, 3) from the start of random attitudes around given ones."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    axes = rng.standard_normal((TRIES, 3))
+    turns = rng.uniform(0, WIDEST, (TRIES, 1)) * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+    centres = around[np.arange(TRIES) % len(around)]
+    return np.asarray(so3.log(np.swapaxes(start[None], -1, -2) @ centres @ np.asarray(so3.exp(turns))))
+
+
+def _distinct(start: np.ndarray, etas: np.ndarray, apart: float) -> list[int]:
+    """Numbers of the shortest rotation vectors (k, 3), `STARTS` at most, but of those close to one before."""
+    attitudes, found = start @ np.asarray(so3.exp(etas)), list[int]()
+    left = np.argsort(np.linalg.norm(etas, axis=-1), kind="stable")
+    while len(left) and len(found) < STARTS:
+        found.append(int(left[0]))
+        left = left[so3.distance(attitudes[left[0]], attitudes[left]) > apart]
+    return found
+
+
+def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
+    """The shortest rotation vector (3,) to be had from one at which all holds; None if it breaks something.
+
+    Where another entry of a constraint has become the best one on the way, it goes on from there by that.
+    """
+    before: np.ndarray | None = None
+    for _ in range(_CHANGES):
+        _, margins = problem.spare(eta)
+        best = chosen_entries(problem.rows, np.min(margins, axis=-1)) == problem.rows.entry
+        which = problem.rows.bound & best[:, None]
+        if before is not None and np.all(which == before):
+            break
+        eta, before = _descended(problem, eta, which), which
+    left, margins = problem.spare(eta)
+    least = np.min([*left, *constraint_margins(problem.rows, margins)])
+    return eta if least >= SPARE / 2 else None
+
+
+def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Where the descent from ``eta`` ends beside some of the rows' sights, (Z, S) bool."""
+    from scipy.optimize import minimize  # slow to import, and seldom needed
+
+    def spare(eta: np.ndarray) -> np.ndarray:
+        left, margins = problem.spare(eta)
+        return np.concatenate([left, margins[..., which]], axis=-1) - SPARE
+
+    def slopes(eta: np.ndarray) -> np.ndarray:
+        steps = _STEP * np.concatenate([np.eye(3), -np.eye(3)])
+        ahead, behind = np.split(spare(eta + steps), 2)
+        return (ahead - behind).T / (2 * _STEP)
+
+    found = minimize(
+        lambda eta: eta @ eta / 2,
+        eta,
+        jac=lambda eta: eta,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": spare, "jac": slopes},
+        options={"maxiter": _ITERATIONS, "ftol": 1e-14},
+    )
+    return np.asarray(found.x)
