@@ -23,7 +23,7 @@ from _options import positive
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.zones import tabulate
 from jaxplan.trajectory import FitQuery, Trajectory, fit_batch
@@ -34,9 +34,7 @@ Work = Callable[[], list[Trajectory | None]]
 def paths(count: int, method: str) -> list[FitQuery]:
     """So many paths of random scenes, to be fitted in 80 s."""
     scenes = [
-        jp.random_scenario(seed, kind)
-        for seed in range(-(-count // len(RANDOM_KINDS)))
-        for kind in RANDOM_KINDS
+        jp.random_scenario(seed, kind) for seed in range(-(-count // len(SKY_KINDS))) for kind in SKY_KINDS
     ]
     settings = TrajectorySettings(method=method, duration=80.0)
     found = []

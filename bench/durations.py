@@ -15,7 +15,7 @@ from _machine import print_machine
 from _options import not_negative, positive
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS, random_scenario
+from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.model.scenario import Scenario
 
 
@@ -53,9 +53,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=positive, default=50, help="random scenes of each kind")
     parser.add_argument("--first-seed", type=not_negative, default=0)
-    parser.add_argument(
-        "--kinds", nargs="+", choices=("cases", *RANDOM_KINDS), default=("cases", *RANDOM_KINDS)
-    )
+    parser.add_argument("--kinds", nargs="+", choices=("cases", *SKY_KINDS), default=("cases", *SKY_KINDS))
     parser.add_argument("--durations", nargs="+", default=("minimum", "stretched", "80"))
     options = parser.parse_args()
     print_machine()

@@ -21,7 +21,7 @@ from _options import MISSING, positive
 from scipy import sparse
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS, random_scenario
+from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.trajectory.global_spline import dual
 from jaxplan.trajectory.global_spline.box_qp import solve_box_qp, solve_box_qps
 
@@ -51,7 +51,7 @@ def collect(count: int) -> list[Problem]:
 
     own, dual.solve_box_qps = dual.solve_box_qps, spy
     try:
-        for kind in RANDOM_KINDS:
+        for kind in SKY_KINDS:
             for seed in range(count):
                 scenario = random_scenario(seed, kind)
                 duration = 80.0 if seed % 2 else "minimum"

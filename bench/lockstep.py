@@ -13,7 +13,7 @@ from _options import positive
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, SearchResult, search_batch
 from jaxplan.table4 import make_problem
@@ -53,7 +53,7 @@ def compare(kind: str, count: int, repeats: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", "--scenes", type=positive, default=256, help="searched at once (default 256)")
-    parser.add_argument("--kinds", nargs="+", choices=RANDOM_KINDS, default=RANDOM_KINDS)
+    parser.add_argument("--kinds", nargs="+", choices=SKY_KINDS, default=SKY_KINDS)
     parser.add_argument("--repeats", type=positive, default=5)
     options = parser.parse_args()
     print_machine()

@@ -29,7 +29,7 @@ from _options import angle, not_negative, positive
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import Scenario
 from jaxplan.search import PLANNERS, Scene, find_barrier
 from jaxplan.table4 import make_problem
@@ -109,7 +109,7 @@ def parse() -> argparse.Namespace:
     )
     parser.add_argument("-n", "--scenes", type=positive, default=100, help="of each kind (%(default)s)")
     parser.add_argument("--first-seed", type=not_negative, default=0, help="of the scenes (%(default)s)")
-    parser.add_argument("--kinds", nargs="+", choices=RANDOM_KINDS, default=RANDOM_KINDS, metavar="KIND")
+    parser.add_argument("--kinds", nargs="+", choices=SKY_KINDS, default=SKY_KINDS, metavar="KIND")
     parser.add_argument("--repeats", type=positive, default=5, help="of every search (%(default)s)")
     parser.add_argument("--ompl-seeds", type=positive, default=20, help="runs of OMPL a scene (%(default)s)")
     parser.add_argument(

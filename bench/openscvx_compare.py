@@ -32,7 +32,7 @@ from _options import not_negative, positive
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario
 
@@ -147,7 +147,7 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    kinds = (CASES, *RANDOM_KINDS)
+    kinds = (CASES, *SKY_KINDS)
     parser.add_argument("-n", "--scenes", type=positive, default=10, help="of each kind (%(default)s)")
     parser.add_argument("--first-seed", type=not_negative, default=0, help="of the scenes (%(default)s)")
     parser.add_argument("--kinds", nargs="+", choices=kinds, default=kinds, metavar="KIND")

@@ -23,7 +23,7 @@ from _options import not_negative, positive
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, find_barrier
 from jaxplan.table4 import TOLERANCE, least_margins, make_problem
@@ -131,7 +131,7 @@ def main() -> None:
     )
     parser.add_argument("-n", "--scenes", type=positive, default=1000, help="of each kind (%(default)s)")
     parser.add_argument("--first-seed", type=not_negative, default=0, help="of the scenes (%(default)s)")
-    parser.add_argument("--kinds", nargs="+", choices=RANDOM_KINDS, default=RANDOM_KINDS, metavar="KIND")
+    parser.add_argument("--kinds", nargs="+", choices=RANDOM_KINDS, default=SKY_KINDS, metavar="KIND")
     parser.add_argument(
         "--all", action="store_true", help="RRT-Connect tries every scene, not only the missed"
     )

@@ -9,7 +9,7 @@ import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
 from scipy.spatial.transform import Rotation
 
-from jaxplan.cases import RANDOM_KINDS, paper_case, random_scenario
+from jaxplan.cases import SKY_KINDS, paper_case, random_scenario
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
@@ -79,21 +79,21 @@ def test_every_baseline_solves_the_papers_cases(method, number):
     assert_flyable(scene, PLANNERS[method](scene, settings), edges=method in WHOLE_EDGES)
 
 
-@pytest.mark.parametrize("kind", RANDOM_KINDS)
+@pytest.mark.parametrize("kind", SKY_KINDS)
 def test_rrt_connect_solves_random_scenes_of_every_kind(kind):
     for seed in range(SEEDS):
         scene, settings = random_scene(kind, seed)
         assert_flyable(scene, PLANNERS["rrt_connect"](scene, settings))
 
 
-@pytest.mark.parametrize("kind", RANDOM_KINDS)
+@pytest.mark.parametrize("kind", SKY_KINDS)
 def test_rrt_star_solves_random_scenes_of_every_kind(kind):
     for seed in range(0, SEEDS, 4):
         scene, settings = random_scene(kind, seed)
         assert_flyable(scene, PLANNERS["rrt_star"](scene, settings))
 
 
-@pytest.mark.parametrize("kind", RANDOM_KINDS)
+@pytest.mark.parametrize("kind", SKY_KINDS)
 def test_weighted_a_star_solves_as_many_random_scenes_as_the_printed_graph_allows(kind):
     solved = 0
     for seed in range(SEEDS):

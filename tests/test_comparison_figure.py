@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.plotting import comparison_figure
 from jaxplan.search import PLANNERS
 from jaxplan.table4 import Row, printed_rows
@@ -103,7 +103,7 @@ def test_a_planner_has_one_colour_whichever_are_compared():
 
 @pytest.mark.parametrize(("kinds", "planners"), [(1, 1), (2, 5), (5, 1), (5, 5)])
 def test_any_kinds_and_planners_fit_on_the_page(kinds, planners):
-    names = RANDOM_KINDS[:kinds]
+    names = SKY_KINDS[:kinds]
     rows = [make_row(kind, planner) for kind in names for planner in list(PLANNERS)[:planners]]
     figure = comparison_figure([*rows, *printed_rows(names)])
     figure.draw_without_rendering()

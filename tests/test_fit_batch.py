@@ -8,7 +8,7 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
@@ -23,7 +23,7 @@ FITS = {"global": fit_global, "paper": fit_paper}
 @pytest.fixture(scope="module")
 def queries() -> list[FitQuery]:
     """Of paths among the zones of every kind of random scene, and between them one that breaks a limit."""
-    scenes = [jp.random_scenario(seed, kind) for kind in RANDOM_KINDS for seed in range(EACH)]
+    scenes = [jp.random_scenario(seed, kind) for kind in SKY_KINDS for seed in range(EACH)]
     plans = [plan for plan in jp.plan_batch(scenes, progress=False) if plan.path is not None]
     assert len(plans) == len(scenes)
     found = []

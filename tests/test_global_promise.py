@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
 from jaxplan.trajectory import fit_batch
@@ -18,7 +18,7 @@ from jaxplan.trajectory.global_spline.program import promised, propose
 @pytest.fixture(scope="module")
 def searches():
     """Of fits in 60 s and stretched ones on scenes of all kinds, after a first step."""
-    scenes = [jp.random_scenario(seed, kind) for kind in RANDOM_KINDS for seed in range(4)]
+    scenes = [jp.random_scenario(seed, kind) for kind in SKY_KINDS for seed in range(4)]
     queries = []
     for plan in jp.plan_batch(scenes):
         for duration in (60.0, "stretched"):

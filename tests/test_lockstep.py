@@ -6,7 +6,7 @@ import pytest
 from scenes import make_scenario, scene_of
 from trust import lanes
 
-from jaxplan.cases import RANDOM_KINDS, random_scenario
+from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.planner.goals import find_goals
@@ -32,7 +32,7 @@ def assert_same(first: SearchResult, second: SearchResult) -> None:
 
 @pytest.mark.parametrize("scenes", [1, 2, CALLS + 3])
 def test_lockstep_gives_the_same_answers_as_one_by_one_in_every_batch_shape(scenes):
-    problems = [random_problem(k // 5, RANDOM_KINDS[k % 5], max_expansions=20) for k in range(scenes)]
+    problems = [random_problem(k // 5, SKY_KINDS[k % 5], max_expansions=20) for k in range(scenes)]
     answers = search_batch(*zip(*problems, strict=True))
     assert len(answers) == scenes
     for (scene, settings), answer in zip(problems, answers, strict=True):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from trust import flights, golden
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
+from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Report
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
@@ -501,7 +501,7 @@ def test_a_duration_that_is_too_short_says_how_long_it_takes():
 def test_a_duration_that_is_said_to_be_enough_is():
     asked = []
     for seed in range(4):
-        for kind in RANDOM_KINDS:
+        for kind in SKY_KINDS:
             scenario = jp.random_scenario(seed, kind)
             method = "paper" if seed == 3 else "global"
             settings = replace(scenario.trajectory, method=method, duration=16.0)

@@ -1,6 +1,7 @@
 """Random scenes: what each kind promises, held in plain numpy and scipy, and the same numbers everywhere."""
 
 import json
+import re
 from functools import cache
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import pytest
 from scenes import edge_states
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
+from stated import state_margins
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS, random_scenes, random_starts
+from jaxplan.cases import RANDOM_KINDS, SKY_KINDS, random_kinds, random_scenes, random_starts
 from jaxplan.decomposition import decompose
 from jaxplan.model.scenario import SearchSettings, TrajectorySettings
 from jaxplan.model.zones import tabulate
@@ -31,11 +33,28 @@ PROMISES = {
 }
 # Rows of start (rotation vector, joints), keep-out and keep-in cones (direction, half-angle): see `numbers`.
 GOLDEN = Path(__file__).parent / "data" / "random_scenes.json"
+NEW_KINDS = [kind for kind in RANDOM_KINDS if kind not in SKY_KINDS]
+# Of the others: keep-out and keep-in cones, joint bounds; how many are about axes of the body, about beams,
+# for vectors of the body, for vectors of terminals, moving; how many groups.
+CENSUS = {
+    "masks": (6, 0, 0, 6, 0, 0, 0, 0, 0),
+    "beams": (3, 0, 0, 0, 3, 0, 0, 0, 0),
+    "panels": (3, 1, 0, 0, 0, 4, 0, 0, 0),
+    "carried": (3, 1, 0, 0, 0, 0, 4, 0, 0),
+    "joint_bounds": (0, 0, 12, 0, 0, 0, 0, 0, 3),
+    "grouped": (9, 3, 0, 3, 0, 6, 0, 0, 3),
+    "moving": (4, 0, 0, 0, 0, 1, 0, 4, 0),
+    "moved_goals": (3, 0, 12, 0, 0, 0, 3, 0, 3),
+    "mixed": (10, 2, 4, 3, 1, 4, 1, 0, 2),
+}
 kinds = pytest.mark.parametrize("kind", RANDOM_KINDS)
+sky_kinds = pytest.mark.parametrize("kind", SKY_KINDS)
+new_kinds = pytest.mark.parametrize("kind", NEW_KINDS)
 
 
 @cache
-def scenes(kind, count=SEEDS):
+def scenes(kind, count=None):
+    count = count or (SEEDS if kind in SKY_KINDS else 12)
     return [jp.random_scenario(seed, kind) for seed in range(count)]
 
 
@@ -66,19 +85,31 @@ def margins(scene, seen):
     return np.stack(found, axis=-1)
 
 
-def goals_of(scene):
+def goals_of(scene, **zones):
+    """The goals of step 1 among the scene's cones on the sky for terminals, which change nothing."""
     craft = scene.spacecraft
-    cones = tabulate(scene.keep_out, scene.keep_in, craft.device_names)
+    cones = tabulate(zones.get("keep_out", ()), zones.get("keep_in", ()), craft.device_names)
     return decompose(craft, start_of(scene)[0], scene.goal, cones).goals
 
 
 def numbers(scene):
-    cones = [*scene.keep_out, *scene.keep_in]
-    rows = [scene.start.rotation_vector, scene.start.joints, *([*c.direction, c.half_angle] for c in cones)]
+    """Of the start, and of all zones what tells them apart: of a direction that moves its first samples."""
+    rows = [scene.start.rotation_vector, scene.start.joints]
+    rows += [np.ravel(leaf)[:9] for leaf in jax.tree.leaves(scene.zones)]
     return [round(float(number), 9) for row in rows for number in row]
 
 
-@kinds
+def straight(scene, goal):
+    """The straight motion to a goal as states: attitudes (k, 3, 3), joints (k, 6), and a time for each."""
+    return *edge_states(*start_of(scene), goal.attitude, goal.joints, 1001), np.zeros(1001)
+
+
+def least(scene, attitudes, joints, time):
+    """(k,) deg, of the zones as they are stated."""
+    return np.rad2deg(np.min(list(state_margins(scene, attitudes, joints, time).values()), axis=0))
+
+
+@sky_kinds
 def test_zones_are_those_of_the_kind(kind):
     count, low, high, held, hold, _, _ = PROMISES[kind]
     names = ("terminal-1", "terminal-2", "terminal-3")
@@ -107,7 +138,40 @@ def test_the_goal_is_the_papers_and_settings_are_the_defaults(kind):
     assert scene.trajectory.duration == "stretched"
 
 
-@kinds
+@new_kinds
+def test_scenes_have_zones_of_the_sorts_of_their_kind(kind):
+    for scene in scenes(kind)[:10]:
+        cones = [*scene.keep_out, *scene.keep_in]
+        to = [vector.to for zone in cones for vector in zone.vectors]
+        found = (
+            *(len(scene.keep_out), len(scene.keep_in), len(scene.joint_bounds)),
+            sum(zone.axis_body is not None for zone in cones),
+            sum(zone.axis_device is not None for zone in cones),
+            *(to.count(None), len(to) - to.count(None)),
+            sum(zone.moves for zone in cones),
+            len({zone.any_of for zone in scene.zones} - {None}),
+        )
+        assert found == CENSUS[kind]
+        assert len({zone.name for zone in scene.zones}) == len(scene.zones)
+
+
+@new_kinds
+def test_start_and_a_goal_are_clear_and_what_is_nearest_is_not(kind):
+    """The straight motion to the nearest goal breaks something, or that goal, with another one near it."""
+    times = np.linspace(0.0, random_kinds.KNOWN, 41) if kind == "moving" else np.zeros(1)
+    for scene in scenes(kind):
+        goal = goals_of(scene)[0]
+        clear, motion = [start_of(scene), (goal.attitude, goal.joints)], straight(scene, goal)
+        if kind == "moved_goals":
+            clear, motion = clear[:1], [part[-1:] for part in motion]
+        for state in clear:
+            waiting = [np.repeat(part[None], len(times), axis=0) for part in state]
+            assert np.min(least(scene, *waiting, times)) >= 2
+        if kind != "moving":  # when the motion is where is not known
+            assert np.min(least(scene, *motion)) <= -0.2
+
+
+@sky_kinds
 def test_start_and_goal_are_inside_their_constraints(kind):
     *_, held, _, start_within, clearance = PROMISES[kind]
     for scene in scenes(kind):
@@ -122,7 +186,7 @@ def test_start_and_goal_are_inside_their_constraints(kind):
 @pytest.mark.parametrize("kind", ["hard_keep_out", "hard_keep_in", "held_links"])
 def test_the_straight_motion_breaks_a_zone(kind):
     for scene in scenes(kind):
-        goal, *others = goals_of(scene)
+        goal, *others = goals_of(scene, keep_out=scene.keep_out, keep_in=scene.keep_in)
         assert all(other.slew_angle > goal.slew_angle + 5e-7 for other in others)
         motion = edge_states(*start_of(scene), goal.attitude, goal.joints, 1001)
         assert np.min(margins(scene, boresights(*motion))) <= -0.2
@@ -175,7 +239,7 @@ def test_directions_are_uniform_where_they_may_be():
 @kinds
 def test_scenes_are_those_of_the_golden_file(kind):
     golden = json.loads(GOLDEN.read_text())[kind]
-    assert len(golden) == 20
+    assert len(golden) == (20 if kind in SKY_KINDS else 4)
     for scene, row in zip(scenes(kind), golden, strict=False):
         np.testing.assert_allclose(numbers(scene), row, rtol=0, atol=2e-9)
 
@@ -188,9 +252,9 @@ def test_no_decision_hangs_on_rounding(kind, monkeypatch):
         distances.append(np.min(np.abs(slack - random_starts.HAIR), initial=np.inf))
         return decide(slack)
 
-    for module in (random_starts, random_scenes):
+    for module in (random_starts, random_scenes, random_kinds):
         monkeypatch.setattr(module, "admissible", watched)
-    for seed in range(20):
+    for seed in range(20 if kind in SKY_KINDS else 6):
         jp.random_scenario(seed, kind)
     assert len(distances) >= 20
     assert min(distances) > 1e-8  # step 1 is good to 1e-10, all else to rounding
@@ -217,6 +281,11 @@ def test_writing_loses_nothing(kind):
 
 def test_a_random_scene_can_be_planned():
     assert jp.plan(jp.random_scenario(3, "keep_in")).ok
+
+
+def test_every_kind_is_told_of():
+    for kind in RANDOM_KINDS:
+        assert re.search(rf"^    {kind} ", random_scenes.__doc__, re.MULTILINE), kind
 
 
 def test_what_is_no_seed_or_kind_is_refused():

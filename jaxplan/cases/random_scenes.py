@@ -1,7 +1,8 @@
 """Random scenes of the paper's spacecraft, the same for the same seed on every machine.
 
-The paper's Table 4 counts successes on scenes with random starts and zones (section 5.2). These are five
-kinds of them, from Table 4's two to a satellite that holds two of its links while it turns:
+The paper's Table 4 counts successes on scenes with random starts and zones (section 5.2). In five kinds of
+them, from Table 4's two to a satellite that holds two of its links while it turns, all zones are cones on the
+sky, for terminals:
 
     keep_out        4 cones of 15 to 30 deg for all terminals
     keep_in         terminal 1 held within 15 deg of its target; 3 cones of 15 to 30 deg for the others
@@ -9,6 +10,24 @@ kinds of them, from Table 4's two to a satellite that holds two of its links whi
     hard_keep_in    terminal 1 held likewise, 8 cones of 12 to 30 deg for the others; likewise
     held_links      terminals 1 and 2 held within 10 deg of their targets, 4 cones of 15 to 30 deg for
                     terminal 3; the platform turns by 40 to 100 deg; likewise
+
+In the others, see `random_kinds`, zones are of every sort there is:
+
+    masks           2 cones of 12 to 25 deg about axes of the body for each terminal
+    beams           3 cones of 10 to 40 deg, each about a terminal's beam and for another terminal
+    panels          a vector of the body held within 60 to 90 deg of a direction, three others 20 to 40 deg
+                    away from one each
+    carried         likewise vectors of the terminals' moving parts, one held and three kept away
+    joint_bounds    a forbidden quadrangle of yaw and pitch for each terminal
+    grouped         3 groups of two entries, each of two zones: on the sky for a vector of the body, and for a
+                    terminal on the sky or about an axis of the body
+    moving          4 cones of 15 to 30 deg that move by 0.02 to 0.08 deg/s, one of them for a vector of the
+                    body
+    moved_goals     the cones of carried that vectors are kept away from, and joint_bounds; the nearest goal
+                    without zones breaks one, but another within 30 deg of it none
+    mixed           two cones on the sky and one or two zones of all sorts but those that move
+
+There the straight motion to the nearest goal breaks a zone, but in moved_goals, where that goal does.
 
 The goal is the same in all: the lines of sight of the paper's orbits, to be met within 88 and 13 deg. Start
 and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their zones.
@@ -30,8 +49,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxplan.cases import random_kinds
 from jaxplan.cases.random_starts import (
+    BROKEN,
     LONGEST_TURN,
+    PATIENCE,
     admissible,
     at_rest,
     nearest_goal,
@@ -40,7 +62,7 @@ from jaxplan.cases.random_starts import (
     straight_motion,
 )
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
-from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.model.zones import KeepIn, KeepOut, Zone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,12 +105,11 @@ _KINDS = {  # a kind's place is part of its streams: new ones go to the end
         blocked=True,
     ),
 }
-RANDOM_KINDS = tuple(_KINDS)
+SKY_KINDS = tuple(_KINDS)
+"""Kinds whose zones are all cones about directions that stand still on the sky, for terminals."""
+RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS)
+"""All kinds."""
 
-BROKEN = math.radians(0.2)
-"""How deep in a zone the straight motion goes, where it is blocked; at least, and at some sample."""
-PATIENCE = 50
-"""Sets of zones that are tried with one start."""
 DIRECTIONS = 16
 """Drawn at once for a cone, of which the first that is clear counts."""
 
@@ -116,15 +137,19 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
     if not _is_seed(seed):
         raise ValueError(f"seed = {seed!r}: must be an integer of at least 0")
     stream = np.random.SeedSequence(0, spawn_key=(RANDOM_KINDS.index(kind), int(seed)))
-    start, keep_out, keep_in = _draw(np.random.Generator(np.random.PCG64(stream)), _KINDS[kind])
+    rng = np.random.Generator(np.random.PCG64(stream))
+    if kind in _KINDS:
+        start, keep_out, keep_in = _draw(rng, _KINDS[kind])
+        zones: tuple[Zone, ...] = (*keep_out, *keep_in)
+    else:
+        start, zones = random_kinds.draw(rng, random_kinds.KINDS[kind])
     craft, targets = setting()
     return Scenario(
         name=f"{kind} {seed}",
         spacecraft=craft,
         start=start,
         goal=targets,
-        keep_out=keep_out,
-        keep_in=keep_in,
+        **random_kinds.sorts(zones),
         search=SearchSettings(attitude_step=0.1, joint_step=0.08),
     )
 

@@ -34,6 +34,10 @@ BATCH = 64
 """Starts drawn at once."""
 SAMPLES = 129
 """Of the straight motion, its ends included."""
+BROKEN = math.radians(0.2)
+"""How deep in a zone the straight motion goes, where it is blocked; at least, and at some sample."""
+PATIENCE = 50
+"""Sets of zones that are tried with one start."""
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
@@ -142,11 +146,15 @@ def _turns_within(angle: float) -> np.ndarray:
     return np.asarray(so3.exp(np.concatenate([angle * part * axes for part in (0.0, 0.33, 0.66, 0.99)])))
 
 
-def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
-    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the straight motion to a goal."""
+def straight_states(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (SAMPLES, 3, 3) and joints (SAMPLES, 6) on the straight motion to a goal."""
     turn = so3.log(attitude.T @ goal.attitude)
-    states = motion(attitude, joints, turn, goal.joints - joints, np.linspace(0, 1, SAMPLES))
-    return np.asarray(setting()[0].boresights(*states))
+    return motion(attitude, joints, turn, goal.joints - joints, np.linspace(0, 1, SAMPLES))
+
+
+def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
+    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the same."""
+    return np.asarray(setting()[0].boresights(*straight_states(attitude, joints, goal)))
 
 
 def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:

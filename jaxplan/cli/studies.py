@@ -9,7 +9,10 @@ from jaxplan.cli import common
 from jaxplan.cli.common import DONE, complain, count, print_result, save, writable_folder
 
 # As words, since to ask for them takes a second that help should not take.
-_KINDS = "keep_out, keep_in, hard_keep_out, hard_keep_in or held_links"
+_KINDS = (
+    "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
+    "joint_bounds, grouped, moving, moved_goals or mixed"
+)
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 
 

@@ -1,0 +1,308 @@
+"""Random constraints of the kinds that are not only cones on the sky, and how a scene is drawn of them.
+
+A kind is a list of recipes, each of which draws zones: some that must hold together, or a group. A recipe is
+drawn anew until start and goal are clear of it by `CLEARANCE`. All of them are drawn anew until the straight
+motion to the nearest goal of step 1 breaks something. In `moved_goals` it is that goal itself that is broken,
+while another, drawn near it, is clear. Where `DRAWS` of either are not enough the start is drawn anew.
+
+No zone may wall off a part of the joint angles, as then there may be no way at all: masks and polygons reach
+into the range of the pitch from one side, and leave 6 deg at the other.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.cases.random_starts import (
+    BROKEN,
+    JOINT_LIMITS,
+    admissible,
+    at_rest,
+    nearest_goal,
+    setting,
+    starts,
+    straight_states,
+)
+from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.model.moving import DirectionPath
+from jaxplan.model.scenario import GivenState
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone, tabulate
+
+CLEARANCE = math.radians(2.0)
+"""Of start and goal."""
+FARTHEST = math.radians(30.0)
+"""From the nearest goal to another that is clear, where it is broken itself."""
+DRAWS = 8
+"""Of a recipe, and of all of a start."""
+KNOWN = 400.0
+"""s, over which directions that move are known."""
+_TIMES = np.linspace(0, KNOWN, 41)
+_PITCH_LIMIT = 15.0  # deg, of the spacecraft
+_EDGES = 4  # of a polygon
+
+Recipe = Callable[[np.random.Generator], tuple[Zone, ...]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What the scenes of a kind have in common.
+
+    Attributes:
+        recipes: of all zones, in the order in which they are drawn.
+        moved: whether the nearest goal is broken instead of the motion to it.
+    """
+
+    recipes: tuple[Recipe, ...]
+    moved: bool = False
+
+
+def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, ...]]:
+    """Start and zones of a scene."""
+    for attitude, joints, _ in starts(rng, 0, 0.0):
+        goal = nearest_goal(attitude)
+        if goal is None:
+            continue
+        start, end = (attitude, joints), (goal.attitude, goal.joints)
+        if kind.moved:
+            clear, broken = _states(start, _another_goal(rng, goal.attitude)), _states(end)
+        else:
+            clear, broken = _states(start, end), straight_states(attitude, joints, goal)
+        for _ in range(DRAWS):
+            zones = _zones(rng, kind.recipes, clear)
+            if zones and admissible(-BROKEN - np.min(_margins(zones, *broken))):
+                return at_rest(attitude, joints), zones
+    raise AssertionError("there are always more starts")
+
+
+def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
+    """The zones by their sort, as a scenario has them."""
+    return {
+        "keep_out": tuple(zone for zone in zones if isinstance(zone, KeepOut)),
+        "keep_in": tuple(zone for zone in zones if isinstance(zone, KeepIn)),
+        "joint_bounds": tuple(zone for zone in zones if isinstance(zone, JointBound)),
+    }
+
+
+def _states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (k, 3, 3) and joints (k, 6) of some states."""
+    return np.stack([attitude for attitude, _ in states]), np.stack([joints for _, joints in states])
+
+
+def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Attitude and joints of a random goal near that with an attitude."""
+    craft, targets = setting()
+    while True:
+        turned = attitude @ np.asarray(so3.exp(rng.uniform(0, FARTHEST) * _direction(rng)))
+        joints = np.asarray(craft.joints_toward(turned, targets.directions))
+        if np.all(admissible(JOINT_LIMITS - np.abs(joints))):
+            return turned, joints
+
+
+def _zones(
+    rng: np.random.Generator, recipes: Sequence[Recipe], clear: tuple[np.ndarray, np.ndarray]
+) -> tuple[Zone, ...]:
+    """Zones of all recipes that some states are clear of; none where a recipe is out of luck."""
+    found: list[Zone] = []
+    for recipe in recipes:
+        for _ in range(DRAWS):
+            zones = recipe(rng)
+            if np.all(admissible(_margins(zones, *clear) - CLEARANCE)):
+                found += zones
+                break
+        else:
+            return ()
+    return tuple(found)
+
+
+def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """The least margin (k,) of each state, rad; to zones that move the least at any time."""
+    craft, _ = setting()
+    rows = tabulate(**sorts(zones), device_names=craft.device_names, terminals=len(craft.terminals))
+    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    times = np.repeat(_TIMES[:, None], len(joints), axis=1) if rows.paths else None
+    margins = constraint_margins(rows, state_margins(rows, sights, attitudes, joints, times))
+    return np.asarray(np.min(margins, axis=(0, -1) if rows.paths else -1))
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _angle(rng: np.random.Generator, least: float, most: float) -> float:
+    """An angle in rad between two in deg."""
+    return math.radians(rng.uniform(least, most))
+
+
+def _as_filed(angle: float) -> float:
+    """The angle to the last bit that a file in degrees can say."""
+    return math.radians(math.degrees(angle))
+
+
+def _side(rng: np.random.Generator) -> int:
+    return 1 if rng.uniform() < 0.5 else -1
+
+
+def _terminal(number: int) -> str:
+    return setting()[0].terminals[number].name
+
+
+def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
+    """A vector of the body, or one of a terminal at 40 deg or more from its boresight."""
+    along = _direction(rng)
+    while to is not None and not admissible(math.cos(math.radians(40.0)) - along[0]):
+        along = _direction(rng)
+    return (FixedVector(along=along, to=None if to is None else _terminal(to)),)
+
+
+def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+    """Two cones about axes of the body that a terminal must not look into, both from above or below."""
+    side, mount = _side(rng), setting()[0].terminals[number].mount
+    found = []
+    for i in range(2):
+        half_angle, reach = _angle(rng, 12, 25), _angle(rng, -5, 9)
+        azimuth, elevation = mount + _angle(rng, -80, 80), side * (half_angle - reach)
+        level = math.cos(elevation)
+        axis = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        found.append(
+            KeepOut(
+                name=f"mask-{number + 1}{'ab'[i]}",
+                axis_body=axis,
+                half_angle=half_angle,
+                devices=(_terminal(number),),
+            )
+        )
+    return tuple(found)
+
+
+def _beam(rng: np.random.Generator, axis: int, number: int) -> tuple[Zone, ...]:
+    """A cone about a terminal's beam for another terminal."""
+    return (
+        KeepOut(
+            name=f"beam-{axis + 1}",
+            axis_device=_terminal(axis),
+            half_angle=_angle(rng, 10, 40),
+            devices=(_terminal(number),),
+        ),
+    )
+
+
+def _sky(rng: np.random.Generator, name: str) -> tuple[Zone, ...]:
+    """A cone on the sky for all terminals."""
+    return (KeepOut(name=name, direction=_direction(rng), half_angle=_angle(rng, 12, 25)),)
+
+
+def _away(rng: np.random.Generator, name: str, to: int | None) -> tuple[Zone, ...]:
+    """A cone on the sky that a vector keeps out of."""
+    return (
+        KeepOut(
+            name=name, direction=_direction(rng), half_angle=_angle(rng, 20, 40), vectors=_vector(rng, to)
+        ),
+    )
+
+
+def _toward(rng: np.random.Generator, name: str, to: int | None) -> tuple[Zone, ...]:
+    """A cone on the sky that a vector stays in."""
+    return (
+        KeepIn(
+            name=name, direction=_direction(rng), half_angle=_angle(rng, 60, 90), vectors=_vector(rng, to)
+        ),
+    )
+
+
+def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+    """A convex polygon of a terminal's yaw and pitch that is forbidden; it reaches in from above or below."""
+    centre = np.array([_angle(rng, -60, 60), math.radians(_side(rng) * _PITCH_LIMIT)])
+    size = np.array([_angle(rng, 15, 35), _angle(rng, 8, 22)])
+    turn = 2 * np.pi * (np.arange(_EDGES) + rng.uniform()) / _EDGES
+    corners = centre + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise, so that outside is at the right
+    normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
+    name = f"corner-{number + 1}"
+    return tuple(
+        JointBound(
+            name=f"{name}{'abcd'[i]}",
+            device=_terminal(number),
+            normal=normal,
+            least=_as_filed(float(normal @ corner)),
+            any_of=name,
+        )
+        for i, (normal, corner) in enumerate(zip(normals, corners, strict=True))
+    )
+
+
+def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+    """Two entries of which one must hold, each of two zones.
+
+    A panel is in the shade and a terminal keeps out of a cone on the sky, or another panel is in the light
+    and the terminal keeps out of a cone about an axis of the body.
+    """
+    sun, terminal = _direction(rng), (_terminal(number),)
+
+    def named(what: str, entry: str) -> dict[str, Any]:
+        return {"name": f"{what}-{number + 1}", "any_of": f"group-{number + 1}", "entry": entry}
+
+    def wide() -> dict[str, Any]:
+        return {"direction": sun, "half_angle": _angle(rng, 60, 90), "vectors": _vector(rng, None)}
+
+    def narrow() -> dict[str, Any]:
+        return {"half_angle": _angle(rng, 12, 25), "devices": terminal}
+
+    return (
+        KeepOut(**named("shade", "dark"), **wide()),
+        KeepOut(**named("aside", "dark"), direction=_direction(rng), **narrow()),
+        KeepIn(**named("light", "lit"), **wide()),
+        KeepOut(**named("spare", "lit"), axis_body=_direction(rng), **narrow()),
+    )
+
+
+def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, ...]:
+    """A cone that moves along a great circle, for all terminals or for a vector of the body."""
+    first, toward, speed = _direction(rng), _direction(rng), _angle(rng, 0.02, 0.08)
+    across = toward - (toward @ first) * first
+    across /= np.linalg.norm(across)
+    turned = speed * _TIMES[:, None]
+    path = DirectionPath.through(_TIMES, np.cos(turned) * first + np.sin(turned) * across)
+    vectors = _vector(rng, None) if by_body else ()
+    return (KeepOut(name=name, direction=path, half_angle=_angle(rng, 15, 30), vectors=vectors),)
+
+
+def _for_each(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Recipe, ...]:
+    """A recipe for each terminal."""
+    return tuple(partial(recipe, number=number, **given) for number in range(3))
+
+
+_BEAMS = tuple(partial(_beam, axis=axis, number=(axis + 1) % 3) for axis in range(3))
+_MASKS, _POLYGONS, _GROUPS = _for_each(_masks), _for_each(_polygon), _for_each(_group)
+_SHADES = tuple(partial(_away, name=f"shade-{number + 1}", to=number) for number in range(3))
+_SUN = partial(_toward, name="sun", to=None)
+_TRACKERS = tuple(partial(_away, name=f"tracker-{i + 1}", to=None) for i in range(3))
+_PASSING = tuple(partial(_passing, name=f"passing-{i + 1}", by_body=i == 3) for i in range(4))
+KINDS = {
+    "masks": Kind(recipes=_MASKS),
+    "beams": Kind(recipes=_BEAMS),
+    "panels": Kind(recipes=(_SUN, *_TRACKERS)),
+    "carried": Kind(recipes=(*_SHADES, partial(_toward, name="lamp", to=0))),
+    "joint_bounds": Kind(recipes=_POLYGONS),
+    "grouped": Kind(recipes=_GROUPS),
+    "moving": Kind(recipes=_PASSING),
+    "moved_goals": Kind(recipes=(*_SHADES, *_POLYGONS), moved=True),
+    "mixed": Kind(
+        recipes=(
+            partial(_sky, name="sky-1"),
+            partial(_sky, name="sky-2"),
+            _MASKS[0],
+            _BEAMS[1],
+            _SUN,
+            _TRACKERS[0],
+            _SHADES[1],
+            _POLYGONS[2],
+            _GROUPS[2],
+        )
+    ),
+}
