@@ -16,11 +16,12 @@ from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import chain, messages
 from jaxplan.planner.check import certify
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.results import trajectory_table
 from jaxplan.scenario import parse_scenario, with_settings
-from jaxplan.search import make_scene
+from jaxplan.search import SearchResult, make_scene
 from jaxplan.trajectory import METHODS
 
 INSTANTS = 100_000
@@ -408,6 +409,16 @@ def test_a_search_without_success_names_the_setting_to_change_and_the_zone_in_th
     late = jp.plan(with_search(jp.random_scenario(10, "hard_keep_out"), time_limit=1e-9), throw=False)
     assert late.status is jp.Status.TIME_LIMIT
     assert "search.time_limit_s" in late.message
+
+
+def test_a_search_whose_time_is_over_is_not_begun_again():
+    steps = chain.chain(jp.random_scenario(10, "hard_keep_out"), Clock(np.inf))
+    assert isinstance(next(steps), chain.Query)
+    late = SearchResult(status=jp.Status.TIME_LIMIT, path=None, expansions=7)
+    with pytest.raises(StopIteration) as end:
+        steps.send(late)
+    assert end.value.value.status is jp.Status.TIME_LIMIT
+    assert "7 expansions" in end.value.value.message
 
 
 def test_a_ring_of_zones_around_the_goal_is_a_proof_that_no_path_exists():

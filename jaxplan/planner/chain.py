@@ -33,7 +33,7 @@ from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 # The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
-# Where no path is found with the wanted clearance.
+# Where no path is found with the wanted clearance, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
 
 # Of two failures the later one here says more about what to change.
@@ -143,7 +143,8 @@ def _climb(scenario: Scenario, goal: Goal, clock: Clock, best: _Best, share: flo
     at_leisure = scenario.trajectory.method == "global"
     first = LADDER[0][0]
     found = {first: (yield Query(scene, _settings(scenario, first, 0, clock)))}
-    for factor, halvings in LADDER if found[first].path is not None else BARE_LADDER:
+    bare = found[first].path is None and found[first].status is not Status.TIME_LIMIT
+    for factor, halvings in BARE_LADDER if bare else LADDER:
         if factor not in found:
             found[factor] = yield Query(scene, _settings(scenario, factor, len(found), clock))
         result = found[factor]
