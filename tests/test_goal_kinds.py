@@ -192,7 +192,7 @@ def test_goals_whose_joints_break_a_row_are_dropped_for_the_next(monkeypatch):
     none = with_rows(free, row | {"half_angle": 2.0})
     plan = find_goals(stated(monkeypatch, none))
     assert plan.status is jp.Status.INVALID_GOAL
-    assert "beyond mask row-0, of its joints" in plan.message
+    assert "beyond joint bound row-0" in plan.message
 
 
 def test_targets_out_of_reach_beside_an_axis_of_the_body_name_it(monkeypatch):
@@ -219,7 +219,7 @@ WORDS = {
         "bound": [2],
         "side": -1.0,
     },
-    "t0 is 28.65 deg beyond mask one, of its joints": {
+    "t0 is 28.65 deg beyond joint bound one": {
         "frame": JOINTS,
         "axis": np.array([0.6, 0.8, 0.0]),
         "bound": [0],

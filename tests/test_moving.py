@@ -103,7 +103,7 @@ def test_nothing_is_extrapolated(time):
         ([0, np.nan], [[1, 0, 0], [1, 0, 0]], "finite"),
         ([0, 1], [[1, 0, 0], [2, 0, 0]], r"samples\[1\]"),
         ([0, 1], [[1, 0, 0], [np.nan, 0, 0]], r"samples\[1\]"),
-        ([0, 1, 2], [[1, 0, 0], [1, 0, 0], [-1, 0, 0]], "turns too far between the times"),
+        ([0, 1, 2], [[1, 0, 0], [1, 0, 0], [-1, 0, 0]], "turns too far between the samples"),
     ],
 )
 def test_samples_that_make_no_path_are_refused(times, samples, words):

@@ -399,3 +399,39 @@ def test_a_second_look_takes_moving_zones_as_they_are_in_the_middle(plans, scene
     axis, half_angle = row_of(scene, middle, scene.keep_out[0])
     np.testing.assert_allclose(axis, scene.keep_out[0].direction.at(40.0))
     assert half_angle == pytest.approx(scene.keep_out[0].half_angle, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["global", "paper"])
+def test_a_spacecraft_that_stays_is_certified_for_all_of_a_given_time(method):
+    craft = jp.Spacecraft(
+        instruments=[jp.Instrument(name="tracker", boresight=[0, 0, 1])],
+        rate_limit=0.05,
+        acceleration_limit=0.03,
+    )
+    rest = jp.GivenState(rotation_vector=[0, 0, 0], joints=[])
+
+    def hold(nearest, duration):
+        angles = np.linspace(-1, 1, 41)
+        seen = np.stack([np.sin(angles), np.full(41, np.tan(nearest)), np.cos(angles)], axis=1)
+        sun = DirectionPath.through(
+            np.linspace(0, 100, 41), seen / np.linalg.norm(seen, axis=1, keepdims=True)
+        )
+        return jp.Scenario(
+            name="hold",
+            spacecraft=craft,
+            start=rest,
+            goal=rest,
+            keep_out=[KeepOut(name="sun", direction=sun, half_angle=0.17)],
+            trajectory=jp.TrajectorySettings(method=method, duration=duration),
+        )
+
+    crossed, passed = (jp.plan(hold(nearest, 100.0), throw=False) for nearest in (0.0, 0.3))
+    assert crossed.status is jp.Status.UNCERTIFIED
+    assert "tracker is 9.74 deg inside the keep-out zone sun at t = 50" in crossed.message
+    assert passed.ok
+    assert passed.trajectory.duration == 100.0
+    assert passed.report.min_margin == pytest.approx(0.3 - 0.17, abs=1e-3)
+    at_once = [
+        jp.plan(hold(0.0, word), throw=False) for word in ("stretched", "minimum") if method == "global"
+    ]
+    assert all(plan.ok and plan.trajectory.duration == plan.goal.time == 0.0 for plan in at_once)

@@ -252,6 +252,14 @@ SCENARIOS = {
         "search.max_expansions = 10000.0: must be an integer",
     ),
     "a truth value": (search(seed=True), "search.seed = True: must be an integer"),
+    "an axis of the body that moves": (
+        scene(keep_out=[jp.KeepOut(name="z", half_angle=0.3, axis_body=ARC, devices=["terminal-1"])]),
+        "keep_out[0].axis_body = a DirectionPath: must be a unit vector of 3 numbers",
+    ),
+    "a boresight that moves": (
+        craft(instruments=[jp.Instrument(name="camera", boresight=ARC)]),
+        "must be a unit vector of 3 numbers, not a direction that moves",
+    ),
     "settings as a dict": (scene(search={"seed": 1}), "search = a dict: must be a SearchSettings"),
     "no method": (search(method=None), 'search.method = None: must be "mha"'),
     "an unknown method": (search(method="a*"), "scenario.search.method = 'a*': must be \"mha\""),

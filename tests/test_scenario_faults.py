@@ -296,7 +296,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "start.yaw_rad: missing (or yaw_deg), must be numbers, one a terminal",
         "start.pitch_rad: missing (or pitch_deg), must be numbers, one a terminal",
         "keep_out[1].half_angle_deg: missing (or exclusion_deg), must be a number in (0, 180)",
-        "keep_out[2].devices: missing, must be an array of names of devices",
+        "keep_out[2].devices: missing (or vector), must be an array of names of devices",
     ],
 )
 def test_a_missing_key_is_named_with_what_it_must_be(line):

@@ -97,6 +97,7 @@ def _findings(name: str) -> dict[str, Any]:
         "instruments": len(craft.instruments),
         "keep_out": len(scene.keep_out),
         "keep_in": len(scene.keep_in),
+        "joint_bounds": len(scene.joint_bounds),
     }
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
 
@@ -128,6 +129,7 @@ def _line(found: dict[str, Any]) -> str:
         (holds["instruments"], "instrument"),
         (holds["keep_out"], "keep-out zone"),
         (holds["keep_in"], "keep-in zone"),
+        (holds["joint_bounds"], "joint bound"),
     ]
     parts = ", ".join(f"{number} {what}{'' if number == 1 else 's'}" for number, what in counts if number)
     broken = [

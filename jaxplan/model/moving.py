@@ -199,4 +199,4 @@ def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
 
 def too_far(interval: int) -> str:
     """The complaint about an interval in which a direction turns too far."""
-    return f"the direction turns too far between the times {interval} and {interval + 1}: give more samples"
+    return f"the direction turns too far between the samples {interval} and {interval + 1}: give more samples"

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxplan.geometry.directions import outward, slopes
-from jaxplan.model.moments import known_until
+from jaxplan.model.moments import known_until, moves
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.trajectory import Trajectory
 
 # What a beam may be off its target, rad, and its rate, rad/s; the certificate allows as much of the ends.
@@ -23,22 +23,24 @@ def arrival_faults(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> tu
     """A sentence for each way in which a goal is not where its moving targets are.
 
     Args:
-        scenario: what is asked; of one whose targets stand still nothing is wrong here.
+        scenario: what is asked; of one in which nothing moves nothing is wrong here.
         goal: of the manoeuvre.
         trajectory: that goes there.
     """
+    if not moves(scenario):
+        return ()
+    return tuple(_faults(scenario, goal, trajectory.duration))
+
+
+def _faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
+    if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
+        yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
     asked = scenario.goal
     if isinstance(asked, GivenState) or not asked.moves:
-        return ()
-    return tuple(_faults(scenario, asked, goal, trajectory.duration))
-
-
-def _faults(scenario: Scenario, asked: Targets, goal: Goal, duration: float) -> Iterator[str]:
+        return
     if goal.angular_velocity is None or goal.joint_rates is None:
         yield "the goal has no rates, though targets move"
         return
-    if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
-        yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
     if not 0 <= goal.time <= known_until(scenario)[0]:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return

@@ -100,6 +100,9 @@ def meet(scenario: Scenario, goal: Goal, path: Path, fit: FitTo) -> Meeting:
             return now
         if curve.duration > known:
             return _missed(now, _unknown(what, known, curve.duration))
+        if curve.duration == 0:  # it is there from the start, and need not stay
+            then = moved(now, 0.0)
+            return _missed(now, _lost(0.0)) if then is None else replace(then, fit=now.fit)
         durations.append(curve.duration)
         settled = abs(curve.duration - expected) <= _SETTLED * expected
         if settled or len(durations) == _ROUNDS:

@@ -137,7 +137,7 @@ def constraint_breaches(
 def _where(rows: Constraints, row: int, name: str, axes: Sequence[str]) -> str:
     """Where a sight is that breaks a row; `axes` are the names of all sights as axes of others."""
     if rows.frame[row] == JOINTS:
-        return f"beyond mask {name}, of its joints"
+        return f"beyond joint bound {name}"
     side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"
     if rows.frame[row] == INERTIAL:
         return f"{side} zone {name}"

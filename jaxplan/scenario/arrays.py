@@ -166,6 +166,10 @@ class Direction(Kind):
 
     def take(self, value: Any, place: Place) -> Any:
         """(length,); of a path that stands still, where it is."""
+        moving = isinstance(value, DirectionPath) and value.moves
+        if moving:
+            place.fault(f"must be {self.wanted}, not a direction that moves", value)
+            return None
         given = value.samples[0] if isinstance(value, DirectionPath) else value
         return read_array(given, self.wanted, place, (self.length,))
 

@@ -155,7 +155,7 @@ def _check_zones(tables: Mapping[str, Any], root: Place) -> None:
             place, devices = root.key(key).item(i), row.get("devices", ())
             aside = key == "keep_in" or "axis_body" in row or "axis_device" in row
             if key != "joint_bound" and aside and not row.keys() & {"devices", "vector"}:
-                place.key("devices").fault("missing, must be an array of names of devices")
+                place.key("devices").fault("missing (or vector), must be an array of names of devices")
             if "axis_device" in row and isinstance(devices, list) and row["axis_device"] in devices:
                 complaint = "is the axis, so it must not be among the devices that are bound"
                 place.key("axis_device").fault(complaint, row["axis_device"])

@@ -4,6 +4,7 @@ A table is described once, as a list of fields. Reading, writing and the referen
 from that description: unknown and missing keys are found by it, and a default is that of the model's class.
 """
 
+import re
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
@@ -87,7 +88,8 @@ class Table(Kind):
                 continue
             here = place.key(entry.key)
             if entry.says in given:
-                here.fault(f"says the same as {given[entry.says]}, only one of them can be given")
+                same = "stands in the place of" if entry.instead_of else "says the same as"
+                here.fault(f"{same} {given[entry.says]}, only one of them can be given")
             given[entry.says] = entry.key
             content = entry.kind.read(value[entry.key], here)
             if content is not None:
@@ -188,7 +190,8 @@ class Rows(Kind):
     def read(self, value: object, place: Place) -> list[dict[str, Any] | None] | None:
         """What could be read of each table; None for the entries that are none."""
         if not isinstance(value, list):
-            place.fault(f"must be an array of tables, each under [[{place.path}]]", value)
+            header = re.sub(r"\[\d+\]", "", place.path)
+            place.fault(f"must be an array of tables, each under [[{header}]]", value)
             return None
         return [self.table.read(row, place.item(i)) for i, row in enumerate(value)]
 

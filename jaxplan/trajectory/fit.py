@@ -183,26 +183,30 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
     return Path(**arrays)
 
 
-def at_rest(path: Path, order: int, method: str, count: int) -> Trajectory:
+def at_rest(query: "FitQuery", path: Path, order: int, method: str, count: int) -> Trajectory:
     """The trajectory of a path without motion: of duration 0, it samples at t = 0.
 
+    Among zones that move, in a duration that is given, it stays where it is for as long.
+
     Args:
+        query: that asked for it.
         path: of one node.
         order: of the Legendre basis.
         method: that was asked for.
         count: of nodes that were given.
     """
+    duration = 0.0 if isinstance(query.settings.duration, str) else query.horizon
     joint_coefficients = np.zeros((1, order + 1, path.joints.shape[1]))
     joint_coefficients[0, 0] = path.joints[0]
     return Trajectory(
-        breaks=np.zeros(2),
+        breaks=np.array([0.0, duration]),
         chart_attitude=np.array(path.attitudes[:1], dtype=float),
         chart_start=np.zeros(1),
         chart_rate=np.zeros((1, 3)),
         coefficients=np.zeros((1, order + 1, 3)),
-        joint_breaks=np.zeros(2),
+        joint_breaks=np.array([0.0, duration]),
         joint_coefficients=joint_coefficients,
-        node_times=np.zeros(count),
+        node_times=np.linspace(0.0, duration, count),
         smoothness=2,
         method=method,
     )

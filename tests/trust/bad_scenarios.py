@@ -61,7 +61,7 @@ order = 12 | order = 12\\norder = 12 | not TOML, cannot overwrite a value
     "zones and devices": """\
 devices = ["terminal-1"] | devices = ["terminal-4"] | no such device, perhaps terminal-3 is meant
 devices = ["terminal-1"] | devices = [] | keep_in[0].devices = []: must be an array of names of devices
-devices = ["terminal-1"] | # | keep_in[0].devices: missing, must be an array of names of devices
+devices = ["terminal-1"] | # | keep_in[0].devices: missing (or vector), must be an array of names of devices
 devices = ["terminal-1"] | devices = "terminal-1" | keep_in[0].devices = "terminal-1": must be an array
 devices = ["terminal-1"] | devices = ["terminal-1", "terminal-1"] | is named twice""",
     "limits": """\

@@ -120,7 +120,7 @@ def steps(query: FitQuery) -> Steps[Fit]:
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
     path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
     if len(path.attitudes) == 1:
-        still = replace(at_rest(path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
+        still = replace(at_rest(query, path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
         return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
     none = tabulate((), (), spacecraft.device_names)
     turns: np.ndarray = yield in_turn(schedule.edge_turns, attitudes=path.attitudes)

@@ -105,7 +105,7 @@ def steps(query: FitQuery) -> Steps[Fit]:
     at_speed = any(np.any(rate != 0) for rate in (*start, *end))
     path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
     if len(path.attitudes) == 1:
-        trajectory = at_rest(path, settings.order, "paper", len(own))
+        trajectory = at_rest(query, path, settings.order, "paper", len(own))
         return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
     fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
     turns: np.ndarray = yield in_turn(schedule.edge_turns, attitudes=path.attitudes)
