@@ -93,21 +93,24 @@ def _separation(zone: KeepOut | KeepIn, azimuth: float, elevation: float) -> flo
 
 
 def _bound(zone: KeepOut | KeepIn, scenario: "Scenario") -> list[str]:
-    """In few words which devices or vectors a zone binds; nothing if it binds all devices."""
+    """In few words which devices and vectors a zone binds; nothing if it binds all devices and no vector."""
     names = scenario.spacecraft.device_names
-    if zone.vectors and not zone.devices:
-        carriers = {vector.to or "the body" for vector in zone.vectors}
-        whose = f"of {carriers.pop()}" if len(carriers) == 1 else f"of {len(carriers)} parts"
-        return [f"for {'a vector' if len(zone.vectors) == 1 else f'{len(zone.vectors)} vectors'}", whose]
     bound = [name for name in names if binds_all(zone) or name in zone.devices]
     others = [name for name in names if name not in bound]
-    if not others:
-        return []
-    if len(bound) == 1:
-        return [f"for {bound[0]}"]
-    return [f"not {others[0]}"] if len(others) == 1 else [f"for {len(bound)} of {len(names)}"]
+    lines = []
+    if len(bound) == 1 and others:
+        lines.append(f"for {bound[0]}")
+    elif bound and others:
+        lines.append(f"not {others[0]}" if len(others) == 1 else f"for {len(bound)} of {len(names)}")
+    if zone.vectors:
+        carriers = {vector.to or "the body" for vector in zone.vectors}
+        whose = f"of {carriers.pop()}" if len(carriers) == 1 else f"of {len(carriers)} parts"
+        count = "a vector" if len(zone.vectors) == 1 else f"{len(zone.vectors)} vectors"
+        lines += [f"and {count}" if bound else f"for {count}", whose]
+    return lines
 
 
 def _group(zone: KeepOut | KeepIn) -> list[str]:
-    """A line that names a zone's group; none if it is in none."""
-    return [f"any of {zone.any_of}"] if zone.any_of is not None else []
+    """Lines that name a zone's group and its entry there; none if it is in none."""
+    lines = [] if zone.any_of is None else [f"any of {zone.any_of}"]
+    return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
