@@ -11,9 +11,15 @@ from typing import Any
 from jaxplan.given import as_floats, expect
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft, Terminal
-from jaxplan.scenario.faults import DeviceNames, ScenarioError
+from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
 from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
-from jaxplan.scenario.reading import check_inertia, check_names, device_names, read_scenario
+from jaxplan.scenario.reading import (
+    check_inertia,
+    check_names,
+    device_names,
+    read_scenario,
+    scenario_from_dict,
+)
 from jaxplan.scenario.spelling import python_root
 
 
@@ -27,15 +33,18 @@ def take_in(given: object) -> Scenario:
     scenario = expect("scenario", given, Scenario)
     terminals, others = _terminals(scenario), _of_states(scenario)
     if terminals is None or others is None or len(terminals) == others:
-        root = python_root(DeviceNames(terminals, None))
+        devices = DeviceNames(terminals, None)
+        quick = Place(faults=[], devices=devices)
+        taken: Scenario = SCENARIO.take(scenario, quick)
+        if not quick.faults:
+            return taken
+        root = python_root(devices)  # once more, to tell them
     else:
         root = python_root(DeviceNames(None, None))  # so that start and goal are not blamed, too
         complaint = f"must be as many as start and goal are for, {others}, not {len(terminals)}"
         root.key("spacecraft").key("terminal").fault(complaint)
-    taken: Scenario = SCENARIO.take(scenario, root)
-    if root.faults:
-        raise ScenarioError(root.faults)
-    return taken
+    SCENARIO.take(scenario, root)
+    raise ScenarioError(root.faults)
 
 
 def read_back(tables: Mapping[str, Any]) -> Scenario:
@@ -45,7 +54,10 @@ def read_back(tables: Mapping[str, Any]) -> Scenario:
         ScenarioError: if a number is out of its range, or parts do not go together; the message lists every
             fault by its attribute and in its unit.
     """
-    return read_scenario(tables, python_root(device_names(tables)))
+    try:
+        return scenario_from_dict(tables)
+    except ScenarioError:
+        return read_scenario(tables, python_root(device_names(tables)))  # once more, to tell them
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
