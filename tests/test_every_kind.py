@@ -15,7 +15,9 @@ from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM
 from jaxplan.model.zones import sight_names
 from jaxplan.planner.check import check_margins
+from jaxplan.plotting import samples
 
+SEEDS = (2, 3)
 NEW_KINDS = [kind for kind in RANDOM_KINDS if kind not in SKY_KINDS]
 ROUNDING = 1e-9  # rad, the certificate's
 
@@ -28,7 +30,7 @@ def scene(kind, seed):
 
 @pytest.fixture(scope="module")
 def plans():
-    scenes = [scene(kind, seed) for kind in NEW_KINDS for seed in range(3, 6)]
+    scenes = [scene(kind, seed) for kind in NEW_KINDS for seed in SEEDS]
     return jp.plan_batch(scenes, progress=False)
 
 
@@ -46,7 +48,7 @@ def test_every_scene_is_planned_and_no_sample_is_below_what_is_proved(plans):
 
 
 def test_each_constraint_by_itself_is_proved_below_its_samples(plans):
-    for plan in plans[::3]:
+    for plan in plans[:: len(SEEDS)]:
         time = np.linspace(0, plan.trajectory.duration, 5003)
         sampled = {
             name: np.min(own) for name, own in stated_margins(plan.scenario, plan.trajectory, time).items()
@@ -60,7 +62,7 @@ def test_each_constraint_by_itself_is_proved_below_its_samples(plans):
 
 
 def test_scenarios_and_plans_survive_their_files(plans, tmp_path):
-    for plan in plans[::3]:
+    for plan in plans[:: len(SEEDS)]:
         jp.save_scenario(plan.scenario, tmp_path / "scene.toml")
         assert jp.load_scenario(tmp_path / "scene.toml") == plan.scenario
         plan.save(tmp_path / "plan.json")
@@ -74,7 +76,7 @@ def test_scenarios_and_plans_survive_their_files(plans, tmp_path):
 
 
 def test_the_sky_shows_what_has_a_place_on_it_and_margins_show_all(plans):
-    for plan in plans[::3]:
+    for plan in plans[:: len(SEEDS)]:
         names = {zone.name for zone in plan.scenario.zones if zone.is_inertial}
         others = {zone.name for zone in plan.scenario.zones} - names
         axes = jp.plot.sphere(plan)
@@ -86,15 +88,15 @@ def test_the_sky_shows_what_has_a_place_on_it_and_margins_show_all(plans):
         plt.close("all")
 
 
-def test_margins_are_among_the_figures_of_every_kind_and_name_all_that_is_bound(plans):
-    for plan in plans[::3]:
+def test_margins_are_among_the_figures_of_every_kind_and_name_all_that_is_ever_bound(plans):
+    for plan in plans[:: len(SEEDS)]:
         figures = dict(jp.plot.figures(plan))
-        bound = plan.scenario.constraints.bound.any(axis=0)
+        bound = {margin.device for margin in samples.margins(plan.scenario, samples.motion(plan))}
         names = sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints)
         for name in ("margins", "overview"):
             legends = figures[name].findobj(Legend)
             told = {text.get_text() for legend in legends for text in legend.get_texts()}
-            assert {own for own, there in zip(names, bound, strict=True) if there} <= told
+            assert {names[number] for number in bound} <= told
 
 
 def test_a_zone_for_vectors_alone_is_not_hatched_and_says_whose(mixed):
