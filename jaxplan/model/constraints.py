@@ -251,8 +251,9 @@ class Constraints:
     @property
     def single(self) -> np.ndarray:
         """(Z,) bool, the rows that hold by themselves at every instant: their constraint has one entry."""
-        entries = [len(np.unique(self.entry[self.group == group])) for group in self.group]
-        return np.array(entries, dtype=int) == 1
+        entries = np.bincount(self.group[np.unique(self.entry)], minlength=len(self.group))
+        single: np.ndarray = entries[self.group] == 1
+        return single
 
 
 def capacity(count: int) -> int:
