@@ -34,11 +34,11 @@ from jaxplan.model.scenario import GivenState
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone, tabulate
 
 CLEARANCE = math.radians(2.0)
-"""Of start and goal."""
+"""rad, the margin that start and goal have to every zone that is drawn."""
 FARTHEST = math.radians(30.0)
 """From the nearest goal to another that is clear, where it is broken itself."""
 DRAWS = 8
-"""Of a recipe, and of all of a start."""
+"""How often a recipe, and all recipes of a start, are drawn before it is given up."""
 KNOWN = 400.0
 """s, over which directions that move are known."""
 _TIMES = np.linspace(0, KNOWN, 41)

@@ -19,12 +19,13 @@ from jaxplan.model.spacecraft import Spacecraft
 TRIES = 4096
 """Random attitudes, shared out among the goals."""
 WIDEST = np.deg2rad(60.0)
-"""Of an attitude from the goal around which it is."""
+"""rad, the largest turn of a random attitude from the goal around which it is drawn."""
 STARTS = 8
-"""Of them, from which goals are looked for, `STARTS_APART` or more."""
+"""Number of random attitudes from which goals are looked for."""
 STARTS_APART = np.deg2rad(8.0)
+"""rad, the least turn between two of these."""
 APART = np.deg2rad(2.0)
-"""Goals closer than this count as one."""
+"""rad; goals closer than this count as one."""
 SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
 _STEP = 1e-5  # rad, of central differences
