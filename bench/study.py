@@ -18,7 +18,7 @@ from _machine import print_machine
 from _options import positive
 
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.crew import Crew
+from jaxplan.runtime.workers import Crew
 from jaxplan.study.chunks import Chunks
 from jaxplan.study.engine import by_workers
 from jaxplan.study.rows import STEPS, crashed, times_of

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
-    from jaxplan.compiled import compilation_cache
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.exporting import export
     from jaxplan.model.moving import DirectionPath
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
+    from jaxplan.runtime.compiled import compilation_cache
     from jaxplan.scenario import ScenarioError, load_scenario, save_scenario
     from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
@@ -62,7 +62,7 @@ _HOMES = {
     "Tuning": "jaxplan.tuning",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
-    "compilation_cache": "jaxplan.compiled",
+    "compilation_cache": "jaxplan.runtime.compiled",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.sensitivity",
     "hold": "jaxplan.sensitivity",

@@ -23,7 +23,6 @@ from jaxplan.decomposition.pairs import leaves_open
 from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.display import shown
 from jaxplan.given import expect
-from jaxplan.kernel_room import make_room
 from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets
@@ -33,7 +32,8 @@ from jaxplan.planner.chain import fit, fitted_plan, judged
 from jaxplan.planner.check import prove
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
-from jaxplan.threads import one_thread
+from jaxplan.runtime.kernel_room import make_room
+from jaxplan.runtime.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 

@@ -71,7 +71,7 @@ def test_workers_keep_nothing_where_their_parent_does_not(tmp_path):
     code = """
 import json
 import jaxplan as jp
-from jaxplan.crew import Crew
+from jaxplan.runtime.workers import Crew
 LOOK = "__import__('jaxplan.so3') and __import__('jax').config.jax_compilation_cache_dir"
 if __name__ == "__main__":
     jp.compilation_cache(None)

@@ -9,8 +9,8 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan import kernel_room
-from jaxplan.kernel_room import make_room
+from jaxplan.runtime import kernel_room
+from jaxplan.runtime.kernel_room import make_room
 
 linux = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="other systems have no such limit")
 

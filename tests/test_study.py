@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
+from jaxplan.runtime.threads import _libraries
 from jaxplan.scenario import with_settings
 from jaxplan.study import work
 from jaxplan.study.rows import COLUMNS, TIMES
-from jaxplan.threads import _libraries
 
 SEEDS = range(5)
 

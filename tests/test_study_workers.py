@@ -14,7 +14,7 @@ import pytest
 from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
-from jaxplan.crew import Crew
+from jaxplan.runtime.workers import Crew
 from jaxplan.study.chunks import AIM, FIRST, LARGEST, Chunks
 from jaxplan.study.engine import by_workers
 from jaxplan.study.run import run_task

@@ -40,7 +40,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _new(options: argparse.Namespace) -> int:
-    from jaxplan.files import replacing_file
+    from jaxplan.runtime.files import replacing_file
 
     if options.file == "-":
         print(_text(options.source), end="")

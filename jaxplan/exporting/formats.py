@@ -16,9 +16,9 @@ from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_csv, write_npz
-from jaxplan.files import replacing_file, replacing_folder
 from jaxplan.given import expect, file_path
 from jaxplan.planner import Plan, certify
+from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.scenario.faults import nearest
 
 

@@ -3,6 +3,6 @@
 Each function computes with numpy or with JAX, whichever its arguments are of (`arrays`).
 """
 
-from jaxplan.compiled import keep_by_default
+from jaxplan.runtime.compiled import keep_by_default
 
 keep_by_default()  # here, since whatever this package has compiled computes with these

@@ -10,8 +10,8 @@ from jaxplan.certificate import Report
 from jaxplan.planner.chain import Query, Question
 from jaxplan.planner.check import ProofQuery, prove_batch
 from jaxplan.planner.clock import Clock
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search import PLANNERS, SearchResult, search_batch
-from jaxplan.stopwatch import working_time
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 Answer = SearchResult | Fit | Report

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from jaxplan.stopwatch import working_time
+from jaxplan.runtime.stopwatch import working_time
 
 
 class Clock:

@@ -4,9 +4,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 
-from jaxplan.crew import Crew, WorkersDiedError, check_executor
 from jaxplan.given import several
-from jaxplan.kernel_room import make_room
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.answers import Answer, answer, answers
 from jaxplan.planner.asked import as_filed
@@ -14,7 +12,9 @@ from jaxplan.planner.chain import Chain, Question, chain
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.progress import Bar, progress_bar
-from jaxplan.threads import one_thread
+from jaxplan.runtime.kernel_room import make_room
+from jaxplan.runtime.threads import one_thread
+from jaxplan.runtime.workers import Crew, WorkersDiedError, check_executor
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256

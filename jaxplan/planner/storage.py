@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.files import replacing_file
 from jaxplan.given import file_path
 from jaxplan.model.moments import moves
 from jaxplan.model.status import Status
 from jaxplan.planner import layout
 from jaxplan.planner.record import Plan
+from jaxplan.runtime.files import replacing_file
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.faults import DeviceNames, Place
 

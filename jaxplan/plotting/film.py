@@ -19,7 +19,6 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from jaxplan.display import shown
-from jaxplan.files import replacing_file
 from jaxplan.plotting import samples
 from jaxplan.plotting.canvas import Canvas, panels
 from jaxplan.plotting.globe_map import draw_line, draw_sphere, draw_zones, view_of
@@ -27,6 +26,7 @@ from jaxplan.plotting.marks import end_marks, end_style, zone_entries, zones_at
 from jaxplan.plotting.style import GREY, SMALL, Entries, device_entries, device_style, legend_beside
 from jaxplan.plotting.view import PALE, View
 from jaxplan.progress import progress_bar
+from jaxplan.runtime.files import replacing_file
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -10,10 +10,10 @@ import errno
 import os
 from pathlib import Path
 
-from jaxplan.files import replacing_file
 from jaxplan.given import expect, file_path
 from jaxplan.planner import Plan
 from jaxplan.report.document import page
+from jaxplan.runtime.files import replacing_file
 
 __all__ = ["report_html"]
 

@@ -7,9 +7,9 @@ Required keys are written, and settings that differ from their default.
 import os
 from typing import Any
 
-from jaxplan.files import replacing_file
 from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
+from jaxplan.runtime.files import replacing_file
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.taking import read_back, take_in

@@ -20,8 +20,8 @@ import numpy as np
 from jax import Array
 
 from jaxplan.display import shown
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.problem import Scene
-from jaxplan.stopwatch import working_time
 
 # Calls in one, and scenes that run in lockstep: fixed, so that the kernels compile once.
 CALLS, POOL = 32, 256

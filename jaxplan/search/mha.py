@@ -19,6 +19,7 @@ import numpy as np
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.lockstep import Steps
 from jaxplan.search.mha_rules import QUEUES, rules
 from jaxplan.search.multi_heuristic import Search, try_straight
@@ -27,7 +28,6 @@ from jaxplan.search.race import race
 from jaxplan.search.rrt import Space
 from jaxplan.search.rrt_connect import connect
 from jaxplan.search.smoothing import Bend, bend_straight, smooth
-from jaxplan.stopwatch import working_time
 
 # No improvement is looked for of a path within this factor of the straight motion's length.
 SHORT_ENOUGH = 1.001

@@ -16,6 +16,7 @@ import numpy as np
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.corners import ARRIVED
 from jaxplan.search.fields import Fields, distance_fields, no_fields
 from jaxplan.search.kernels import Expansion, expand, straight_slacks
@@ -24,7 +25,6 @@ from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_IN
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.tree import Children, Moves, Node, make_root, trace
-from jaxplan.stopwatch import working_time
 
 # Every so many turns the exploration queue has its own.
 EXPLORE_EVERY = 6

@@ -19,6 +19,7 @@ from jaxplan import quaternion
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.corners import subdivide
 from jaxplan.search.kernels import interval_slacks
 from jaxplan.search.lockstep import Call, Kernel, Steps
@@ -27,7 +28,6 @@ from jaxplan.search.multi_heuristic import try_straight
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
 from jaxplan.search.smoothing import smooth
-from jaxplan.stopwatch import working_time
 
 INTERVALS = 32
 # Motions of a jitted call: few for single samples, many for neighbourhoods.

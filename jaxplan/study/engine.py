@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 
-from jaxplan.crew import Crew
+from jaxplan.runtime.workers import Crew
 from jaxplan.study.chunks import Chunks
 from jaxplan.study.task import Chunk
 from jaxplan.study.work import Answer, Work, died

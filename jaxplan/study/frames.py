@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jaxplan.files import replacing_file
+from jaxplan.runtime.files import replacing_file
 from jaxplan.study.rows import COLUMNS, TIMES
 
 if TYPE_CHECKING:

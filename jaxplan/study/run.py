@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.crew import Crew, WorkersDiedError, check_executor
 from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
 from jaxplan.progress import progress_bar
+from jaxplan.runtime.workers import Crew, WorkersDiedError, check_executor
 from jaxplan.study.chunks import Chunks
 from jaxplan.study.engine import by_workers, in_this_process
 from jaxplan.study.lines import TABLE, TIMINGS

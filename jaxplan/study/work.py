@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from jaxplan.planner import Plan, plan, plan_batch
-from jaxplan.stopwatch import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.study.rows import Row, crashed, no_times, row_of, times_of
 from jaxplan.study.task import Chunk
 from jaxplan.version import __version__

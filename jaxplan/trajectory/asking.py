@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.stopwatch import working_time
-from jaxplan.threads import one_thread
+from jaxplan.runtime.stopwatch import working_time
+from jaxplan.runtime.threads import one_thread
 
 T = TypeVar("T")
 

@@ -10,9 +10,9 @@ import jax
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
+from jaxplan.runtime.threads import one_thread
 from jaxplan.scenario.numbers import with_numbers
 from jaxplan.sensitivity import Held, replan
-from jaxplan.threads import one_thread
 from jaxplan.tuning.objectives import Objective
 from jaxplan.tuning.parameters import Parameter
 

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan import compiled
+from jaxplan.runtime import compiled
 
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")

@@ -1,0 +1,1 @@
+"""How work is done, whatever it is about: many at once."""

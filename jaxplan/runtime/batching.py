@@ -1,0 +1,171 @@
+"""Many at once: alike ones together, padded to few sizes, and each with its share of the time.
+
+A stage of the planner is a function of many problems. It hands those that are alike to one call
+(`in_groups`), pads what a jitted kernel takes to a few sizes (`padded_count`), and adds the seconds of what
+was done together to each of those that it was done for (`Seconds`). A stage that goes on by itself, such as a
+search with its queues, is a `Run`: an object that says what it needs next and takes the answer. `run_all`
+drives one run or many, whose requests of one kind it answers together.
+
+The same call on the same machine gives the same answer to the byte. In other company the last digits of an
+answer may be others.
+"""
+
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from jaxplan.runtime.stopwatch import working_time
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+
+def grouped(items: Sequence[Item], kind: Callable[[Item], Hashable]) -> list[list[int]]:
+    """Numbers of the items that are alike, group by group, in the order in which they first come.
+
+    Args:
+        items: to be told apart.
+        kind: of an item; those of equal kinds are alike.
+    """
+    groups: dict[Hashable, list[int]] = {}
+    for number, item in enumerate(items):
+        groups.setdefault(kind(item), []).append(number)
+    return list(groups.values())
+
+
+def in_groups(
+    items: Sequence[Item],
+    kind: Callable[[Item], Hashable],
+    answer: Callable[[list[Item]], Sequence[Answer]],
+    *,
+    most: int | None = None,
+    seconds: "Seconds | None" = None,
+) -> list[Answer]:
+    """Answers to all items, of alike ones in one call.
+
+    Args:
+        items: in any order.
+        kind: of an item; those of equal kinds are alike.
+        answer: from alike items to as many answers.
+        most: items in one call, None for any number.
+        seconds: of the items, to which the time of the calls is added.
+
+    Returns:
+        The answers in the order of the items.
+    """
+    answers: dict[int, Answer] = {}
+    for numbers in grouped(items, kind):
+        for part in parts(numbers, most):
+            with seconds.shared(part) if seconds is not None else _untimed():
+                answers.update(zip(part, answer([items[number] for number in part]), strict=True))
+    return [answers[number] for number in range(len(items))]
+
+
+def parts(items: Sequence[Item], most: int | None) -> Iterator[Sequence[Item]]:
+    """The items in parts of at most so many; all of them in one for None."""
+    size = len(items) if most is None else most
+    for first in range(0, len(items), max(size, 1)):
+        yield items[first : first + size]
+
+
+def padded_count(count: int, least: int = 8) -> int:
+    """What a number of rows, nodes or calls is padded to, so that kernels compile for few sizes.
+
+    Args:
+        count: of what there is.
+        least: the smallest size but zero.
+
+    Returns:
+        Zero of none; else `least` doubled until there is room.
+    """
+    if count == 0:
+        return 0
+    size = least
+    while size < count:
+        size *= 2
+    return size
+
+
+class Seconds:
+    """What each of many has taken, s, without what was spent on compiling.
+
+    Attributes:
+        spent: (n,) s.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.spent = np.zeros(count)
+
+    @contextmanager
+    def shared(self, numbers: Sequence[int] | np.ndarray) -> Iterator[None]:
+        """Add an equal share of the time of a block to each of these."""
+        began = working_time()
+        yield
+        if len(numbers):
+            self.spent[np.asarray(numbers)] += (working_time() - began) / len(numbers)
+
+
+class Request(Protocol):
+    """What a run needs before it can go on."""
+
+    @property
+    def kind(self) -> Hashable:
+        """Requests of equal kinds can be answered in one call."""
+
+
+class Run(Protocol):
+    """Work that goes on step by step, each after an answer."""
+
+    def next_request(self) -> Any:
+        """The `Request` that is to be answered next; None at its end."""
+
+    def accept(self, answer: Any) -> None:
+        """Go on with the answer to the last request."""
+
+
+def run_all(
+    runs: Sequence[Run],
+    answer: Callable[[Sequence[int], list[Any]], Sequence[Any]],
+    *,
+    most: int,
+    seconds: Seconds | None = None,
+) -> None:
+    """Drive runs to their ends; always those go on that most of them wait for the same with.
+
+    Args:
+        runs: that have not begun, or wait for their next answers.
+        answer: from the numbers of some runs, and what they ask for, all of one kind, to as many answers.
+        most: requests that are answered in one call.
+        seconds: of the runs, to which each's own time is added, and its share of that of calls.
+    """
+    own = Seconds(len(runs)) if seconds is None else seconds
+    waiting: dict[Hashable, list[tuple[int, Any]]] = {}
+
+    def ask(number: int) -> None:
+        request = runs[number].next_request()
+        if request is not None:
+            waiting.setdefault(request.kind, []).append((number, request))
+
+    for number in range(len(runs)):
+        with own.shared([number]):
+            ask(number)
+    while waiting:
+        kind = max(waiting, key=lambda one: len(waiting[one]))
+        asked = waiting.pop(kind)
+        now, later = asked[:most], asked[most:]
+        if later:
+            waiting[kind] = later
+        numbers = [number for number, _ in now]
+        with own.shared(numbers):
+            answers = answer(numbers, [request for _, request in now])
+        for number, found in zip(numbers, answers, strict=True):
+            with own.shared([number]):
+                runs[number].accept(found)
+                ask(number)
+
+
+@contextmanager
+def _untimed() -> Iterator[None]:
+    yield
