@@ -802,7 +802,9 @@ HAND_OVER = jp.Scenario(
         acceleration_limit=deg(2),
     ),
     start=jp.GivenState(rotation_vector=[0, 0, 0], joints=np.zeros(6)),
-    goal=jp.Targets(directions=[[1, 0, 0], [0, 0, 1], [0, 0, -1]]),
+    goal=jp.Targets(  # tilted, or any axis across z would be as good
+        directions=[[1, 0, 0], [0, np.sin(deg(5)), np.cos(deg(5))], [0, -np.sin(deg(5)), -np.cos(deg(5))]]
+    ),
     keep_out=[jp.KeepOut(name="sun", direction=[0, 0.6, -0.8], half_angle=deg(30), devices=["star tracker"])],
 )
 

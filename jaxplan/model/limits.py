@@ -9,15 +9,17 @@ limit follows from the largest share of it that is taken, exactly (`time_factor`
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.vectors import cross
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.once import made_once
 
 _AXES = ("x", "y", "z")
 _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
@@ -209,6 +211,7 @@ QUANTITIES = (
 _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limit:
     """``|f| <= bound`` at every instant, for each component ``f`` of a quantity.
@@ -219,8 +222,8 @@ class Limit:
         bound: (c,) positive, in SI units.
     """
 
-    quantity: Quantity
-    owners: tuple[str, ...]
+    quantity: Quantity = field(metadata={"static": True})
+    owners: tuple[str, ...] = field(metadata={"static": True})
     bound: AnyArray
 
     def shares(self, motion: Kinematics) -> AnyArray:
@@ -237,6 +240,7 @@ class Limit:
         return tuple(f"platform {word} {owner}" for owner in self.owners)
 
 
+@made_once
 def limits(craft: Spacecraft) -> tuple[Limit, ...]:
     """All limits that a spacecraft has, in the order of `QUANTITIES`.
 

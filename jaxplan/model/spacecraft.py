@@ -160,11 +160,13 @@ class Spacecraft:
     wheel_momentum_limit: np.ndarray | None = None
 
     @property
+    @made_once
     def device_names(self) -> tuple[str, ...]:
         """Names of terminals, then instruments: the order of every device axis."""
         return tuple([t.name for t in self.terminals] + [i.name for i in self.instruments])
 
     @property
+    @made_once
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints in the order of the joint vector, such as ``terminal-1 yaw``."""
         return tuple(f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals)

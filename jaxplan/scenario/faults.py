@@ -95,32 +95,39 @@ def show(value: object) -> str:
     return "null" if value is None else _cut(str(value))
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Place:
     """A place in the file, where faults are noted.
+
+    There is one for every value that is read, and few have faults, so the path is spelled where it is told.
 
     Attributes:
         faults: the list that all places of a file share.
         devices: the names that other places refer to.
-        path: key path, empty for the file itself.
+        steps: keys and indices from the file to here, none for the file itself.
         show: a short text for a value.
         factor: what takes numbers of the file to the unit in which they are told.
     """
 
     faults: list[str]
     devices: DeviceNames
-    path: str = ""
+    steps: tuple[str | int, ...] = ()
     show: Callable[[object], str] = show
     factor: float = 1.0
 
+    @property
+    def path(self) -> str:
+        """Key path, empty for the file itself."""
+        spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_cut(s))}" for s in self.steps)
+        return "".join(spelled).removeprefix(".")
+
     def key(self, name: str) -> "Place":
         """The place of a key of this table."""
-        path = f"{self.path}.{spell_key(_cut(name))}".lstrip(".")
-        return Place(self.faults, self.devices, path, self.show)
+        return Place(self.faults, self.devices, (*self.steps, name), self.show)
 
     def item(self, index: int) -> "Place":
         """The place of an entry of this array."""
-        return Place(self.faults, self.devices, f"{self.path}[{index}]", self.show)
+        return Place(self.faults, self.devices, (*self.steps, index), self.show)
 
     def fault(self, complaint: str, value: object = _NOTHING) -> None:
         """Note that this value, or what stands here, is wrong.

@@ -20,7 +20,7 @@ from jaxplan.scenario.tables import Either, Field, Rows, Table
 _DIGITS = 12  # of a number that went to degrees and back
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class PythonPlace(Place):
     """A place in the tables of a scenario that was made in Python.
 
@@ -38,12 +38,12 @@ class PythonPlace(Place):
         """The place of a key of this table, by the attribute that it is written from."""
         field = next((field for field in _fields(self.kind) if field.key == name), None)
         if field is None:
-            return PythonPlace(self.faults, self.devices, super().key(name).path, self.show)
+            return PythonPlace(self.faults, self.devices, (*self.steps, name), self.show)
         in_file = unit_of(field.key) or ""
         return PythonPlace(
             self.faults,
             self.devices,
-            f"{self.path}.{field.held or field.attribute}".lstrip("."),
+            (*self.steps, *(field.held or field.attribute).split(".")),
             self.show,
             math.pi / 180 if "deg" in in_file else 1.0,
             kind=field.kind,
@@ -53,9 +53,9 @@ class PythonPlace(Place):
 
     def item(self, index: int) -> Place:
         """The place of an entry of this array."""
-        path = f"{self.path}[{self.first + index}]"
+        steps = (*self.steps, self.first + index)
         return PythonPlace(
-            self.faults, self.devices, path, self.show, self.factor, kind=self.kind, unit=self.unit
+            self.faults, self.devices, steps, self.show, self.factor, kind=self.kind, unit=self.unit
         )
 
     @property
@@ -66,11 +66,11 @@ class PythonPlace(Place):
     def told(self, value: object) -> str:
         """The value in Python's unit, which is told with it."""
         if isinstance(value, list):
-            return f"{super().told(value)} {self.unit}".rstrip()
+            return f"{Place.told(self, value)} {self.unit}".rstrip()
         if isinstance(value, bool) or not isinstance(value, int | float):
-            return super().told(value)
+            return Place.told(self, value)
         number = value if self.factor == 1 else float(f"{value * self.factor:.{_DIGITS}g}")
-        return f"{super().told(number)} {self.unit}".rstrip()
+        return f"{Place.told(self, number)} {self.unit}".rstrip()
 
 
 def python_root(devices: DeviceNames) -> PythonPlace:

@@ -8,6 +8,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 from jaxplan.given import a_or_an
@@ -128,17 +129,23 @@ class Table(Kind):
         """Likewise of another class with these attributes; one that is None by default may be left so."""
         before = len(place.faults)
         parts = {}
-        for part in fields(value):
-            content = getattr(value, part.name)
-            if content is not None or part.default is not None:
-                parts[part.name] = self._kind(part.name, content).take(content, place.key(part.name))
+        for name, may_miss in _parts(value.__class__):
+            content = getattr(value, name)
+            if content is None and may_miss:
+                continue
+            kinds = self._kinds.get(name) or (self.whole[name],)
+            kind = next((kind for kind in kinds if kind.holds(content)), kinds[0])
+            parts[name] = kind.take(content, place.key(name))
         return replace(value, **parts) if len(place.faults) == before else None
 
-    def _kind(self, attribute: str, content: Any) -> Kind:
-        """What an attribute is written as, or should be."""
-        kinds = [f.kind for f in self.fields if f.attribute == attribute and not f.resolved]
-        kinds = kinds or [self.whole[attribute]]
-        return next((kind for kind in kinds if kind.holds(content)), kinds[0])
+    @cached_property
+    def _kinds(self) -> dict[str, tuple[Kind, ...]]:
+        """What each attribute may be written as."""
+        found: dict[str, tuple[Kind, ...]] = {}
+        for entry in self.fields:
+            if not entry.resolved:
+                found[entry.attribute] = (*found.get(entry.attribute, ()), entry.kind)
+        return found
 
     def build(self, value: Any) -> Any:
         """The model of attributes read without fault; the class fills in its defaults."""
@@ -149,7 +156,6 @@ class Table(Kind):
     def write(self, value: Any) -> dict[str, Any]:
         """The table as the file holds it, without what the class fills in by itself."""
         values = self.split(value)
-        usual = self.defaults()
         written: dict[str, Any] = {}
         done: set[str] = set()
         for entry in self.fields:
@@ -159,16 +165,31 @@ class Table(Kind):
                 continue
             done.add(entry.attribute)
             text = entry.kind.write(content)
-            default = usual.get(entry.attribute)
-            if entry.always or default is None or repr(text) != repr(entry.kind.write(default)):
+            if entry.key not in self._usual or repr(text) != self._usual[entry.key]:
                 written[entry.key] = text
         return written
+
+    @cached_property
+    def _usual(self) -> dict[str, str]:
+        """By key, what is not written since the class fills it in."""
+        usual = {}
+        for entry in self.fields:
+            default = self.defaults().get(entry.attribute)
+            if not entry.always and default is not None and entry.kind.holds(default):
+                usual[entry.key] = repr(entry.kind.write(default))
+        return usual
 
     def defaults(self) -> dict[str, Any]:
         """What the model's class fills in, by attribute."""
         given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
         made = {f.name: f.default_factory() for f in fields(self.model) if f.default_factory is not MISSING}
         return given | made
+
+
+@lru_cache
+def _parts(model: type) -> tuple[tuple[str, bool], ...]:
+    """The fields of a class, and whether each may be left at None."""
+    return tuple((part.name, part.default is None) for part in fields(model))
 
 
 class Either(Kind):
