@@ -1,6 +1,9 @@
 """Margins and bounds of every kind of pair, against plain numpy and dense sampling."""
 
+from dataclasses import replace
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -22,6 +25,7 @@ from jaxplan.model.constraints import (
     scores,
     state_margins,
     thresholds,
+    worst_constraint,
 )
 
 RNG = np.random.default_rng(5)
@@ -158,6 +162,21 @@ def test_a_constraint_holds_as_its_best_entry_does_of_which_all_rows_must():
     assert np.all(np.isinf(found[:, [2, 3, 6]]))
     pairs = np.where(ROWS.bound, margin[0][:, None] + np.arange(SIGHTS.count), np.inf)
     np.testing.assert_array_equal(constraint_margins(ROWS, pairs), best_entries(ROWS, pairs.min(axis=1)))
+
+
+def test_the_worst_constraint_is_the_least_best_entry_however_entries_were_mixed():
+    mixed = replace(  # two constraints whose entries and rows take turns, and one by itself
+        ROWS, entry=np.array([0, 1, 0, 3, 1, 3, 6, 7]), group=np.array([0, 1, 0, 1, 1, 1, 0, 7])
+    )
+    wanted = np.arange(8) != 7
+    ordered = mixed.part(wanted)
+    margin = RNG.normal(size=(40, 8))
+    best = best_entries(mixed, margin)[:, :7].min(axis=1)
+    for kind in (np.asarray, jnp.asarray):
+        own = kind(np.where(ordered.zone >= 0, margin[:, ordered.zone], np.inf))
+        np.testing.assert_array_equal(worst_constraint(ordered, own), best.astype(own.dtype))
+        np.testing.assert_array_equal(best_entries(ordered, own).min(axis=1), best.astype(own.dtype))
+    assert worst_constraint(mixed.part(np.zeros(8, bool)), np.zeros((2, 0))).tolist() == [np.inf] * 2
 
 
 def test_what_is_not_a_number_counts_as_broken():

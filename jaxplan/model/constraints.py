@@ -223,15 +223,21 @@ class Constraints:
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 
     def part(self, which: np.ndarray) -> Self:
-        """The rows that are wanted, (Z,) bool, padded anew; of each constraint all or none."""
+        """The rows that are wanted, (Z,) bool, of each constraint all or none, padded anew.
+
+        Those of an entry lie side by side, and so do those of a constraint, as `worst_constraint` asks for.
+        """
         rows = np.flatnonzero(which)
+        rows = rows[np.lexsort((self.entry[rows], self.group[rows]))]
+        place = np.zeros(len(self.zone), int)
+        place[rows] = np.arange(len(rows))
         padding = np.arange(len(rows), capacity(len(rows)))
 
         def padded(values: np.ndarray, filling: Any) -> np.ndarray:
             own = np.asarray(values)[rows]
             return np.concatenate([own, np.broadcast_to(filling, (len(padding), *own.shape[1:]))])
 
-        paths = [path for row, path in enumerate(self.paths) if which[row]] + [None] * len(padding)
+        paths = [self.paths[row] for row in rows] + [None] * len(padding) if self.paths else []
         return replace(
             self,
             axis=padded(self.axis, [0.0, 0.0, 1.0]),
@@ -240,8 +246,8 @@ class Constraints:
             half_angle=padded(self.half_angle, 0.5),
             side=padded(self.side, 1.0),
             bound=padded(self.bound, False),
-            entry=np.concatenate([np.searchsorted(rows, self.entry[rows]), padding]),
-            group=np.concatenate([np.searchsorted(rows, self.group[rows]), padding]),
+            entry=np.concatenate([place[self.entry[rows]], padding]),
+            group=np.concatenate([place[self.group[rows]], padding]),
             zone=padded(self.zone, -1),
             paths=tuple(paths) if any(path is not None for path in paths) else (),
             inner=bool(np.any(self.frame[rows] != INERTIAL)),
@@ -384,6 +390,32 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
         of_entry = xp.min(xp.where(_same(rows.entry), margin[..., None, :], xp.inf), axis=-1, initial=xp.inf)
     best = xp.max(xp.where(_same(rows.group), of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
     return of_entry, best
+
+
+def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
+    """Smallest of `best_entries`, in one pass over the rows, which XLA fuses with what makes the margins.
+
+    Args:
+        rows: of which those of an entry, and those of a constraint, lie side by side.
+        margin: (..., Z) rad, or anything that is larger the better a row holds.
+
+    Returns:
+        (...); +inf where there are no rows.
+    """
+    xp, given = arrays(margin)
+    count = given.shape[-1]
+    worst = xp.full(given.shape[:-1], xp.inf)
+    of_entry = of_constraint = worst
+    for row in range(count):
+        own = given[..., row]
+        last = row == count - 1
+        of_entry = xp.where(rows.entry[row] == row, own, xp.minimum(of_entry, own))
+        before = xp.where(rows.group[row] == row, -xp.inf, of_constraint)
+        entry_ends = last or rows.entry[row + 1] == row + 1
+        of_constraint = xp.where(entry_ends, xp.maximum(before, of_entry), before)
+        constraint_ends = last or rows.group[row + 1] == row + 1
+        worst = xp.where(constraint_ends, xp.minimum(worst, of_constraint), worst)
+    return worst
 
 
 def _same(number: AnyArray) -> AnyArray:

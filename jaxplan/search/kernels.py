@@ -147,7 +147,7 @@ def _scores_between(rows: Constraints, sight: Sight, choice: Array, edges: bool)
 
 def _group_slacks(scene: Scene, slacks: Array) -> Array:
     """Smallest slack over all groups, (...), each group's best zone counting; slacks are (..., z)."""
-    return jnp.min(constraints.best_entries(scene.grouped_cones, slacks), axis=-1)
+    return jnp.asarray(constraints.worst_constraint(scene.grouped_cones, slacks))
 
 
 def _field_values(scene: Scene, made: Motions, fields: Array, choice: Array) -> list[Array]:
