@@ -11,6 +11,7 @@ Letters of axes as in `jaxplan.search.motions`.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, reduce
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -101,53 +102,71 @@ def _child_slacks(
     total = jnp.full((worst.shape[0], choice.shape[0]), jnp.inf)
     for device in devices:
         total = jnp.minimum(total, worst[:, choice[:, device], device])
-    if scene.grouped_cones.half_angle.shape[0]:  # a group's zone couples its devices at each instant
-        grouped = _scores(scene.grouped_cones, sight.grouped_axes, sight, edges)
-        between = _scores_between(scene.grouped_cones, sight, choice, edges)
-        threshold = jnp.broadcast_to(wanted[1], (grouped.shape[2], grouped.shape[4]))
-        for interval in range(grouped.shape[2]):
-            seen = [grouped[:, choice[:, device], interval, device] for device in devices]  # (a, m, z)
-            held = reduce(jnp.maximum, seen)
-            if between is not None:
-                held = jnp.where(scene.grouped_cones.frame == SIGHT, between[:, :, interval], held)
-            total = jnp.minimum(total, _group_slacks(scene, threshold[interval] - held))
+    if scene.grouped_cones.half_angle.shape[0]:
+        coupled = _coupled_slacks(scene, sight, choice, wanted[1][:, None, None], edges)
+        total = jnp.minimum(total, jnp.min(coupled, axis=0))
     return total
 
 
-def _scores_between(rows: Constraints, sight: Sight, choice: Array, edges: bool) -> Array | None:
-    """Scores of sights to each other, which depend on the joints of two devices: (a or 1, m, k or 1, z).
+def _coupled_slacks(scene: Scene, sight: Sight, choice: Array, wanted: Array, edges: bool) -> Array:
+    """Smallest slack over the rows that couple devices at each instant, on each interval, (k, a, m).
+
+    It goes from sample to sample, since tables of all children at all samples would be large, and a kernel
+    with every interval written out takes a minute to compile.
 
     Args:
-        rows: the constraints; only of those whose axis is a sight the answer means anything.
+        scene: the problem.
         sight: lines of sight along the motions.
         choice: (m, d) the option pair of each sight's joints.
+        wanted: (k, a or 1, 1, z) scores asked for; k is 1 for ends alone.
         edges: whether the whole motion counts, or its end alone.
-
-    Returns:
-        Those of the worst sight that each row binds; None where there are no such rows.
     """
-    if not rows.inner:
-        return None
+    rows = scene.grouped_cones
     devices = range(choice.shape[1])
+    axes, body, joints = (jnp.asarray(part) for part in (sight.grouped_axes, sight.body, sight.joints))
 
     def chosen(values: Array) -> Array:
-        """Of the options (..., o, ..., d) at axis 1 of the batch those of each child, (..., m, ..., d)."""
-        return jnp.stack([values[..., device][:, choice[:, device]] for device in devices], axis=-1)
+        """Of options (..., o, d) those of each child, (..., m, d)."""
+        return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
-    body = jnp.stack([chosen(component) for component in jnp.asarray(sight.body)])  # (3, a or 1, m, k, d)
-    score = constraints.scores(rows, dot(body[..., None], body[..., None, rows.partner]), 0.0)
-    if edges:
-        turn = jnp.zeros(())  # two sights are seen alike from wherever the platform turns
-        sag = constraints.score_curvature(rows, turn, chosen(sight.rate), chosen(sight.bend)) / 2
-        score = constraints.edge_bound(score[:, :, :-1], score[:, :, 1:], sag[:, :, None])
-    else:
-        score = score[:, :, -1:]
-    return _fold(jnp.maximum, jnp.where(rows.bound.T, score, -jnp.inf), 3, -jnp.inf)
+    def at(sample: ArrayLike) -> tuple[Array, Array | None]:
+        """Scores of each sight (a, o, d, z), and of sights to each other (a or 1, m, d, z)."""
+        seen = jnp.take(body, sample, axis=3)  # (3, a or 1, o, d)
+        values = constraints.joint_values(rows, jnp.take(joints, sample, axis=2)) if rows.inner else None
+        along = jnp.take(axes, sample, axis=2)[:, :, None, None]
+        alone = constraints.scores(rows, dot(along, seen[..., None]), values)
+        if not rows.inner:
+            return alone, None
+        both = chosen(seen)  # they depend on the joints of two devices
+        return alone, constraints.scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
 
+    def slack(alone: Array, between: Array | None, asked: Array) -> Array:
+        """Of the largest scores on an interval: (a, m)."""
+        bound = jnp.where(rows.bound.T, alone, -jnp.inf)
+        held = reduce(jnp.maximum, [bound[:, choice[:, device], device] for device in devices])
+        if between is not None:
+            worst = _fold(jnp.maximum, jnp.where(rows.bound.T, between, -jnp.inf), 2, -jnp.inf)
+            held = jnp.where(rows.frame == SIGHT, worst, held)
+        return jnp.asarray(constraints.worst_constraint(rows, asked - held))
 
-def _group_slacks(scene: Scene, slacks: Array) -> Array:
-    """Smallest slack over all groups, (...), each group's best zone counting; slacks are (..., z)."""
-    return jnp.asarray(constraints.worst_constraint(scene.grouped_cones, slacks))
+    if not edges:
+        return slack(*at(-1), wanted[0])[None]
+    own_sag, sag = sight.sag(rows), jnp.zeros(())
+    if rows.inner:  # two sights are seen alike from wherever the platform turns
+        sag = constraints.score_curvature(rows, sag, chosen(sight.rate), chosen(sight.bend)) / 2
+
+    def step(before: tuple[Array, Array | None], each: tuple[Array, Array]) -> tuple[Any, Array]:
+        sample, asked = each
+        now = at(sample)
+        alone = constraints.edge_bound(before[0], now[0], own_sag)
+        pairs = None
+        if before[1] is not None and now[1] is not None:
+            pairs = constraints.edge_bound(before[1], now[1], sag)
+        return now, slack(alone, pairs, asked)
+
+    intervals = axes.shape[2] - 1
+    asked = jnp.broadcast_to(wanted, (intervals, *wanted.shape[1:]))
+    return jax.lax.scan(step, at(0), (jnp.arange(1, intervals + 1), asked))[1]
 
 
 def _field_values(scene: Scene, made: Motions, fields: Array, choice: Array) -> list[Array]:
@@ -255,13 +274,9 @@ def interval_slacks(scene: Scene, sight: Sight, clearance: Array) -> Array:
     total = _fold(jnp.minimum, wanted - _fold(jnp.maximum, cosines, 2, -jnp.inf), 2, jnp.inf)
     if scene.grouped_cones.half_angle.shape[0]:
         asked = constraints.thresholds(scene.grouped_cones, clearance)
-        grouped = _scores(scene.grouped_cones, sight.grouped_axes, sight, edges=True)[:, 0]
-        held = _fold(jnp.maximum, grouped, 2, -jnp.inf)  # (a, k, z)
         alone = jnp.zeros((1, sight.body.shape[-1]), int)  # there is one option
-        between = _scores_between(scene.grouped_cones, sight, alone, edges=True)
-        if between is not None:
-            held = jnp.where(scene.grouped_cones.frame == SIGHT, between[:, 0], held)
-        total = jnp.minimum(total, _group_slacks(scene, asked - held))
+        coupled = _coupled_slacks(scene, sight, alone, jnp.moveaxis(asked, 1, 0)[:, :, None], True)
+        total = jnp.minimum(total, coupled[:, :, 0].T)
     return total
 
 
