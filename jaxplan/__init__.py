@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
+    from jaxplan.derivatives import differentiable
     from jaxplan.exporting import export
     from jaxplan.model.moving import DirectionPath
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
@@ -63,6 +64,7 @@ _HOMES = {
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.compiled",
+    "differentiable": "jaxplan.derivatives",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.sensitivity",
     "hold": "jaxplan.sensitivity",
@@ -112,6 +114,7 @@ __all__ = [
     "certify",
     "compare_studies",
     "compilation_cache",
+    "differentiable",
     "export",
     "follow",
     "hold",

@@ -3,7 +3,7 @@
 from typing import Any, NoReturn
 
 import jax
-import numpy as np
+import jax.numpy as jnp
 
 
 @jax.custom_jvp
@@ -21,5 +21,5 @@ def _refuse(*_: Any) -> NoReturn:
 def first_derivatives_only(tree: Any) -> Any:
     """The same tree, whose numbers cannot be differentiated; for use within a rule for tangents."""
     return jax.tree.map(
-        lambda leaf: _once(leaf) if np.issubdtype(np.result_type(leaf), np.floating) else leaf, tree
+        lambda leaf: _once(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, tree
     )

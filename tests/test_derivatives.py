@@ -1,0 +1,93 @@
+"""Tests of `jp.differentiable`: a plan as a function that needs no context, whatever JAX is set to."""
+
+import warnings
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxplan as jp
+
+
+@pytest.fixture(scope="module", autouse=True)
+def as_jax_is_set_by_default():
+    with jax.enable_x64(False):
+        yield
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return jp.plan(jp.paper_case(2), progress=False)
+
+
+@pytest.fixture(scope="module")
+def trajectory(plan):
+    return jp.differentiable(plan)
+
+
+@pytest.fixture(scope="module")
+def slopes(plan, trajectory):
+    """Of the effort, by JAX as it is set by default, and in 64 bits by `replan`."""
+    assert not jax.config.jax_enable_x64
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)  # JAX tells so of numbers that it cuts to 32 bits
+        narrow = jax.jit(jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario))))(plan.scenario)
+    with jax.enable_x64(True):
+        wide = jax.grad(lambda scenario: jp.measures.effort(jp.replan(trajectory.held, scenario)))(
+            plan.scenario
+        )
+    return narrow, wide
+
+
+def test_at_the_plans_own_scenario_it_is_the_plans_trajectory_in_64_bits(plan, trajectory):
+    found = trajectory(plan.scenario)
+    for own, other in zip(*(jax.tree.leaves(one) for one in (found, plan.trajectory)), strict=True):
+        assert isinstance(own, np.ndarray)
+        assert own.dtype == np.asarray(other).dtype
+    times = np.linspace(0, plan.trajectory.duration, 101)
+    before, now = plan.trajectory.sample(times), found.sample(times)
+    np.testing.assert_allclose(now.attitude, before.attitude, atol=1e-6)
+    np.testing.assert_allclose(now.joints, before.joints, atol=1e-6)
+
+
+def test_slopes_under_jit_are_those_in_64_bits_without_a_context(slopes):
+    narrow, wide = slopes
+    largest = max(float(np.max(np.abs(leaf), initial=0.0)) for leaf in jax.tree.leaves(wide))
+    assert largest > 0
+    for own, other in zip(*(jax.tree.leaves(one) for one in slopes), strict=True):
+        assert own.dtype == jnp.float32
+        np.testing.assert_allclose(own, other, rtol=1e-4, atol=1e-6 * largest)
+    assert narrow.trajectory.duration < 0  # more time, less effort
+
+
+def test_many_scenarios_are_followed_at_once(plan, trajectory):
+    durations = plan.scenario.trajectory.duration * jnp.array([1.0, 1.02])
+
+    def effort(scenario):
+        return jp.measures.effort(trajectory(scenario))
+
+    def at(duration):
+        settings = replace(plan.scenario.trajectory, duration=duration)
+        return effort(replace(plan.scenario, trajectory=settings))
+
+    together = jax.vmap(at)(durations)
+    np.testing.assert_allclose(together, [at(duration) for duration in durations], rtol=1e-6)
+    assert together[1] < together[0]
+
+
+def test_within_64_bits_it_is_replan_and_has_both_modes(plan, trajectory, slopes):
+    with jax.enable_x64(True):
+        _, slope = jax.jvp(
+            lambda scenario: jp.measures.effort(trajectory(scenario)), (plan.scenario,), (slopes[1],)
+        )
+    square = sum(float(np.sum(np.square(leaf))) for leaf in jax.tree.leaves(slopes[1]))
+    np.testing.assert_allclose(float(slope), square, rtol=1e-8)
+
+
+def test_what_is_no_plan_or_scenario_is_named(plan, trajectory):
+    with pytest.raises(TypeError, match="plan must be a Plan"):
+        jp.differentiable(plan.scenario)
+    with pytest.raises(TypeError, match="scenario must be a Scenario"):
+        trajectory(plan)
