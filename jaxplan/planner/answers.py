@@ -10,6 +10,7 @@ from jaxplan.certificate import Report
 from jaxplan.planner.chain import Query, Question
 from jaxplan.planner.check import ProofQuery, prove_batch
 from jaxplan.planner.clock import Clock
+from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
@@ -52,7 +53,10 @@ def _together(asked: Sequence[tuple[Question, Clock]], step: str) -> list[Answer
 def _many(questions: Sequence[Any], spent: np.ndarray) -> list[Answer]:
     """The answers to questions of one kind; the seconds of each are added to `spent` where they are known."""
     if isinstance(questions[0], Query):
-        return [*search_batch([one.scene for one in questions], [one.settings for one in questions], spent)]
+        seconds = Seconds(len(questions))
+        found = search_batch([one.scene for one in questions], [one.settings for one in questions], seconds)
+        spent += seconds.spent
+        return [*found]
     if isinstance(questions[0], FitQuery):
         return [*fit_batch(questions, spent)]
     return [*prove_batch(questions)]
