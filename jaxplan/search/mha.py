@@ -90,23 +90,25 @@ def _without_expansion(path: Path | None) -> SearchResult | None:
 def _searched(
     scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands, begin: float
 ) -> list[SearchResult]:
-    """The shortest paths of a few searches: a clear band where none of them finds one."""
+    """The shortest path of a few searches of each scene; a clear band where none of them finds one."""
     best = _race(scenes, settings, bands)
     for number, (scene, band) in enumerate(zip(scenes.scenes, bands, strict=True)):
         if best[number].path is None and band is not None and band.clear:
             best[number] = replace(best[number], status=Status.OK, path=band.path(scene))
     for attempt in count(1):
         spent = working_time() - begin
-        efforts = [
-            _further_effort(*one, attempt, spent) for one in zip(scenes.scenes, settings, best, strict=True)
-        ]
-        again = [number for number, effort in enumerate(efforts) if effort is not None]
-        if not again:
-            return best
-        effort = [one for one in efforts if one is not None]
-        for number, found in zip(again, _race(scenes.part(again), effort, picked(bands, again)), strict=True):
-            best[number] = _shorter(best[number], found)
-    raise AssertionError("the attempts have no end")
+        efforts = {
+            number: effort
+            for number, scene in enumerate(scenes.scenes)
+            if (effort := _further_effort(scene, settings[number], best[number], attempt, spent)) is not None
+        }
+        if not efforts:
+            break
+        again = list(efforts)
+        found = _race(scenes.part(again), list(efforts.values()), picked(bands, again))
+        for number, result in zip(again, found, strict=True):
+            best[number] = _shorter(best[number], result)
+    return best
 
 
 def _further_effort(
