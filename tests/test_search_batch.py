@@ -14,8 +14,20 @@ from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.planner.goals import find_goals
 from jaxplan.runtime.batching import Seconds
-from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, remove_planner, search_batch
-from jaxplan.search.calls import CALLS, POOL, Call, Kernel, Scenes
+from jaxplan.search import (
+    PLANNERS,
+    Scene,
+    SearchResult,
+    add_planner,
+    mha_rules,
+    remove_planner,
+    search_batch,
+)
+from jaxplan.search.calls import CALLS, POOL, Call, Kernel, Scenes, SearchRun
+from jaxplan.search.multi_heuristic import Search
+from jaxplan.search.rrt import Space
+from jaxplan.search.rrt_connect import Connect
+from jaxplan.search.rrt_star import Star
 
 REACH = Kernel(lambda scene, times, gate: times * scene.goal_joints)
 TURN = Kernel(lambda scene, gate: scene.goal_attitude[0])
@@ -37,6 +49,18 @@ class Tally:
             self.rounds, self.total = self.rounds - 1, self.total + answer
         else:
             self.row = answer
+
+
+def informed(scene: Scene, settings: SearchSettings) -> SearchRun:
+    return Search(scene, settings, mha_rules.rules(scene))
+
+
+def trees(scene: Scene, settings: SearchSettings) -> SearchRun:
+    return Connect(Space(scene, settings))
+
+
+def star(scene: Scene, settings: SearchSettings) -> SearchRun:
+    return Star(Space(scene, settings))
 
 
 def random_problem(seed: int, kind: str, **changes: object) -> tuple[Scene, SearchSettings]:
@@ -104,6 +128,14 @@ def test_a_batch_needs_settings_for_each_scene_and_may_be_empty():
 def test_a_time_limit_ends_the_searches_of_a_batch():
     problems = [random_problem(seed, "hard_keep_out", time_limit=1e-9) for seed in (10, 19)]
     assert Status.TIME_LIMIT in {answer.status for answer in search_batch(*zip(*problems, strict=True))}
+
+
+@pytest.mark.parametrize("make", [informed, trees, star])
+def test_a_run_that_is_out_of_time_ends_without_a_path(make):
+    scene, settings = random_problem(10, "hard_keep_out", time_limit=0.0)
+    run = make(scene, settings)
+    Scenes([scene]).run([run])
+    assert (run.result().status, run.result().path) == (Status.TIME_LIMIT, None)
 
 
 def test_each_search_is_told_the_time_it_took():
