@@ -23,7 +23,7 @@ from jaxplan.search import (
     remove_planner,
     search_batch,
 )
-from jaxplan.search.calls import CALLS, POOL, Call, Kernel, Scenes, SearchRun
+from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
 from jaxplan.search.multi_heuristic import Search
 from jaxplan.search.rrt import Space
 from jaxplan.search.rrt_connect import Connect
@@ -78,7 +78,7 @@ def assert_agree(first: SearchResult, second: SearchResult) -> None:
             )
 
 
-@pytest.mark.parametrize("scenes", [1, 2, CALLS + 3])
+@pytest.mark.parametrize("scenes", [1, 2, 4 * CPU_CALLS + 3])
 def test_a_batch_agrees_with_one_by_one_in_every_batch_shape(scenes):
     problems = [random_problem(k // 5, SKY_KINDS[k % 5], max_expansions=20) for k in range(scenes)]
     answers = search_batch(*zip(*problems, strict=True))

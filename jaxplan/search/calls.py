@@ -24,11 +24,19 @@ from jaxplan.display import shown
 from jaxplan.runtime.batching import Run, Seconds, in_groups, run_all
 from jaxplan.search.problem import Scene
 
-# Calls that are answered in one, and scenes that are stacked: fixed, so that the kernels compile once.
-CALLS, POOL = 32, 256
+# Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
+# accelerator as many as it computes side by side without taking longer. Fixed, so that kernels compile once.
+CPU_CALLS, ACCELERATOR_CALLS = 8, 32
+# Scenes that are stacked, fixed likewise.
+POOL = 256
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+
+
+def most_calls() -> int:
+    """Calls that are answered in one on JAX's default device."""
+    return CPU_CALLS if jax.default_backend() == "cpu" else ACCELERATOR_CALLS
 
 
 class Kernel:
@@ -52,12 +60,12 @@ class Kernel:
 
         Args:
             scenes: stacked, on the device.
-            places: (CALLS,) which scene each call is about.
+            places: (`most_calls`,) which scene each call is about.
             count: how many of the calls count.
-            arguments: of the calls, stacked (CALLS, ...).
+            arguments: of the calls, stacked likewise.
 
         Returns:
-            (CALLS, ...), of which the first `count` hold answers.
+            As many answers, of which the first `count` count.
         """
         vectorized = jax.default_backend() != "cpu"
         return np.asarray(self._many(scenes, places, count, True, *arguments, vectorized=vectorized))
@@ -137,7 +145,7 @@ class Scenes:
         """The answers to one call about each scene; to each scene its share of the time is added."""
         asked = list(zip(self._places, calls, strict=True))
         with jax.enable_x64(True), self.seconds.shared(self._places):
-            return in_groups(asked, lambda one: one[1].kind, self._stack.answers, most=CALLS)
+            return in_groups(asked, lambda one: one[1].kind, self._stack.answers, most=most_calls())
 
     def run(self, runs: Sequence[Run]) -> None:
         """Drive one run of each scene to its end."""
@@ -148,7 +156,7 @@ class Scenes:
                         runs[0].accept(self._stack.answers([(self._places[0], call)])[0])
                 return
             own = Seconds(len(runs))
-            run_all(runs, self._answers_of, most=CALLS, seconds=own)
+            run_all(runs, self._answers_of, most=most_calls(), seconds=own)
             self.seconds.spent[self._places] += own.spent
 
     def _answers_of(self, numbers: Sequence[int], calls: Sequence[Call]) -> list[np.ndarray]:
@@ -164,13 +172,13 @@ class _Stack:
         self._stacked: Scene | None = None
 
     def answers(self, calls: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
-        """The answers to at most CALLS calls of one kind, each with the number of its scene."""
+        """The answers to at most `most_calls` of one kind, each with the number of its scene."""
         if len(self._scenes) == 1:
             scene = self._scenes[0].on_device
             return [call.kernel(scene, *call.arguments) for _, call in calls]
         if self._stacked is None:
             self._stacked = _stacked(self._scenes)
-        padded = [*calls, *[calls[0]] * (CALLS - len(calls))]
+        padded = [*calls, *[calls[0]] * (most_calls() - len(calls))]
         places = np.array([number for number, _ in padded], np.int32)
         columns = zip(*(call.arguments for _, call in padded), strict=True)
         arguments = [np.stack(column) for column in columns]
