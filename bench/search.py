@@ -19,9 +19,9 @@ from _options import positive
 from jaxplan.cases import paper_case
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha_rules
+from jaxplan.search.calls import Scenes
 from jaxplan.search.fields import distance_fields
-from jaxplan.search.kernels import expand
-from jaxplan.search.lockstep import alone
+from jaxplan.search.kernels import expansion_call
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS
 from jaxplan.search.multi_heuristic import Rules, Search
 from jaxplan.search.tree import make_root
@@ -50,7 +50,8 @@ def expansion_times(repeats: int) -> None:
         print(f"children an expansion          {len(moves.turns) * len(moves.choice):10d}")
         nothing = median_us(lambda: np.asarray(empty(scene.on_device, *arguments)), repeats)
         print(f"an empty jitted call           {nothing:10.0f} us")
-        kernel = median_us(lambda: alone(scene, expand(*arguments, edges=True)), repeats)
+        call = expansion_call(node.packed, moves, clearance, fields, edges=True)
+        kernel = median_us(lambda: Scenes([scene]).answers([call]), repeats)
         print(f"the expansion kernel           {kernel:10.0f} us")
         whole = []
         rules = mha_rules.rules(scene)
@@ -61,18 +62,15 @@ def expansion_times(repeats: int) -> None:
 
 
 def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[float]:
-    """Seconds of each of 20 expansions: queues, moves, kernel, prices and the new block."""
-    search = Search(scene, settings, rules)
-    alone(scene, search._expand(make_root(scene), 0))
-    seconds = []
-    for count in range(20):
-        queue = 1 + count % 3
+    """Seconds of each of up to 20 expansions: queues, moves, kernel, prices and the new block."""
+    search, scenes = Search(scene, settings, rules), Scenes([scene])
+    seconds: list[float] = []
+    call = search.next_request()
+    while call is not None and len(seconds) < 20:
         begin = time.perf_counter()
-        search.queues[queue].min_key()
-        node = search._next(queue)
-        if node is not None:
-            alone(scene, search._expand(node, queue))
-            seconds.append(time.perf_counter() - begin)
+        search.accept(scenes.answers([call])[0])
+        call = search.next_request()
+        seconds.append(time.perf_counter() - begin)
     return seconds
 
 

@@ -17,7 +17,6 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
 from jaxplan.search.corners import between
-from jaxplan.search.lockstep import alone
 from jaxplan.search.problem import steps_between
 from jaxplan.search.rrt import INTERVALS, Space
 from jaxplan.search.samples import draw
@@ -228,7 +227,7 @@ def test_reach_is_sound_and_goes_as_far_as_the_motion_is_clear():
     first, second = np.tile(space.start, (40, 1)), space.draw(40)
     far = np.full((2, 40), 1e3)
     near = np.stack([np.zeros(40), np.full(40, 1e3)])
-    reached, tapered = (alone(scene, space.reach(first, second, ends, far)) for ends in (far, near))
+    reached, tapered = (space.reach(first, second, ends, far) for ends in (far, near))
     assert np.all(reached * INTERVALS == np.rint(reached * INTERVALS))
     assert np.all(tapered >= reached)
     for state, full, with_taper in zip(second, reached, tapered, strict=True):

@@ -248,6 +248,16 @@ def test_the_planner_of_the_example_finds_a_certified_plan(capsys):
     assert "by-way-of" not in PLANNERS
 
 
+def test_the_planner_of_the_example_for_many_finds_certified_plans():
+    try:
+        ran = runpy.run_path(str(DOCS / "examples" / "by_way_of_run.py"))
+        assert [plan.status.name for plan in ran["plans"]] == ["OK", "OK"]
+        assert all(plan.search.expansions > 0 for plan in ran["plans"])
+    finally:
+        if "by-way-of-run" in PLANNERS:
+            remove_planner("by-way-of-run")
+
+
 class Links(HTMLParser):
     """The places that a page links to, and those that links may go to."""
 

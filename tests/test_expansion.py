@@ -6,13 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.search import PLANNERS, mha_paper, mha_rules
+from jaxplan.search import PLANNERS, kernels, mha_paper, mha_rules
+from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
-from jaxplan.search.kernels import Expansion, expand, straight_slacks
-from jaxplan.search.lockstep import alone
+from jaxplan.search.kernels import Expansion, Moves, expansion_call, straight_call
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, steps_between
-from jaxplan.search.tree import Moves, Node, chosen, make_root
+from jaxplan.search.tree import Node, chosen, make_root
 from jaxplan.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
@@ -60,6 +60,17 @@ def grouped_scene() -> Scene:
     return scene_of(make_scenario(3, 1, keep_out=zones_at_hand(3, 1, 1, 3), keep_in=stations))
 
 
+def answer(scene: Scene, call: Call) -> np.ndarray:
+    return Scenes([scene]).answers([call])[0]
+
+
+def expanded(
+    scene: Scene, node: Node, moves: Moves, wanted: np.ndarray, table: np.ndarray, edges: bool
+) -> Expansion:
+    call = expansion_call(node.packed, moves, wanted, table, edges=edges)
+    return kernels.expansion(answer(scene, call), moves, edges=edges)
+
+
 def expansion(scene: Scene, rules, clearance: float, edges: bool, seed: int = 0):
     """A node's moves and what the kernel says of them."""
     node = make_root(scene)
@@ -67,8 +78,7 @@ def expansion(scene: Scene, rules, clearance: float, edges: bool, seed: int = 0)
     moves = rules.propose(scene, node, np.random.default_rng(seed), settings, LAST_SCALE)
     wanted = np.full(EDGE_INTERVALS + ONWARD_INTERVALS, clearance)
     table = no_fields(scene).table
-    tried = (moves.turns, moves.options, moves.choice)
-    return node, moves, alone(scene, expand(node.packed, *tried, wanted, table, edges=edges))
+    return node, moves, expanded(scene, node, moves, wanted, table, edges)
 
 
 def ends_of(scene: Scene, expansion: Expansion) -> Rotation:
@@ -121,7 +131,7 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
 def test_slack_of_the_straight_motion_is_sound_and_sharp_on_each_interval(name):
     scene = SCENES[name]()
     root = make_root(scene)
-    straight = alone(scene, straight_slacks(root.packed, np.full(STRAIGHT_INTERVALS, CLEARANCE)))
+    straight = answer(scene, straight_call(root.packed, np.full(STRAIGHT_INTERVALS, CLEARANCE)))
     along = edge_states(
         scene.start_attitude,
         root.joints,
@@ -159,7 +169,7 @@ def test_without_edges_what_lies_between_is_not_looked_at():
 def test_without_devices_nothing_is_in_the_way():
     zone = KeepOut(name="Sun", direction=np.array([1.0, 0, 0]), half_angle=0.5)
     scene = scene_of(make_scenario(0, 0, keep_out=(zone,)))
-    straight = alone(scene, straight_slacks(make_root(scene).packed, np.zeros(STRAIGHT_INTERVALS)))
+    straight = answer(scene, straight_call(make_root(scene).packed, np.zeros(STRAIGHT_INTERVALS)))
     assert np.all(straight == np.inf)
     found = expansion(scene, mha_rules, CLEARANCE, edges=True)[2]
     assert np.all(found.slacks == np.inf)
@@ -229,8 +239,7 @@ def test_fields_lead_around_zones():
     node = make_root(scene)
     moves = mha_rules.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
-    tried = (moves.turns, moves.options, moves.choice)
-    found = alone(scene, expand(node.packed, *tried, wanted, fields.table, edges=True))
+    found = expanded(scene, node, moves, wanted, fields.table, edges=True)
     joints = node.joints + chosen(moves.options[0], moves.choice)
     goal = boresights(scene, scene.goal_attitude[None], scene.goal_joints[None])[0, 0]
     for row, attitude in zip(found.fields[0], ends_of(scene, found).as_matrix(), strict=True):
@@ -247,9 +256,7 @@ def test_every_child_is_told_what_the_fields_say_where_its_move_ends(edges):
     table = rng.uniform(0, 3, (2, SIZE, SIZE))
     moves = mha_rules.propose(scene, node, rng, make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
-    found = alone(
-        scene, expand(node.packed, moves.turns, moves.options, moves.choice, wanted, table, edges=edges)
-    )
+    found = expanded(scene, node, moves, wanted, table, edges)
     ends = ends_of(scene, found).as_matrix()
     every = np.broadcast_to(moves.options, (len(ends), *moves.options.shape[1:]))
     count = len(moves.choice)

@@ -18,7 +18,8 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.check import certify, check_margins
-from jaxplan.planner.meeting import meet
+from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.meeting import Meeting
 from jaxplan.planner.sweeps import always, swept
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
@@ -373,15 +374,20 @@ def test_fits_that_do_not_settle_end_in_a_longer_time_or_miss_the_goal(scene, pl
     """Fits whose durations alternate, as where another number of intervals does."""
     asked = []
 
-    def fit(scenario, path, goal):
-        word = isinstance(scenario.trajectory.duration, str)
-        asked.append((scenario.trajectory.duration, goal.time, path.attitudes[-1]))
-        duration = (20.0, 22.0)[len(asked) % 2] if word else scenario.trajectory.duration
+    def fit(query):
+        word = isinstance(query.settings.duration, str)
+        asked.append((query.settings.duration, query.horizon, query.path.attitudes[-1]))
+        duration = (20.0, 22.0)[len(asked) % 2] if word else query.settings.duration
         curve = plans[80.0].trajectory.scaled(duration / 80.0)
         return Fit(trajectory=curve, status=jp.Status.OK if word else timed, message="")
 
     free = with_duration(scene, "stretched")
-    found = meet(free, plans[80.0].goal, plans[80.0].path, fit)
+    found = Meeting(free, plans[80.0].goal, plans[80.0].path)
+    while found.need is not None:
+        if isinstance(found.need, GoalQuery):
+            found.accept_goals(find_goals(free, found.need.time))
+        else:
+            found.accept_fit(fit(found.need))
     last, time, node = asked[-1]
     assert last == time == found.goal.time
     np.testing.assert_array_equal(node, found.goal.attitude)

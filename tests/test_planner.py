@@ -10,19 +10,21 @@ from scipy.spatial.transform import Rotation
 from trust import flights, golden
 
 import jaxplan as jp
+from jaxplan import so3
 from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Report
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner import chain, messages
+from jaxplan.planner import messages, rounds
+from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
 from jaxplan.planner.check import certify
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.results import trajectory_table
 from jaxplan.scenario import parse_scenario, with_settings
 from jaxplan.search import SearchResult, make_scene
-from jaxplan.trajectory import METHODS
+from jaxplan.trajectory import METHODS, Fit
 
 INSTANTS = 100_000
 
@@ -152,14 +154,18 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
     scenario = jp.paper_case(1)
     nearest, *others = find_goals(scenario)
     assert others
-    finish = chain.finish
+    fit_batch = rounds.fit_batch
 
-    def fail(so_far, path, clock):
-        if so_far.goal.slew_angle < nearest.slew_angle + 0.01:
-            return replace(so_far, status=jp.Status.UNCERTIFIED, message="it jumps")
-        return (yield from finish(so_far, path, clock))
+    def fail(queries, *rest):
+        jump = Fit(trajectory=None, status=jp.Status.UNCERTIFIED, message="it jumps")
+        near = nearest.attitude
+        fits = fit_batch(queries, *rest)
+        return [
+            jump if so3.distance(query.path.attitudes[-1], near) < 1e-6 else fit
+            for query, fit in zip(queries, fits, strict=True)
+        ]
 
-    monkeypatch.setattr(chain, "finish", fail)
+    monkeypatch.setattr(rounds, "fit_batch", fail)
     plan = jp.plan(scenario)
     assert plan.goal.slew_angle > nearest.slew_angle + 0.01
     assert "this is not the nearest goal" in plan.message
@@ -412,13 +418,15 @@ def test_a_search_without_success_names_the_setting_to_change_and_the_zone_in_th
 
 
 def test_a_search_whose_time_is_over_is_not_begun_again():
-    steps = chain.chain(jp.random_scenario(10, "hard_keep_out"), Clock(np.inf))
-    assert isinstance(next(steps), chain.Query)
-    late = SearchResult(status=jp.Status.TIME_LIMIT, path=None, expansions=7)
-    with pytest.raises(StopIteration) as end:
-        steps.send(late)
-    assert end.value.value.status is jp.Status.TIME_LIMIT
-    assert "7 expansions" in end.value.value.message
+    scenario = jp.random_scenario(10, "hard_keep_out")
+    tried = Attempts(scenario, Clock(np.inf))
+    assert isinstance(tried.need, GoalQuery)
+    tried.accept_goals(find_goals(scenario, tried.need.time))
+    assert isinstance(tried.need, SearchQuery)
+    tried.accept_path(SearchResult(status=jp.Status.TIME_LIMIT, path=None, expansions=7))
+    assert tried.need is None
+    assert tried.result().status is jp.Status.TIME_LIMIT
+    assert "7 expansions" in tried.result().message
 
 
 def test_a_ring_of_zones_around_the_goal_is_a_proof_that_no_path_exists():
@@ -565,7 +573,7 @@ def test_what_is_not_proved_is_never_ok(monkeypatch):
     assert plan.report.min_margin < 0
     assert plan.trajectory is not None
     assert "CZ" in plan.message
-    assert len(attempts) >= len(chain.LADDER)
+    assert len(attempts) >= len(LADDER)
     assert len({len(path.edge_costs) for path in attempts}) > 1, "with more nodes too"
 
 

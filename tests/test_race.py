@@ -6,39 +6,52 @@ import pytest
 from jaxplan.model.path import Path
 from jaxplan.model.status import Status
 from jaxplan.search.problem import SearchResult
-from jaxplan.search.race import race
+from jaxplan.search.race import Race
 
 PATH = Path(attitudes=np.eye(3)[None], joints=np.zeros((1, 2)), edge_costs=np.zeros(0))
 HEAD_START = 3
 
 
-def runner(name: str, calls: int, path: Path | None, log: list[str]):
+class Runner:
     """A search that makes some calls, writes each down, and then has a path or none."""
-    for number in range(calls):
-        log.append(name)
-        assert (yield name, number) == (name, number), "each gets the answers to its own calls"
-    return SearchResult(status=Status.OK if path else Status.NODE_LIMIT, path=path, expansions=calls)
+
+    def __init__(self, name: str, calls: int, path: Path | None, log: list[str]) -> None:
+        self.name, self.calls, self.path, self.log = name, calls, path, log
+        self.answered = 0
+
+    def next_request(self) -> tuple[str, int] | None:
+        if self.answered == self.calls:
+            return None
+        self.log.append(self.name)
+        return self.name, self.answered
+
+    def accept(self, answer: tuple[str, int]) -> None:
+        assert answer == (self.name, self.answered), "each gets the answers to its own calls"
+        self.answered += 1
+
+    def result(self) -> SearchResult:
+        assert self.answered == self.calls, "it is asked before its end"
+        status = Status.OK if self.path else Status.NODE_LIMIT
+        return SearchResult(status=status, path=self.path, expansions=self.calls)
 
 
 def run(first: int, second: int, *, first_finds: bool = True, second_finds: bool = True):
     log: list[str] = []
-    steps = race(
-        runner("first", first, PATH if first_finds else None, log),
-        runner("second", second, PATH if second_finds else None, log),
+    race = Race(
+        Runner("first", first, PATH if first_finds else None, log),
+        Runner("second", second, PATH if second_finds else None, log),
         head_start=HEAD_START,
     )
-    try:
-        call = next(steps)
-        while True:
-            call = steps.send(call)
-    except StopIteration as end:
-        return end.value, log
+    while (call := race.next_request()) is not None:
+        race.accept(call)
+    return race.result(), log
 
 
-def test_the_second_does_not_begin_before_the_head_start_is_over():
-    answer, log = run(HEAD_START, 1)
-    assert log == ["first"] * HEAD_START
-    assert (answer.path, answer.expansions) == (PATH, HEAD_START)
+@pytest.mark.parametrize("first", [0, 1, HEAD_START])
+def test_the_second_does_not_begin_before_the_head_start_is_over(first):
+    answer, log = run(first, 1)
+    assert log == ["first"] * first
+    assert (answer.path, answer.expansions) == (PATH, first)
 
 
 def test_they_take_turns_after_the_head_start():
@@ -47,7 +60,7 @@ def test_they_take_turns_after_the_head_start():
     assert all(a != b for a, b in pairwise(turns))
 
 
-@pytest.mark.parametrize(("first", "second", "calls"), [(50, 7, 7), (12, 40, 12)])
+@pytest.mark.parametrize(("first", "second", "calls"), [(50, 7, 7), (12, 40, 12), (50, 0, 0)])
 def test_the_first_path_ends_it(first, second, calls):
     answer, log = run(first, second)
     assert answer.expansions == calls
@@ -57,6 +70,8 @@ def test_the_first_path_ends_it(first, second, calls):
 def test_one_that_gives_up_leaves_the_turns_to_the_other():
     answer, log = run(5, 30, first_finds=False)
     assert (answer.path, log.count("first"), log.count("second")) == (PATH, 5, 30)
+    answer, log = run(0, 30, first_finds=False)
+    assert (answer.path, log.count("first"), log.count("second")) == (PATH, 0, 30)
     answer, log = run(30, 5, second_finds=False)
     assert (answer.path, log.count("first"), log.count("second")) == (PATH, 30, 5)
 

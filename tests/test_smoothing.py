@@ -10,16 +10,16 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import PLANNERS, Scene, mha_rules, multi_heuristic, smoothing
+from jaxplan.search.calls import Scenes
 from jaxplan.search.corners import make_path, subdivide
-from jaxplan.search.lockstep import alone
 from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, steps_between
-from jaxplan.search.smoothing import bends
+from jaxplan.search.smoothing import bands
 from jaxplan.search.smoothing.smoother import LENGTHENING
 from jaxplan.search.tree import make_root
 
 
 def smooth(scene: Scene, settings: SearchSettings, path: Path) -> Path:
-    return alone(scene, smoothing.smooth(scene, settings, path))
+    return smoothing.smooth(Scenes([scene]), [settings], [path])[0]
 
 
 def motion(scene: Scene, path: Path) -> float:
@@ -57,7 +57,7 @@ def blocked(terminals: int, instruments: int, seed: int = 0, share: float = 0.6)
 def found_path(scenario: Scenario, scene: Scene, **changes: object) -> Path:
     """A path that the search has found, and that nobody has cut short."""
     settings = replace(scenario.search, **changes)
-    return alone(scene, multi_heuristic.search(scene, settings, mha_rules.rules(scene))).path
+    return multi_heuristic.search_by(mha_rules.rules(scene), Scenes([scene]), [settings])[0].path
 
 
 def sampled_margins(scene: Scene, path: Path, samples: int = 17) -> np.ndarray:
@@ -182,10 +182,10 @@ def test_a_node_that_is_no_number_is_never_clear(lost):
     scenario = blocked(3, 0)
     scene = scene_of(scenario)
     path = found_path(scenario, scene)
-    attitudes, joints = bends.padded(path.attitudes, path.joints, bends.EDGES)
+    attitudes, joints = bands.padded(path.attitudes, path.joints, bands.EDGES)
     (attitudes if lost == "attitude" else joints)[5] = np.nan
     with jax.enable_x64(True):
-        margins, slacks = bends.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[:2]
+        margins, slacks = bands.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[:2]
     assert not np.any(margins[4:6] >= 0)
     assert not np.any(slacks[4:6] >= 0)
 

@@ -5,17 +5,22 @@ import numpy as np
 import jaxplan as jp
 from jaxplan.scenario import with_settings
 from jaxplan.search import add_planner
+from jaxplan.search.calls import Scenes
+from jaxplan.search.multi_heuristic import straight_paths
+from jaxplan.search.problem import SearchResult
 from jaxplan.search.rrt import Space
+from jaxplan.search.smoothing import smooth_results
 
 TRIES = 16  # random states that are looked at together
 
 
 def search(scene, settings):
     """Search a path that bends at most once."""
-    space = Space(scene, settings)
-    straight = yield from space.straight()
+    alone = Scenes([scene]), [settings]
+    (straight,) = straight_paths(*alone)
     if straight is not None:
-        return straight
+        return SearchResult(status=jp.Status.OK, path=straight, expansions=0)
+    space = Space(scene, settings)
     while (limit := space.spent()) is None:
         via = space.draw(min(TRIES, space.left))
         space.extensions += len(via)
@@ -24,13 +29,13 @@ def search(scene, settings):
         # In steps; they say how much clearance is wanted along the motions.
         none, whole = np.zeros(len(via)), space.distance(start, goal)
         out, back = space.distance(start, via), space.distance(via, goal)
-        there = yield from space.reach(start, via, (none, out), (whole, back))
-        onward = yield from space.reach(via, goal, (out, whole), (back, none))
+        there = space.reach(start, via, (none, out), (whole, back))
+        onward = space.reach(via, goal, (out, whole), (back, none))
         clear = (there == 1) & (onward == 1)
         if np.any(clear):
             best = np.argmin(np.where(clear, out + back, np.inf))
             corners = np.stack([space.start, via[best], space.goal])
-            return (yield from space.found(corners))
+            return smooth_results(*alone, [space.found(corners)])[0]
     return space.result(limit)
 
 

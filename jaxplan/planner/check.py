@@ -49,7 +49,7 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
 
 
 def prove_batch(queries: Sequence[ProofQuery]) -> list[Report]:
-    """Certify many trajectories; each report is the one it gets by itself, to the last bit."""
+    """Certify many trajectories, alike ones together."""
     reports = []
     for query, report in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (

@@ -3,7 +3,7 @@
 Where something moves, a goal is one at a time: the end of the manoeuvre.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,19 @@ from jaxplan.planner.validity import breaches
 
 CANDIDATES = 16
 """Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalQuery:
+    """Goals that are needed, see `find_goals`.
+
+    Attributes:
+        scenario: the problem.
+        time: s, when the manoeuvre ends; None where nothing moves.
+    """
+
+    scenario: Scenario
+    time: float | None
 
 
 def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:

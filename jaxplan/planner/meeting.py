@@ -5,8 +5,8 @@ the goal and the goal on the duration: fits and goals follow each other until bo
 since targets turn slowly. At last the motion is fitted in just the time after which its goal is there.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,35 +14,24 @@ from jaxplan.model.moments import known_until, moves
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, GivenState, Scenario
 from jaxplan.model.status import Status
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.chain import wanted_fit
+from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.record import Plan
-from jaxplan.trajectory import Fit, duration_bound
+from jaxplan.trajectory import Fit, FitQuery, duration_bound
 
+# Fits, each to the goal where the one before ends, after which duration and goal should agree.
 _ROUNDS = 5
-_SETTLED = 1e-2  # of the duration: it changes no more
-_LEISURE = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # of the duration, beyond the shortest, one after the other
-_DETOUR = 1.4  # of the bound, as a first guess of a duration
-_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that, where there is no goal then
-
-FitTo = Callable[[Scenario, Path, Goal], Fit]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Meeting:
-    """A motion, and the goal that it meets.
-
-    Attributes:
-        fit: of step 3.
-        goal: as it is when the motion ends.
-        path: with this goal for its last node.
-    """
-
-    fit: Fit
-    goal: Goal
-    path: Path
+# Share of the duration by which it may differ from the goal's time; below it the two agree.
+_SETTLED = 1e-2
+# Shares of the duration by which the motion is given more than the shortest time, one after the other.
+_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
+# Factor on the bound that is a first guess of a duration; it makes room for a detour.
+_DETOUR = 1.4
+# Factors on that guess, one after the other, where there is no goal then.
+_FACTORS = (1.0, 2.0, 0.6, 4.0)
 
 
-def guesses(scenario: Scenario) -> tuple[float | None, ...]:
+def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     """When the manoeuvre may end, s, the likeliest first: its duration alone where that is given.
 
     Args:
@@ -67,63 +56,91 @@ def guesses(scenario: Scenario) -> tuple[float | None, ...]:
     return tuple(float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS)
 
 
-def meet(scenario: Scenario, goal: Goal, path: Path, fit: FitTo) -> Meeting:
-    """A motion that ends at its goal when that is there.
+class Meeting:
+    """Fits and goals in turn, until a motion ends at its goal when that is there.
 
     Args:
         scenario: in which something moves.
         goal: where it is after a duration that is given, or guessed.
         path: to it.
-        fit: step 3 of a scenario along a path to a goal.
 
-    Returns:
-        The motion, perhaps along a path with another last node; GOAL_MISSED if none was found.
+    Attributes:
+        need: the fit or the goals that are needed next; None at the end.
+        fit: the last one; at the end without a trajectory, and GOAL_MISSED, if the goal is not met.
+        goal: as it is when the motion ends.
+        path: with this goal for its last node.
     """
-    if not isinstance(scenario.trajectory.duration, str):
-        return Meeting(fit=fit(scenario, path, goal), goal=goal, path=path)
 
-    def moved(meeting: Meeting, time: float) -> Meeting | None:
-        """The goal at another time, with the path to it; None if there is none any more."""
-        found = find_goals(scenario, time)
-        if isinstance(found, Plan):
-            return None
-        was = meeting.goal.attitude
-        nearest = min(found, key=lambda one: float(np.linalg.norm(one.attitude - was)))
-        return replace(meeting, goal=nearest, path=_ending(meeting.path, nearest))
+    def __init__(self, scenario: Scenario, goal: Goal, path: Path) -> None:
+        self.scenario, self.goal, self.path = scenario, goal, path
+        self.fit: Fit | None = None
+        self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
+        self._known, self._what = known_until(scenario)
+        self._durations: list[float] = []  # s, of the fits so far
+        self._settled = False  # duration and goal agree
+        self._slacks = list(_SLACKS)  # still to be tried
+        self._timed = False  # the motion is fitted in a given time
 
-    known, what = known_until(scenario)
-    durations: list[float] = []
-    now = Meeting(fit=fit(scenario, path, goal), goal=goal, path=path)
-    while True:
-        curve, expected = now.fit.trajectory, now.goal.time
-        if curve is None or now.fit.status is Status.LIMITS_TOO_TIGHT:
-            return now
-        if curve.duration > known:
-            return _missed(now, _unknown(what, known, curve.duration))
-        if curve.duration == 0:  # it is there from the start, and need not stay
-            then = moved(now, 0.0)
-            return _missed(now, _lost(0.0)) if then is None else replace(then, fit=now.fit)
-        durations.append(curve.duration)
-        settled = abs(curve.duration - expected) <= _SETTLED * expected
-        if settled or len(durations) == _ROUNDS:
-            break
-        then = moved(now, curve.duration)
-        if then is None:
-            return _missed(now, _lost(curve.duration))
-        now = replace(then, fit=fit(scenario, then.path, then.goal))
-    # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
-    needed = durations[-1] if settled else max(durations[-2:])
-    for leisure in _LEISURE:
-        time = min(needed * (1 + leisure), known)
-        then = moved(now, time)
-        if then is None:
-            return _missed(now, _lost(time))
-        now = replace(then, fit=fit(_timed(scenario, time), then.path, then.goal))
-        if now.fit.status is not Status.LIMITS_TOO_TIGHT:
-            return now
-        if time == known:
-            break
-    return now if settled else _missed(now, f"after {_ROUNDS} rounds fit and goal still follow each other")
+    def accept_fit(self, fit: Fit) -> None:
+        """Go on with the fit that was needed."""
+        self.fit, self.need = fit, None
+        if isinstance(self.scenario.trajectory.duration, str):
+            if self._timed:
+                self._after_timed_fit(fit)
+            else:
+                self._after_free_fit(fit)
+
+    def accept_goals(self, goals: Sequence[Goal] | None) -> None:
+        """Go on with the goals at the time that was asked for; None if there is none any more."""
+        assert isinstance(self.need, GoalQuery)
+        assert self.need.time is not None
+        time, self.need = self.need.time, None
+        if goals is None:
+            self._miss(f"the motion takes about {time:.4g} s, and after these there is no goal any more")
+            return
+        was = self.goal.attitude
+        self.goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - was)))
+        self.path = _ending(self.path, self.goal)
+        if time > 0:
+            scenario = _timed(self.scenario, time) if self._timed else self.scenario
+            self.need = wanted_fit(scenario, self.path, self.goal)
+
+    def _after_free_fit(self, fit: Fit) -> None:
+        """Ask for the goal where the motion ends; for a timed fit once the two agree, or often enough."""
+        curve, expected = fit.trajectory, self.goal.time
+        if curve is None or fit.status is Status.LIMITS_TOO_TIGHT:
+            return
+        if curve.duration > self._known:
+            self._miss(_unknown(self._what, self._known, curve.duration))
+            return
+        if curve.duration > 0:  # else it is there from the start, and need not stay
+            self._durations.append(curve.duration)
+            self._settled = abs(curve.duration - expected) <= _SETTLED * expected
+            if self._settled or len(self._durations) == _ROUNDS:
+                self._ask_for_slack()
+                return
+        self.need = GoalQuery(self.scenario, curve.duration)
+
+    def _after_timed_fit(self, fit: Fit) -> None:
+        """End with a motion that keeps its time; else ask for one with more slack."""
+        if fit.status is not Status.LIMITS_TOO_TIGHT:
+            return
+        if self._slacks and self.goal.time < self._known:
+            self._ask_for_slack()
+        elif not self._settled:
+            self._miss(f"after {_ROUNDS} rounds fit and goal still follow each other")
+
+    def _ask_for_slack(self) -> None:
+        """Ask for the goal at a time that is a little longer than the motion needs."""
+        # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
+        needed = self._durations[-1] if self._settled else max(self._durations[-2:])
+        self._timed = True
+        time = min(needed * (1 + self._slacks.pop(0)), self._known)
+        self.need = GoalQuery(self.scenario, time)
+
+    def _miss(self, message: str) -> None:
+        """End without a trajectory, since there is none whose end means anything."""
+        self.fit = Fit(trajectory=None, status=Status.GOAL_MISSED, message=message)
 
 
 def _timed(scenario: Scenario, time: float) -> Scenario:
@@ -145,15 +162,6 @@ def _ending(path: Path, goal: Goal) -> Path:
     attitudes, joints = np.array(path.attitudes), np.array(path.joints)
     attitudes[-1], joints[-1] = goal.attitude, goal.joints
     return replace(path, attitudes=attitudes, joints=joints)
-
-
-def _missed(meeting: Meeting, message: str) -> Meeting:
-    """Without a trajectory, since there is none whose end means anything."""
-    return replace(meeting, fit=Fit(trajectory=None, status=Status.GOAL_MISSED, message=message))
-
-
-def _lost(time: float) -> str:
-    return f"the motion takes about {time:.4g} s, and after these there is no goal any more"
 
 
 def _unknown(what: str, known: float, needed: float) -> str:

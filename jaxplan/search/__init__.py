@@ -1,22 +1,28 @@
-"""Step 2: a sequence of clear states from start to goal. Every planner has the same call and result."""
+"""Step 2: a sequence of clear states from start to goal. Every planner has the same call and result.
+
+`search_batch` is a function of many scenes, and each method of jaxplan one of many that are alike: a few
+stages, such as straight motions, elastic bands, searches, smoothing, each for all that are not settled yet.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+import jax
 import numpy as np
 
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
+from jaxplan.runtime.batching import Seconds, grouped, parts
 from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
-from jaxplan.search.lockstep import Steps, alone, together
+from jaxplan.search.calls import POOL, Scenes, SearchRun, completed, layout, picked
 from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
-Search = Callable[[Scene, SearchSettings], Steps[SearchResult]]
+Method = Callable[[Scenes, Sequence[SearchSettings]], list[SearchResult]]
 
-_SEARCHES: dict[str, Search] = {
+_METHODS: dict[str, Method] = {
     "mha": mha.search,
     "mha-paper": mha_paper.search,
     "wastar": wastar.search,
@@ -25,66 +31,93 @@ _SEARCHES: dict[str, Search] = {
 }
 
 
-def _steps(method: str, scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
-    """A search by a method; where an end is not made of numbers, it is over at once, without a path."""
-    if not np.isfinite(scene.straight_steps):
-        return SearchResult(status=Status.NODE_LIMIT, path=None, expansions=0)
-    return (yield from _SEARCHES[method](scene, settings))
-
-
 def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
-    return alone(scene, _steps(method, scene, settings))
+    return search_batch([scene], [replace(settings, method=method)])[0]
 
 
-PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _SEARCHES}
+PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _METHODS}
 """By name; a planner searches a scene with some settings, of which `method` does not count."""
 
 
-def add_planner(method: str, search: Search) -> None:
+def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchResult | SearchRun]) -> None:
     """Let scenarios of this process name a planner of one's own in ``search.method``.
 
     Args:
         method: its name.
-        search: a generator; from a scene and settings it yields a `lockstep.Call` wherever it needs a kernel,
-            is sent the answer, and returns the result.
+        search: from a scene and settings to the result; or to a `jaxplan.runtime.batching.Run` with
+            ``result()``, which asks for one `jaxplan.search.calls.Call` after the other, so that the calls
+            of many searches are answered together.
 
     Raises:
         ValueError: if there is a planner of that name.
     """
     if method in PLANNERS:
         raise ValueError(f"method = {method!r}: there is a planner of that name")
-    _SEARCHES[method], PLANNERS[method] = search, partial(_search, method)
+    _METHODS[method], PLANNERS[method] = partial(_search_with, search), partial(_search, method)
     SEARCH_METHODS.append(method)
 
 
 def remove_planner(method: str) -> None:
     """Forget a planner that `add_planner` added."""
-    del _SEARCHES[method], PLANNERS[method]
+    del _METHODS[method], PLANNERS[method]
     SEARCH_METHODS.remove(method)
 
 
-def search_batch(
-    scenes: Sequence[Scene], settings: Sequence[SearchSettings], spent: np.ndarray | None = None
+def _search_with(
+    search: Callable[[Scene, SearchSettings], SearchResult | SearchRun],
+    scenes: Scenes,
+    settings: Sequence[SearchSettings],
 ) -> list[SearchResult]:
-    """Search many scenes in lockstep, each by the method of its settings.
+    """Search scenes by a planner that was added, which answers at once or goes on call by call."""
+    answers = []
+    for number, (scene, own) in enumerate(zip(scenes.scenes, settings, strict=True)):
+        with scenes.seconds.shared([number]):
+            answers.append(search(scene, own))
+    runs = [None if isinstance(answer, SearchResult) else answer for answer in answers]
+    under_way = [number for number, run in enumerate(runs) if run is not None]
+    scenes.part(under_way).run([run for run in runs if run is not None])
+    return [answer if isinstance(answer, SearchResult) else answer.result() for answer in answers]
+
+
+def search_batch(
+    scenes: Sequence[Scene], settings: Sequence[SearchSettings], seconds: Seconds | None = None
+) -> list[SearchResult]:
+    """Search many scenes, each by the method of its settings, those alike together.
 
     Args:
-        scenes: the problems; those of equal padded sizes share their kernel calls.
+        scenes: the problems; those of one method and equal padded sizes share their kernel calls.
         settings: of each search. A time limit stands for its share: it ends a search after as many times
             that long as there are scenes.
-        spent: see `lockstep.together`.
+        seconds: of the searches, to which the time of each is added, of calls answered together an equal
+            share.
 
     Returns:
-        The same answers as one by one, on the CPU to the last bit, as long as no time limit ends a search.
+        Results that agree with those one by one, as long as no time limit ends a search. Where an end of a
+        scene is not made of finite numbers, there is no path.
 
     Raises:
         ValueError: if there are not as many settings as scenes.
     """
     if len(settings) != len(scenes):
         raise ValueError(f"settings: must be one a scene, {len(scenes)}, not {len(settings)}")
-    shared = [replace(one, time_limit=one.time_limit * len(scenes)) for one in settings]
-    searches = [_steps(one.method, scene, one) for scene, one in zip(scenes, shared, strict=True)]
-    return together(scenes, searches, spent)
+    lost = SearchResult(status=Status.NODE_LIMIT, path=None, expansions=0)
+    results = [None if np.isfinite(scene.straight_steps) else lost for scene in scenes]
+    share = [replace(own, time_limit=own.time_limit * len(scenes)) for own in settings]
+
+    def of_all(numbers: list[int]) -> list[SearchResult]:
+        """The results of scenes whose ends are finite."""
+        found: dict[int, SearchResult] = {}
+        for group in grouped(numbers, lambda number: (settings[number].method, layout(scenes[number]))):
+            for part in parts(picked(numbers, group), POOL):
+                alike = Scenes(picked(scenes, part))
+                own = picked(share, part)
+                found.update(zip(part, _METHODS[own[0].method](alike, own), strict=True))
+                if seconds is not None:
+                    seconds.spent[list(part)] += alike.seconds.spent
+        return [found[number] for number in numbers]
+
+    with jax.enable_x64(True):
+        return completed(results, of_all)
 
 
 __all__ = [

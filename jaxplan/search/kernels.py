@@ -23,8 +23,8 @@ from jaxplan import quaternion
 from jaxplan.geometry.vectors import dot
 from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT, Constraints
+from jaxplan.search.calls import Call, Kernel
 from jaxplan.search.fields import look_up
-from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import (
     EDGE_INTERVALS,
     STRAIGHT_INTERVALS,
@@ -37,6 +37,23 @@ from jaxplan.search.problem import Scene
 
 PLACE_COLUMNS = 7  # attitude relative to the start (4), rotation vector to the goal (3)
 HEURISTICS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """What an expansion tries: every attitude move with every joint move.
+
+    Attributes:
+        turns: (A, 3) rotation vectors, body axes.
+        options: (A or 1, 3, 2n) change of each joint under its three options, rad.
+        choice: (M, 2n) int32, the option of each joint in each joint move.
+        allowed: (A, M) bool, or None where nothing is ruled out beforehand.
+    """
+
+    turns: np.ndarray
+    options: np.ndarray
+    choice: np.ndarray
+    allowed: np.ndarray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,7 +213,7 @@ def _expand(
     *,
     edges: bool,
 ) -> Array:
-    """The answer of `expand` as one array."""
+    """The children of a node as one array, see `expansion`."""
     made = motions(scene, node, turns, options, choice, clearance, gate, onward=edges)
     terminals = scene.mounts.shape[0]
     pairs = 3 * choice[:, :terminals] + choice[:, terminals:]
@@ -224,35 +241,29 @@ def _expand(
 _EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False, True)}
 
 
-def expand(
-    node: np.ndarray,
-    turns: np.ndarray,
-    options: np.ndarray,
-    choice: np.ndarray,
-    clearance: np.ndarray,
-    fields: np.ndarray,
-    *,
-    edges: bool,
-) -> Steps[Expansion]:
-    """Ask for all children of a node, and whether the straight motion from each to the goal is clear.
+def expansion_call(
+    node: np.ndarray, moves: Moves, clearance: np.ndarray, fields: np.ndarray, *, edges: bool
+) -> Call:
+    """The call for all children of a node, and whether the straight motion from each to the goal is clear.
 
     Args:
         node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
             axes (3), joints.
-        turns: (A, 3) rotation vectors of the attitude moves, body axes.
-        options: (A or 1, 3, 2n) change of each joint under each of its three options, rad; under every
-            attitude move, or the same under all.
-        choice: (M, 2n) int, the option of each joint in each joint move.
+        moves: what is tried.
         clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, and onward.
         fields: (D, SIZE, SIZE) of `jaxplan.search.fields`; zeros where there are none.
         edges: whether zones hold over the whole edge, and the motion onward counts; or at nodes alone.
     """
-    packed = yield Call(_EXPANSIONS[edges], (node, turns, options, choice, clearance, fields))
-    first = len(turns) * PLACE_COLUMNS
-    numbers = packed[first:].reshape(-1, len(turns), len(choice))
+    return Call(_EXPANSIONS[edges], (node, moves.turns, moves.options, moves.choice, clearance, fields))
+
+
+def expansion(answer: np.ndarray, moves: Moves, *, edges: bool) -> Expansion:
+    """The children that the answer to an `expansion_call` of these moves tells of."""
+    first = len(moves.turns) * PLACE_COLUMNS
+    numbers = answer[first:].reshape(-1, len(moves.turns), len(moves.choice))
     last = 2 + HEURISTICS
     return Expansion(
-        packed[:first].reshape(-1, PLACE_COLUMNS),
+        answer[:first].reshape(-1, PLACE_COLUMNS),
         numbers[0],
         numbers[1],
         numbers[2:last],
@@ -288,14 +299,14 @@ def _straight_slacks(scene: Scene, node: Array, clearance: Array, gate: Array) -
     return interval_slacks(scene, sight, clearance[None])[0]
 
 
-def straight_slacks(node: np.ndarray, clearance: np.ndarray) -> Steps[np.ndarray]:
-    """Ask for the smallest slack on each interval of the straight motion from a node to the goal.
+def straight_call(node: np.ndarray, clearance: np.ndarray) -> Call:
+    """The call for the smallest slack on each interval of the straight motion from a node to the goal.
 
     Args:
-        node: (7 + 2n,) as for `expand`.
+        node: (7 + 2n,) as for `expansion_call`.
         clearance: (STRAIGHT_INTERVALS,) rad wanted.
 
     Returns:
-        (STRAIGHT_INTERVALS,), +inf without zones.
+        Its answer is (STRAIGHT_INTERVALS,), +inf without zones.
     """
-    return (yield Call(_straight_slacks, (node, clearance)))
+    return Call(_straight_slacks, (node, clearance))

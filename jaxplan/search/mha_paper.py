@@ -8,30 +8,30 @@ kept because the paper's tables are compared with it; it is incomplete, since no
 value again.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.search import multi_heuristic
+from jaxplan.search.calls import Scenes
 from jaxplan.search.fields import Fields
-from jaxplan.search.kernels import Expansion
-from jaxplan.search.lockstep import Steps
-from jaxplan.search.multi_heuristic import Rules
+from jaxplan.search.kernels import Expansion, Moves
+from jaxplan.search.multi_heuristic import Rules, search_by
 from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.tree import Moves, Node, chosen, unrotated
+from jaxplan.search.tree import Node, chosen, unrotated
 
 # Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.
 JOINT_MOVES = 64
 _UP, _STAY, _DOWN = 0, 1, 2
 
 
-def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
-    """Search a path with the printed method.
+def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with the printed method.
 
     Args:
-        scene: the problem.
-        settings: see `SearchSettings`; the clearance is not used.
+        scenes: the problems.
+        settings: of each; the clearance is not used.
 
     Returns:
         OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
@@ -39,7 +39,7 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
     rules = Rules(
         propose=propose, price=price, edges=False, shared=False, direct=False, queues=3, informed=False
     )
-    return multi_heuristic.search(scene, settings, rules)
+    return search_by(rules, scenes, settings)
 
 
 def propose(

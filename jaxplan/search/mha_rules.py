@@ -25,10 +25,10 @@ from jaxplan.geometry import rotations
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.spacecraft import joints_along
 from jaxplan.search.fields import Fields
-from jaxplan.search.kernels import Expansion
+from jaxplan.search.kernels import Expansion, Moves
 from jaxplan.search.multi_heuristic import Rules
 from jaxplan.search.problem import JOINT_RESERVE, Scene
-from jaxplan.search.tree import Moves, Node, unrotated
+from jaxplan.search.tree import Node, unrotated
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).

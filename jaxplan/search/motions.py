@@ -231,7 +231,7 @@ def motions(
     *,
     onward: bool,
 ) -> Motions:
-    """The moves from a node; arguments as for `kernels.expand`, and the gate."""
+    """The moves from a node; arguments as for `kernels.expansion_call`, and the gate."""
     terminals = scene.mounts.shape[0]
     since, joints = node[:4], node[None, None, 7:]
     yaw = jnp.repeat(options[..., :terminals], 3, axis=1)

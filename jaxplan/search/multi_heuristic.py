@@ -8,7 +8,7 @@ or, as printed, independent. The search ends when the best way found to the goal
 next key.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +17,14 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.stopwatch import working_time
+from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.corners import ARRIVED
 from jaxplan.search.fields import Fields, distance_fields, no_fields
-from jaxplan.search.kernels import Expansion, expand, straight_slacks
-from jaxplan.search.lockstep import Steps
+from jaxplan.search.kernels import Expansion, Moves, expansion, expansion_call, straight_call
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
-from jaxplan.search.tree import Children, Moves, Node, make_root, trace
+from jaxplan.search.tree import Children, Node, make_root, trace
 
 # Every so many turns the exploration queue has its own.
 EXPLORE_EVERY = 6
@@ -59,32 +59,48 @@ class Rules:
     informed: bool
 
 
-def try_straight(scene: Scene, settings: SearchSettings) -> Steps[Path | None]:
-    """The path straight to the goal, if it is as clear as wanted; one node if start and goal are the same."""
-    root = make_root(scene)
-    if root.ahead > ARRIVED:
-        slacks = yield from straight_slacks(root.packed, _taper(settings, root, _STRAIGHT, root.ahead))
-        if not np.all(slacks >= 0):
-            return None
-    return trace(scene, root)
+def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Path | None]:
+    """The straight motions to the goals, None where one is not as clear as wanted.
+
+    Where start and goal are the same, the path is one node.
+    """
+    roots = [make_root(scene) for scene in scenes.scenes]
+    paths = [
+        None if root.ahead > ARRIVED else trace(scene, root)
+        for scene, root in zip(scenes.scenes, roots, strict=True)
+    ]
+    tried = [number for number, path in enumerate(paths) if path is None]
+    calls = [_straight_call(roots[number], settings[number]) for number in tried]
+    for number, slacks in zip(tried, scenes.part(tried).answers(calls), strict=True):
+        if np.all(slacks >= 0):
+            paths[number] = trace(scenes.scenes[number], roots[number])
+    return paths
 
 
-def search(scene: Scene, settings: SearchSettings, rules: Rules) -> Steps[SearchResult]:
-    """Search a path from the scene's start to its goal.
+def _straight_call(root: Node, settings: SearchSettings) -> Call:
+    return straight_call(root.packed, _taper(settings, root, _STRAIGHT, root.ahead))
+
+
+def search_by(rules: Rules, scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene by one variant.
 
     Args:
-        scene: the problem.
-        settings: weights, limits of the effort, seed.
         rules: the variant.
+        scenes: the problems.
+        settings: of each: weights, limits of the effort, seed.
 
     Returns:
         OK with the path, or NODE_LIMIT or TIME_LIMIT without.
     """
-    return Search(scene, settings, rules).run()
+    runs = [Search(scene, own, rules) for scene, own in zip(scenes.scenes, settings, strict=True)]
+    scenes.run(runs)
+    return [run.result() for run in runs]
 
 
 class Search:
-    """One run: the queues, what has been expanded, and the best way to the goal so far.
+    """A search under way: the queues, what has been expanded, and the best way to the goal so far.
+
+    It is a `jaxplan.runtime.batching.Run` that asks for one expansion after the other.
 
     Attributes:
         expanded: the nodes, one after the other.
@@ -102,35 +118,58 @@ class Search:
         self.fields = no_fields(scene)
         self.goal_cost = float("inf")
         self.arrival: Node | None = None
+        self._root = make_root(scene)
+        self._root_queues = list(range(1 if rules.shared else rules.queues))  # that have yet to expand it
+        self._uninformed = rules.informed  # the distance fields are still to be computed
+        self._turn = 0
+        self._pending: tuple[Node, int, Moves] | None = None  # node, queue and moves that are being expanded
+        self._status: Status | None = None
+        self._deadline = working_time() + settings.time_limit
 
-    def run(self) -> Steps[SearchResult]:
-        """Expand until the goal is reached or the effort is spent."""
-        deadline = working_time() + self.settings.time_limit
-        root = make_root(self.scene)
-        if root.ahead <= ARRIVED:
-            return self._result(Status.OK, trace(self.scene, root))
-        for queue in range(1 if self.rules.shared else len(self.queues)):
-            if not self._spent():
-                yield from self._expand(root, queue)
-        if self.rules.informed and self.arrival is None and not self._spent():
-            self.fields = distance_fields(self.scene)
-            yield from self._expand(root, 0)
-        turn = 0
-        while True:
-            turn += 1
-            queue = (turn - 1) % (len(self.queues) - 1) + 1
-            if self.queues[queue].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
-                queue = 0
-            if self.arrival is not None and self.goal_cost <= self.queues[queue].min_key():
-                return self._result(Status.OK, trace(self.scene, self.arrival))
-            if self._spent():
-                return self._result(Status.NODE_LIMIT)
-            if working_time() >= deadline:
-                return self._result(Status.TIME_LIMIT)
-            explore = self.rules.informed and turn % EXPLORE_EVERY == 0
-            node = self._any() if explore else self._next(queue)
-            if node is not None:
-                yield from self._expand(node, queue)
+    def next_request(self) -> Call | None:
+        """The call that expands the next node; None once there is a path, or the effort is spent."""
+        if self._root.ahead <= ARRIVED:
+            self.arrival, self._status = self._root, Status.OK
+        while self._status is None:
+            chosen = self._choose()
+            if chosen is not None:
+                return self._expansion(*chosen)
+        return None
+
+    def result(self) -> SearchResult:
+        """OK with the path, or NODE_LIMIT or TIME_LIMIT without."""
+        assert self._status is not None, "the search is under way"
+        found = self._status is Status.OK and self.arrival is not None
+        path = trace(self.scene, self.arrival) if found and self.arrival is not None else None
+        return SearchResult(
+            status=self._status, path=path, expansions=len(self.expanded), queue_expansions=self.counts
+        )
+
+    def _choose(self) -> tuple[Node, int] | None:
+        """The node to expand and the queue that asks for it; None after a turn without one, or at the end."""
+        if self._root_queues and not self._spent():
+            return self._root, self._root_queues.pop(0)
+        if self._uninformed and self.arrival is None and not self._spent():
+            self._uninformed, self.fields = False, distance_fields(self.scene)
+            return self._root, 0
+        self._turn += 1
+        queue = (self._turn - 1) % (len(self.queues) - 1) + 1
+        if self.queues[queue].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
+            queue = 0
+        self._status = self._ending(self.queues[queue].min_key())
+        if self._status is not None:
+            return None
+        explore = self.rules.informed and self._turn % EXPLORE_EVERY == 0
+        node = self._any() if explore else self._next(queue)
+        return None if node is None else (node, queue)
+
+    def _ending(self, key: float) -> Status | None:
+        """The status with which the search ends before it expands a node of this key, if it does."""
+        if self.arrival is not None and self.goal_cost <= key:
+            return Status.OK
+        if self._spent():
+            return Status.NODE_LIMIT
+        return Status.TIME_LIMIT if working_time() >= self._deadline else None
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -140,11 +179,6 @@ class Search:
     def _spent(self) -> bool:
         """Whether all expansions have been made."""
         return len(self.expanded) >= self.settings.max_expansions
-
-    def _result(self, status: Status, path: Path | None = None) -> SearchResult:
-        return SearchResult(
-            status=status, path=path, expansions=len(self.expanded), queue_expansions=self.counts
-        )
 
     def _any(self) -> Node | None:
         """An open node, whatever its key."""
@@ -167,29 +201,30 @@ class Search:
         best[state] = node.cost
         return node
 
-    def _expand(self, node: Node, queue: int) -> Steps[None]:
-        """Make a node's children and push those that keep clear."""
+    def _expansion(self, node: Node, queue: int) -> Call:
+        """The call that makes a node's children."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
-        expansion = yield from expand(
-            node.packed,
-            moves.turns,
-            moves.options,
-            moves.choice,
-            self._clearance(node, moves),
-            self.fields.table,
-            edges=self.rules.edges,
+        self._pending = node, queue, moves
+        return expansion_call(
+            node.packed, moves, self._clearance(node, moves), self.fields.table, edges=self.rules.edges
         )
-        costs, heuristics = self.rules.price(self.scene, expansion, self.fields)
-        children = Children(node, moves, expansion, node.cost + costs)
-        ahead = expansion.heuristics[0]
+
+    def accept(self, answer: np.ndarray) -> None:
+        """Push the children of the node that is being expanded, those that keep clear."""
+        assert self._pending is not None
+        (node, queue, moves), self._pending = self._pending, None
+        made = expansion(answer, moves, edges=self.rules.edges)
+        costs, heuristics = self.rules.price(self.scene, made, self.fields)
+        children = Children(node, moves, made, node.cost + costs)
+        ahead = made.heuristics[0]
         self.expanded.append(node)
         self.asked.append(queue)
-        valid = (expansion.slacks >= 0) & (expansion.steps > 0)  # staying altogether leads nowhere
+        valid = (made.slacks >= 0) & (made.steps > 0)  # staying altogether leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
         arrived = ahead <= ARRIVED
-        if self.rules.direct and expansion.onward is not None:
-            arrived |= expansion.onward >= 0
+        if self.rules.direct and made.onward is not None:
+            arrived |= made.onward >= 0
         arrived &= valid
         if arrived.any():
             best = int(np.where(arrived, children.costs + ahead, np.inf).argmin())

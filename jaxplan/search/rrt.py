@@ -11,6 +11,8 @@ the other planners. How far a state is from the root is known along its tree; fr
 at least the straight distance, which then counts.
 """
 
+from collections.abc import Callable, Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -20,14 +22,14 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.stopwatch import working_time
+from jaxplan.search.calls import Call, Kernel, Scenes, SearchRun, completed, picked
 from jaxplan.search.corners import subdivide
 from jaxplan.search.kernels import interval_slacks
-from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.motions import sight_between
-from jaxplan.search.multi_heuristic import try_straight
+from jaxplan.search.multi_heuristic import straight_paths
 from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult, steps_between
 from jaxplan.search.samples import draw
-from jaxplan.search.smoothing import smooth
+from jaxplan.search.smoothing import smooth_results
 
 INTERVALS = 32
 # Motions of a jitted call: few for single samples, many for neighbourhoods.
@@ -46,6 +48,19 @@ def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array
     clear = interval_slacks(scene, sight, clearance) >= 0
     certain = jnp.sum(turns * turns, axis=-1) < (jnp.pi - HALF_TURN) ** 2
     return jnp.sum(jnp.cumprod(clear.at[:, -1].min(certain), axis=-1), axis=-1)
+
+
+def reached(answer: np.ndarray, count: int) -> np.ndarray:
+    """How far straight motions are clear, by the answer to a `Space.reach_call`.
+
+    Args:
+        answer: of the kernel.
+        count: of the motions.
+
+    Returns:
+        (count,) fraction of each motion, a multiple of ``1 / INTERVALS``, up to which it is clear.
+    """
+    return answer[:count] / INTERVALS
 
 
 class Tree:
@@ -134,33 +149,42 @@ class Space:
 
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
-    ) -> Steps[np.ndarray]:
-        """How far straight motions are clear.
+    ) -> np.ndarray:
+        """How far straight motions are clear, asked at once; arguments as of `reach_call`, for any b.
+
+        Returns:
+            (b,), see `reached`.
+        """
+        found = []
+        for begin in range(0, len(first), MANY):
+            part = slice(begin, begin + MANY)
+            ends = np.asarray(from_start)[:, part], np.asarray(from_goal)[:, part]
+            call = self.reach_call(first[part], second[part], *ends)
+            found.append(reached(Scenes([self.scene]).answers([call])[0], len(first[part])))
+        return np.concatenate(found)
+
+    def reach_call(
+        self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
+    ) -> Call:
+        """The call that tells how far straight motions are clear, see `reached`.
 
         Args:
-            first: (b, 4 + 2n) where they begin.
+            first: (b, 4 + 2n) where they begin; b is at most MANY.
             second: (b, 4 + 2n) where they end.
             from_start: (2, b) steps from the start to both ends, for the clearance.
             from_goal: (2, b) likewise from the goal.
 
-        Returns:
-            (b,) fraction of each motion, a multiple of ``1 / INTERVALS``, up to which it is clear.
+        Raises:
+            ValueError: for more than MANY motions.
         """
+        count = len(first)
+        if count > MANY:
+            raise ValueError(f"at most {MANY} motions are checked in a call, not {count}")
+        missing = (FEW if count <= FEW else MANY) - count
+        still = np.tile(self.start, (missing, 1))
         clearance = self._clearance(self.distance(first, second), from_start, from_goal)
-        clear = np.empty(len(first))
-        rows = FEW if len(first) <= FEW else MANY
-        padded = [np.tile(self.start, (rows, 1)), np.tile(self.start, (rows, 1)), np.zeros((rows, INTERVALS))]
-        for begin in range(0, len(first), rows):
-            part = slice(begin, min(begin + rows, len(first)))
-            count = part.stop - begin
-            padded[0][:count], padded[1][:count], padded[2][:count] = (
-                first[part],
-                second[part],
-                clearance[part],
-            )
-            answer = yield Call(_clear_intervals, tuple(padded))
-            clear[part] = answer[:count]
-        return clear / INTERVALS
+        padded = [(first, still), (second, still), (clearance, np.zeros((missing, INTERVALS)))]
+        return Call(_clear_intervals, tuple(np.concatenate(part) for part in padded))
 
     def _clearance(self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray) -> np.ndarray:
         """Clearance wanted on each interval, (b, INTERVALS) rad."""
@@ -173,19 +197,46 @@ class Space:
         lowest = np.minimum(steps[:, :-1], steps[:, 1:])
         return self.settings.clearance * np.minimum(lowest / TAPER_STEPS, 1.0)
 
-    def straight(self) -> Steps[SearchResult | None]:
-        """The answer where the straight motion from start to goal is clear, or they are the same."""
-        path = yield from try_straight(self.scene, self.settings)
-        return None if path is None else self.result(Status.OK, path)
-
-    def found(self, corners: np.ndarray) -> Steps[SearchResult]:
-        """The answer OK with the path along corners (k, 4 + 2n), smoothed."""
-        path = subdivide(self.scene, corners)
-        smoothed = yield from smooth(self.scene, self.settings, path)
-        return self.result(Status.OK, smoothed)
-
     def result(self, status: Status, path: Path | None = None) -> SearchResult:
         """The answer."""
         return SearchResult(
             status=status, path=path, expansions=self.extensions, queue_expansions=(self.extensions,)
         )
+
+    def found(self, corners: np.ndarray) -> SearchResult:
+        """The result OK with the path along corners (k, 4 + 2n)."""
+        return self.result(Status.OK, subdivide(self.scene, corners))
+
+
+def search_by_trees(
+    grow: Callable[[Space], SearchRun], scenes: Scenes, settings: Sequence[SearchSettings]
+) -> list[SearchResult]:
+    """Search paths by trees: the straight motions first, then a run of each scene left, and smoothing.
+
+    Args:
+        grow: from a space to the run that grows its trees.
+        scenes: the problems.
+        settings: of each: limits of the effort, clearance and seed.
+
+    Returns:
+        OK with a path whose every edge is clear, or why there is none.
+    """
+
+    def grown(rest: list[int]) -> list[SearchResult]:
+        return _grown(grow, scenes.part(rest), picked(settings, rest))
+
+    return completed([_straight(path) for path in straight_paths(scenes, settings)], grown)
+
+
+def _straight(path: Path | None) -> SearchResult | None:
+    if path is None:
+        return None
+    return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,))
+
+
+def _grown(
+    grow: Callable[[Space], SearchRun], scenes: Scenes, settings: Sequence[SearchSettings]
+) -> list[SearchResult]:
+    runs = [grow(Space(*one)) for one in zip(scenes.scenes, settings, strict=True)]
+    scenes.run(runs)
+    return smooth_results(scenes, settings, [run.result() for run in runs])

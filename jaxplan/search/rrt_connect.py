@@ -9,13 +9,17 @@ straight motion from start to goal is tried first, and the path is smoothed at t
 An expansion is one extension, the attempt of either tree to grow towards one state.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.status import Status
+from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.corners import between
-from jaxplan.search.lockstep import Steps
-from jaxplan.search.problem import Scene, SearchResult
-from jaxplan.search.rrt import FEW, LEAST, Space, Tree
+from jaxplan.search.problem import SearchResult
+from jaxplan.search.rrt import FEW, LEAST, Space, Tree, reached, search_by_trees
 
 SAMPLES = FEW
 # Steps that a tree grows at most towards a random state.
@@ -24,74 +28,149 @@ RANGE = 10.0
 SPACING = 5.0
 
 
-def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
-    """Search a path with RRT-Connect.
+def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with RRT-Connect.
 
     Args:
-        scene: the problem.
-        settings: limits of the effort, clearance and seed; the weights and moves are not used.
+        scenes: the problems.
+        settings: of each: limits of the effort, clearance and seed; the weights and moves are not used.
 
     Returns:
         OK with a path whose every edge is clear, or why there is none.
     """
-    space = Space(scene, settings)
-    straight = yield from space.straight()
-    return straight or (yield from connect(space))
+    return search_by_trees(Connect, scenes, settings)
 
 
-def connect(space: Space) -> Steps[SearchResult]:
-    """Grow the trees until they meet or the effort is spent."""
-    trees, side = (Tree(space.start), Tree(space.goal)), 0
-    while (limit := space.spent()) is None:
-        tree, other = trees[side], trees[1 - side]
-        grown, _ = yield from _grow(space, tree, space.draw(min(SAMPLES, space.left)), RANGE, side)
-        new = grown[grown >= 0][: space.left]
-        if len(new):
-            met, whole = yield from _grow(space, other, tree.states[new], np.inf, 1 - side)
-            if np.any(whole):
-                costs = np.where(whole, tree.costs[new] + other.costs[met], np.inf)
-                best = int(np.argmin(costs))
-                mine = tree.states[tree.branch(int(new[best]))]
-                rest = other.states[other.branch(int(met[best]))][-2::-1]  # what they share is there once
-                corners = np.concatenate([mine, rest])
-                return (yield from space.found(corners if side == 0 else corners[::-1]))
-        side = 1 - side
-    return space.result(limit)
+class Connect:
+    """Two trees that grow until they meet or the effort is spent.
 
-
-def _grow(
-    space: Space, tree: Tree, targets: np.ndarray, longest: float, side: int
-) -> Steps[tuple[np.ndarray, np.ndarray]]:
-    """Grow a tree towards states, from the nearest node each, as far as the motion is clear.
+    It is a `jaxplan.runtime.batching.Run`. A turn has two calls: one tree grows towards random states, then
+    the other towards the new nodes of the first.
 
     Args:
         space: the problem.
-        tree: from the start or the goal.
-        targets: (k, 4 + 2n).
-        longest: steps.
-        side: 0 if the tree's root is the start, 1 if it is the goal.
-
-    Returns:
-        (k,) places of the new nodes, -1 where there was no way; (k,) whether the targets themselves were
-        reached.
     """
-    space.extensions += len(targets)
-    near = space.nearest(tree, targets)
-    begin, costs = tree.states[near], tree.costs[near]
-    distance = space.distance(begin, targets)
-    part = np.minimum(1.0, longest / np.maximum(distance, 1e-300))
-    end, length = between(begin, targets, part), part * distance
-    far_root = space.start if side else space.goal
-    ways = [np.stack([costs, costs + length]), space.distance(np.stack([begin, end]), far_root)]
-    clear = yield from space.reach(begin, end, ways[side], ways[1 - side])
-    whole = (clear == 1) & (part == 1)
-    places = np.full(len(targets), -1)
-    for i in np.flatnonzero(whole | (clear * length >= LEAST)):
-        count = max(int(clear[i] * length[i] / SPACING), 1)
-        fraction = clear[i] * np.arange(1, count + 1) / count
-        nodes = between(np.tile(begin[i], (count, 1)), np.tile(end[i], (count, 1)), fraction)
-        place = int(near[i])
-        for node, cost in zip(nodes, costs[i] + fraction * length[i], strict=True):
-            place = tree.add(node, place, float(cost))
-        places[i] = place
-    return places, whole
+
+    def __init__(self, space: Space) -> None:
+        self.space = space
+        self.trees = Tree(space.start), Tree(space.goal)
+        self._side = 0  # of the tree whose turn it is
+        self._new: np.ndarray | None = None  # its new nodes, which the other tree grows towards next
+        self._growth: _Growth | None = None  # that the last call is about
+        self._corners: np.ndarray | None = None  # of the path
+        self._limit: Status | None = None
+
+    def next_request(self) -> Call | None:
+        """The call that tells how far a tree can grow; None once the trees have met, or at a limit."""
+        space, side = self.space, self._side
+        if self._corners is not None:
+            return None
+        if self._new is not None:
+            targets = self.trees[side].states[self._new]
+            self._growth = _Growth.towards(space, self.trees[1 - side], targets, np.inf, 1 - side)
+        elif (limit := space.spent()) is not None:
+            self._limit = limit
+            return None
+        else:
+            targets = space.draw(min(SAMPLES, space.left))
+            self._growth = _Growth.towards(space, self.trees[side], targets, RANGE, side)
+        return self._growth.call
+
+    def accept(self, answer: np.ndarray) -> None:
+        """Add the nodes that the clear part of the motions leads to."""
+        assert self._growth is not None
+        nodes, whole = self._growth.add(answer)
+        if self._new is None:
+            new = nodes[nodes >= 0][: self.space.left]
+            if len(new):
+                self._new = new
+                return
+        elif np.any(whole):
+            self._corners = self._through(self._new, nodes, whole)
+        self._new, self._side = None, 1 - self._side
+
+    def result(self) -> SearchResult:
+        """OK with the path, not smoothed; or the limit that was reached."""
+        if self._corners is not None:
+            return self.space.found(self._corners)
+        assert self._limit is not None, "the trees are growing"
+        return self.space.result(self._limit)
+
+    def _through(self, new: np.ndarray, met: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        """Corners of the cheapest way on which the trees have met.
+
+        Args:
+            new: (k,) nodes of the tree whose turn it is.
+            met: (k,) nodes of the other at the same states.
+            whole: (k,) whether it has arrived there.
+        """
+        tree, other = self.trees[self._side], self.trees[1 - self._side]
+        best = int(np.argmin(np.where(whole, tree.costs[new] + other.costs[met], np.inf)))
+        mine = tree.states[tree.branch(int(new[best]))]
+        rest = other.states[other.branch(int(met[best]))][-2::-1]  # what they share is there once
+        corners = np.concatenate([mine, rest])
+        return corners if self._side == 0 else corners[::-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Growth:
+    """Motions from a tree towards states, from the nearest node each.
+
+    Attributes:
+        tree: that grows.
+        near: (k,) nodes where the motions begin.
+        end: (k, 4 + 2n) where they would end.
+        length: (k,) steps.
+        final: (k,) whether the ends are the states themselves.
+        call: that tells how far the motions are clear.
+    """
+
+    tree: Tree
+    near: np.ndarray
+    end: np.ndarray
+    length: np.ndarray
+    final: np.ndarray
+    call: Call
+
+    @classmethod
+    def towards(cls, space: Space, tree: Tree, targets: np.ndarray, longest: float, side: int) -> "_Growth":
+        """The motions, which count as extensions.
+
+        Args:
+            space: the problem.
+            tree: from the start or the goal.
+            targets: (k, 4 + 2n).
+            longest: steps.
+            side: 0 if the tree's root is the start, 1 if it is the goal.
+        """
+        space.extensions += len(targets)
+        near = space.nearest(tree, targets)
+        begin, costs = tree.states[near], tree.costs[near]
+        distance = space.distance(begin, targets)
+        part = np.minimum(1.0, longest / np.maximum(distance, 1e-300))
+        end, length = between(begin, targets, part), part * distance
+        far_root = space.start if side else space.goal
+        ways = [np.stack([costs, costs + length]), space.distance(np.stack([begin, end]), far_root)]
+        call = space.reach_call(begin, end, ways[side], ways[1 - side])
+        return cls(tree, near, end, length, part == 1, call)
+
+    def add(self, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Add nodes along the clear parts of the motions.
+
+        Returns:
+            (k,) the last new node of each motion, -1 where there was no way; (k,) whether the states
+            themselves were reached.
+        """
+        tree, clear = self.tree, reached(answer, len(self.near))
+        begin, costs = tree.states[self.near], tree.costs[self.near]
+        whole = (clear == 1) & self.final
+        last = np.full(len(self.near), -1)
+        for i in np.flatnonzero(whole | (clear * self.length >= LEAST)):
+            count = max(int(clear[i] * self.length[i] / SPACING), 1)
+            fraction = clear[i] * np.arange(1, count + 1) / count
+            nodes = between(np.tile(begin[i], (count, 1)), np.tile(self.end[i], (count, 1)), fraction)
+            node = int(self.near[i])
+            for state, cost in zip(nodes, costs[i] + fraction * self.length[i], strict=True):
+                node = tree.add(state, node, float(cost))
+            last[i] = node
+        return last, whole

@@ -1,4 +1,4 @@
-"""The tree of a search: nodes, the moves tried from one, and its children before they are made nodes."""
+"""The tree of a search: nodes, and the children of one before they are made nodes."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxplan.model.path import Path
 from jaxplan.search.corners import ARRIVED, subdivide
-from jaxplan.search.kernels import Expansion
+from jaxplan.search.kernels import Expansion, Moves
 from jaxplan.search.problem import Scene
 
 
@@ -45,23 +45,6 @@ class Node:
     def state(self) -> bytes:
         """The same for nodes of the same state; the way to the goal tells the attitude."""
         return (np.rint(self.packed[4:] * 1e9) + 0.0).tobytes()  # + 0.0: no negative zero
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moves:
-    """What an expansion tries: every attitude move with every joint move.
-
-    Attributes:
-        turns: (A, 3) rotation vectors, body axes.
-        options: (A or 1, 3, 2n) change of each joint under its three options, rad.
-        choice: (M, 2n) int32, the option of each joint in each joint move.
-        allowed: (A, M) bool, or None where nothing is ruled out beforehand.
-    """
-
-    turns: np.ndarray
-    options: np.ndarray
-    choice: np.ndarray
-    allowed: np.ndarray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,25 +7,26 @@ admissible and consistent for the cost (16). A path found costs at most ``w1`` t
 graph of the moves that were drawn.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.search import mha_paper, multi_heuristic
+from jaxplan.search import mha_paper
+from jaxplan.search.calls import Scenes
 from jaxplan.search.fields import Fields
 from jaxplan.search.kernels import Expansion
-from jaxplan.search.lockstep import Steps
-from jaxplan.search.multi_heuristic import Rules
+from jaxplan.search.multi_heuristic import Rules, search_by
 from jaxplan.search.problem import Scene, SearchResult
 
 
-def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
-    """Search a path with weighted A*.
+def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with weighted A*.
 
     Args:
-        scene: the problem.
-        settings: see `SearchSettings`; the clearance and the anchor's weight are not used.
+        scenes: the problems.
+        settings: of each; the clearance and the anchor's weight are not used.
 
     Returns:
         OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
@@ -40,8 +41,8 @@ def search(scene: Scene, settings: SearchSettings) -> Steps[SearchResult]:
         queues=2,
         informed=False,
     )
-    result = yield from multi_heuristic.search(scene, settings, rules)
-    return replace(result, queue_expansions=(result.expansions,))
+    results = search_by(rules, scenes, settings)
+    return [replace(result, queue_expansions=(result.expansions,)) for result in results]
 
 
 def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:

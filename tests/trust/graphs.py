@@ -22,9 +22,9 @@ from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import Scene, find_barrier
-from jaxplan.search.lockstep import alone
-from jaxplan.search.multi_heuristic import Rules, search
-from jaxplan.search.tree import Moves
+from jaxplan.search.calls import Scenes
+from jaxplan.search.kernels import Moves
+from jaxplan.search.multi_heuristic import Rules, search_by
 
 SIZE = np.array([5, 7, 5])  # values of turn, yaw and pitch
 STEPS = np.array([0.25, 0.3, 0.12])  # rad, of a move
@@ -190,7 +190,7 @@ def found(one: Puzzle, seed: int) -> float:
     settings = SearchSettings(
         heuristic_weight=one.w1, anchor_weight=one.w2, clearance=0.0, max_expansions=1500, time_limit=np.inf
     )
-    result = alone(one.scene, search(one.scene, settings, rules(one, seed)))
+    result = search_by(rules(one, seed), Scenes([one.scene]), [settings])[0]
     assert (result.status is Status.OK) == (result.path is not None)
     return np.inf if result.path is None else result.path.length
 

@@ -1,6 +1,6 @@
 """Path smoothing after the search: shorter paths with smoother nodes, as clear as before."""
 
-from jaxplan.search.smoothing.bends import Bend
-from jaxplan.search.smoothing.smoother import bend_straight, smooth
+from jaxplan.search.smoothing.bands import Band
+from jaxplan.search.smoothing.smoother import smooth, smooth_results, straight_bands
 
-__all__ = ["Bend", "bend_straight", "smooth"]
+__all__ = ["Band", "smooth", "smooth_results", "straight_bands"]

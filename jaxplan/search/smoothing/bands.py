@@ -1,10 +1,11 @@
-"""One descent of a band from start to end: nodes in, nodes and what is to be known of their edges out.
+"""Elastic bands that descend from paths: nodes in, nodes and what is to be known of their edges out.
 
 What comes out is cut anew into equal edges of at most one step, and its margins are taken of the attitudes
 and joints that are handed out, by the exact bound of `jaxplan.model.path`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -14,8 +15,8 @@ from jax import Array
 from jaxplan import quaternion
 from jaxplan.model.constraints import capacity
 from jaxplan.model.path import Path
+from jaxplan.search.calls import Call, Kernel, Scenes
 from jaxplan.search.corners import ARRIVED, make_path
-from jaxplan.search.lockstep import Call, Kernel, Steps
 from jaxplan.search.problem import Scene
 from jaxplan.search.smoothing import band, descent, sweeps
 
@@ -28,8 +29,8 @@ EDGES = 64  # paths of up to this many share their compiled kernels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bend:
-    """What a descent has made.
+class Band:
+    """An elastic band after its descent.
 
     Attributes:
         attitudes: (m + 1, 3, 3), ends as they were.
@@ -68,39 +69,79 @@ def edges_for(length: float, scene: Scene) -> int:
     return max(EDGES, capacity(math.ceil(longest)))
 
 
-def bend(attitudes: np.ndarray, joints: np.ndarray, clearance: float, edges: int) -> Steps[Bend | None]:
-    """Let a band descend from a path.
+def descended_bands(
+    scenes: Scenes,
+    starts: Sequence[tuple[np.ndarray, np.ndarray]],
+    clearances: Sequence[float],
+    edges: Sequence[int],
+) -> list[Band | None]:
+    """Let a band of each scene descend from a path.
 
     Args:
-        attitudes: (k + 1, 3, 3), at least two; some are left out where they are more than `edges` allows.
-        joints: (k + 1, 2n) rad.
-        clearance: rad wanted.
-        edges: see `edges_for`; what comes out has at most as many.
+        scenes: the problems.
+        starts: of each, attitudes (k + 1, 3, 3), at least two, and joints (k + 1, 2n) rad; some nodes are
+            left out where they are more than `edges` allows.
+        clearances: of each, rad wanted.
+        edges: of each, see `edges_for`; what comes out has at most as many.
 
     Returns:
         What came out, clear or not; None where that is no path of edges of at most a step.
     """
-    thinned = np.rint(np.linspace(0, len(joints) - 1, min(len(joints), edges + 1))).astype(int)
-    nodes = padded(attitudes[thinned], joints[thinned], edges)
-    packed = yield Call(_descended, (*nodes, clearance))
-    if not np.all(np.isfinite(packed)):
+    calls = [
+        Call(_descended, (*padded(*start, most), clearance))
+        for start, clearance, most in zip(starts, clearances, edges, strict=True)
+    ]
+    nodes = [_unpacked(answer) for answer in scenes.answers(calls)]
+    finite = [number for number, one in enumerate(nodes) if one is not None]
+    made = [one for one in nodes if one is not None]
+    checks = [
+        Call(edge_table, (attitudes, joints, clearances[number]))
+        for number, (attitudes, joints, _) in zip(finite, made, strict=True)
+    ]
+    bands: list[Band | None] = [None] * len(starts)
+    tables = scenes.part(finite).answers(checks)
+    for number, one, table in zip(finite, made, tables, strict=True):
+        bands[number] = _band(starts[number], *one, table)
+    return bands
+
+
+def _unpacked(answer: np.ndarray) -> tuple[np.ndarray, np.ndarray, int] | None:
+    """Attitudes, joints and the number of edges that `_descended` tells of; None if one is not finite."""
+    if not np.all(np.isfinite(answer)):
         return None
-    count = int(packed[-1, -1])
-    new_attitudes, new_joints = packed[:-1, :9].reshape(-1, 3, 3), packed[:-1, 9:]
-    checked = yield Call(edge_table, (new_attitudes, new_joints, clearance))
-    margins, slacks, costs, every = checked[:, :count]
+    return answer[:-1, :9].reshape(-1, 3, 3), answer[:-1, 9:], int(answer[-1, -1])
+
+
+def _band(
+    start: tuple[np.ndarray, np.ndarray],
+    attitudes: np.ndarray,
+    joints: np.ndarray,
+    count: int,
+    table: np.ndarray,
+) -> Band | None:
+    """The band with so many edges, whose ends are those it started from; None if an edge is too long.
+
+    Args:
+        start: attitudes and joints of the path that it has descended from.
+        attitudes: (m + 1, 3, 3), of which those of `count` edges matter.
+        joints: (m + 1, 2n) rad.
+        count: of the edges.
+        table: (4, m) answer of `edge_table`.
+    """
+    margins, slacks, costs, every = table[:, :count]
     if not np.all(costs <= 1 + ARRIVED):
         return None
-    new_attitudes, new_joints = new_attitudes[: count + 1].copy(), new_joints[: count + 1].copy()
+    attitudes, joints = attitudes[: count + 1].copy(), joints[: count + 1].copy()
     for end in (0, -1):  # to the last bit
-        new_attitudes[end], new_joints[end] = attitudes[end], joints[end]
+        attitudes[end], joints[end] = start[0][end], start[1][end]
     length = float(np.sum(costs))
-    return Bend(new_attitudes, new_joints, margins, slacks, length, score(length, float(np.sum(every))))
+    return Band(attitudes, joints, margins, slacks, length, score(length, float(np.sum(every))))
 
 
 def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with the last repeated until there are as many edges."""
-    places = np.minimum(np.arange(edges + 1), len(joints) - 1)
+    """Nodes with the last repeated until there are as many edges; of more nodes only some, evenly."""
+    kept = np.rint(np.linspace(0, len(joints) - 1, min(len(joints), edges + 1))).astype(int)
+    places = kept[np.minimum(np.arange(edges + 1), len(kept) - 1)]
     return attitudes[places], joints[places]
 
 

@@ -1,9 +1,10 @@
-"""The cheapest chain of clear straight motions between the nodes of a path.
+"""Paths cut short: the cheapest chain of clear straight motions between nodes of a path.
 
 Straight motions between all pairs of nodes are checked in one call, and a dynamic programme takes the
 cheapest chain of those that are clear.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jax import Array
 
 from jaxplan.geometry import rotations
 from jaxplan.model.path import Path
-from jaxplan.search.lockstep import Call, Kernel, Steps
+from jaxplan.search.calls import Call, Kernel, Scenes
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing import sweeps
 
@@ -21,22 +22,38 @@ _FIRST, _LAST = np.array(list(combinations(range(CORNERS), 2))).T
 _HALVINGS = 4  # of each motion: 16 intervals
 
 
-def cheapest(path: Path, clearance: float) -> Steps[np.ndarray]:
-    """Nodes of a path that are left when it is cut short wherever that is clear.
+def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]) -> list[np.ndarray]:
+    """Nodes of paths that are left when each is cut short wherever that is clear.
 
     Args:
-        path: with m edges, at least one.
-        clearance: rad, wanted of the motions, less near start and goal.
+        scenes: the problems.
+        paths: of each, with m edges, at least one.
+        clearances: of each, rad, wanted of the motions, less near start and goal.
 
     Returns:
-        (k,) int, increasing from 0 to m. Between two that follow each other the straight motion is clear by
-        `sweeps.motion_margins`, or they follow each other on the path.
+        Of each (k,) int, increasing from 0 to m. Between two that follow each other the straight motion is
+        clear by `sweeps.motion_margins`, or they follow each other on the path.
     """
+    calls = [_corner_call(*one) for one in zip(paths, clearances, strict=True)]
+    return [_cheapest(*one) for one in zip(paths, scenes.answers(calls), strict=True)]
+
+
+def _corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(CORNERS,) nodes between which motions are tried, and the steps from the start to each."""
     tried = np.rint(np.linspace(0, path.edges, CORNERS)).astype(int)
-    passed = np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
+    return tried, np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
+
+
+def _corner_call(path: Path, clearance: float) -> Call:
+    tried, passed = _corners(path)
+    return Call(_costs, (path.attitudes[tried], path.joints[tried], passed, clearance))
+
+
+def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
+    """(k,) nodes of the cheapest chain, by the steps that the motions between all pairs of corners cost."""
+    tried, passed = _corners(path)
     table = np.full((CORNERS, CORNERS), np.inf)
-    corners = path.attitudes[tried], path.joints[tried]
-    table[_FIRST, _LAST] = yield Call(_costs, (*corners, passed, clearance))
+    table[_FIRST, _LAST] = costs
     steps = np.arange(CORNERS - 1)
     along = np.diff(passed)
     on_path = along <= table[steps, steps + 1]

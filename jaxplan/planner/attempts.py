@@ -1,0 +1,268 @@
+"""What is tried for one scenario: goals, a ladder of attempts at each, and the best plan so far.
+
+A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
+the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
+closer to them. A search that finds no path with the wanted clearance is run again without.
+The first certified plan ends it; else the answer is that of the attempt that got furthest.
+
+Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
+(`meeting`); the search sees what zones sweep (`sweeps`), and fit and certificate see them move.
+
+`Attempts` are data: they say what is needed next, and take it. Who makes goals, paths, trajectories and
+reports is `jaxplan.planner.rounds`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from jaxplan.certificate import Report
+from jaxplan.model.moments import moves
+from jaxplan.model.path import Goal, halve
+from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.status import Status
+from jaxplan.planner import messages
+from jaxplan.planner.chain import fitted_plan, judged, wanted_fit
+from jaxplan.planner.check import ProofQuery, start_breaches
+from jaxplan.planner.clock import Clock
+from jaxplan.planner.goals import GoalQuery
+from jaxplan.planner.meeting import Meeting, duration_guesses
+from jaxplan.planner.record import Plan
+from jaxplan.planner.sweeps import always, swept
+from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
+from jaxplan.trajectory import Fit, FitQuery
+
+# The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
+LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
+# Where no path is found with the wanted clearance, and time is left.
+BARE_LADDER = ((0.0, 0), (0.0, 1))
+
+# Failures from the least to the most informative: the most informative one is reported.
+_TELLING = (
+    Status.NO_PATH,  # to one goal
+    Status.TIME_LIMIT,
+    Status.NODE_LIMIT,
+    Status.INFEASIBLE,
+    Status.UNCERTIFIED,
+    Status.GOAL_MISSED,
+    Status.LIMITS_TOO_TIGHT,
+    Status.OK,
+)
+# Another path to the same goal is not tried then.
+_FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchQuery:
+    """A search that is needed.
+
+    Attributes:
+        scene: where to search.
+        settings: of the search.
+    """
+
+    scene: Scene
+    settings: SearchSettings
+
+
+class Attempts:
+    """What is still to be tried for a scenario, what is needed next, and the best plan so far.
+
+    Args:
+        scenario: the problem and its settings.
+        clock: takes the time of the steps, and is asked for what is left.
+
+    Attributes:
+        need: goals, a path, a trajectory or a certificate; None once the plan is settled.
+        plan: the attempt that got furthest, None before the first; without its timings.
+    """
+
+    def __init__(self, scenario: Scenario, clock: Clock) -> None:
+        self.scenario, self.clock = scenario, clock
+        self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
+        self.plan: Plan | None = None
+        self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
+        self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
+        self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
+        self._way: _Way | None = None
+        self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
+        self._over = False  # there is no use in another attempt
+        broken = start_breaches(scenario)
+        if broken:
+            message = messages.invalid(broken)
+            self.plan = Plan(scenario=scenario, status=Status.INVALID_START, message=message)
+            return
+        with clock.step("decompose"):
+            self._times = list(duration_guesses(scenario))
+        self._next_time()
+
+    def result(self) -> Plan:
+        """The plan, once it is settled, with its timings."""
+        plan = self.plan
+        assert plan is not None, "no attempt has been made"
+        if plan.ok and self._nearest is not None:
+            plan = replace(plan, message=messages.farther(self._nearest, plan))
+        return replace(plan, timings=self.clock.timings())
+
+    def accept_goals(self, found: tuple[Goal, ...] | Plan) -> None:
+        """Go on with the goals that were needed, or with a plan that says why there are none."""
+        if self._meeting is not None:
+            self._meeting.accept_goals(None if isinstance(found, Plan) else found)
+            self._meet(self._meeting)
+        elif isinstance(found, Plan):
+            self.plan = self.plan or found
+            self._next_time()
+        else:
+            self.plan = None  # that there was no goal at another time says nothing any more
+            # Where there is no path beside all that moving zones sweep, there may be one past them in time.
+            shares = (1.0, 0.0) if moves(self.scenario) else (1.0,)
+            self._ways = [(goal, share) for goal in found for share in shares]
+            self._next_way()
+
+    def accept_path(self, result: SearchResult) -> None:
+        """Go on with the result of the search that was needed."""
+        way = self._climbed
+        first = not way.found
+        way.found[way.factor] = result
+        if first and result.path is None and result.status is not Status.TIME_LIMIT:
+            way.rungs = list(BARE_LADDER)
+            self._next_rung(way)
+        else:
+            self._fit_along(way, result)
+
+    def accept_fit(self, fitted: Fit) -> None:
+        """Go on with the fit that was needed."""
+        if self._meeting is None:
+            self._fitted(fitted)
+        else:
+            self._meeting.accept_fit(fitted)
+            self._meet(self._meeting)
+
+    def accept_report(self, report: Report) -> None:
+        """Go on with the certificate that was needed."""
+        way = self._climbed
+        self._attempted(way, judged(way.so_far, report))
+
+    @property
+    def _climbed(self) -> "_Way":
+        assert self._way is not None, "no goal has been found yet"
+        return self._way
+
+    def _next_time(self) -> None:
+        """Ask for the goals at the next time at which the manoeuvre may end; without one it is over."""
+        self.need = GoalQuery(self.scenario, self._times.pop(0)) if self._times else None
+
+    def _next_way(self) -> None:
+        """Begin with the next goal, or with another view of the same; without one it is over."""
+        self.need = None
+        if not self._ways or self._over:
+            return
+        goal, share = self._ways.pop(0)
+        if self._way is not None and goal is not self._way.goal and self._nearest is None:
+            self._nearest = self.plan
+        self._way = self._begun(goal, share)
+        self._next_rung(self._way)
+
+    def _begun(self, goal: Goal, share: float) -> "_Way":
+        """The way to a goal; with no attempts where it is proved that there is no path."""
+        scenario = self.scenario
+        seen, proved = swept(scenario, goal, share), always(scenario, goal)
+        scene = make_scene(scenario, goal, seen)
+        with self.clock.step("search"):
+            forbidden = scene if proved is seen else make_scene(scenario, goal, proved)
+            barrier = find_barrier(forbidden)
+        if barrier is None:
+            return _Way(goal, scene, LADDER)
+        message = messages.parted(scenario, forbidden, barrier)
+        self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
+        return _Way(goal, scene, ())
+
+    def _next_rung(self, way: "_Way") -> None:
+        """Begin with the next attempt at a goal; without one the next goal is tried."""
+        if self._over or not way.rungs:
+            self._next_way()
+            return
+        way.factor, way.halvings = way.rungs.pop(0)
+        if way.factor in way.found:
+            self._fit_along(way, way.found[way.factor])
+        else:
+            self.need = SearchQuery(way.scene, self._settings(way.factor, len(way.found)))
+
+    def _settings(self, factor: float, earlier: int) -> SearchSettings:
+        """Settings of a search with a factor on the clearance, after `earlier` others."""
+        settings = self.scenario.search
+        return replace(
+            settings,
+            clearance=factor * settings.clearance,
+            seed=derived_seed(settings.seed, earlier) if earlier else settings.seed,
+            time_limit=self.clock.left(),
+        )
+
+    def _fit_along(self, way: "_Way", result: SearchResult) -> None:
+        """Ask for the fit along a path that was found; without one no more is tried at this goal."""
+        so_far = Plan(scenario=self.scenario, status=result.status, goal=way.goal, search=result)
+        if result.path is None:
+            way.rungs = []
+            message = messages.no_path(self.scenario, way.scene, result)
+            self._attempted(way, replace(so_far, message=message))
+            return
+        path = result.path
+        for _ in range(way.halvings):
+            path = halve(path)
+        way.so_far = replace(so_far, path=path)
+        if moves(self.scenario):
+            self._meeting = Meeting(self.scenario, way.goal, path)
+            self._meet(self._meeting)
+        else:
+            self.need = wanted_fit(self.scenario, path, way.goal)
+
+    def _meet(self, meeting: Meeting) -> None:
+        """Ask for what a meeting needs; at its end go on with its fit."""
+        self.need = meeting.need
+        if meeting.need is None:
+            assert meeting.fit is not None
+            self._meeting, way = None, self._climbed
+            way.so_far = replace(way.so_far, goal=meeting.goal, path=meeting.path)
+            self._fitted(meeting.fit)
+
+    def _fitted(self, fitted: Fit) -> None:
+        """Ask for the certificate of a fit; without a trajectory the attempt has failed."""
+        way = self._climbed
+        plan = way.so_far = fitted_plan(way.so_far, fitted)
+        if plan.trajectory is None or plan.goal is None:
+            self._attempted(way, plan)
+        else:
+            self.need = ProofQuery(scenario=self.scenario, goal=plan.goal, trajectory=plan.trajectory)
+
+    def _attempted(self, way: "_Way", attempt: Plan) -> None:
+        """Count an attempt, and begin with the next one."""
+        self._add(attempt)
+        # The global method looks for the shortest motion before it says that a duration is too short.
+        if attempt.status in _FOR_GOOD and self.scenario.trajectory.method == "global":
+            way.rungs = []
+        self._next_rung(way)
+
+    def _add(self, attempt: Plan) -> None:
+        """Keep an attempt if it got further than the best so far."""
+        if self.plan is None or _TELLING.index(attempt.status) > _TELLING.index(self.plan.status):
+            self.plan = attempt
+        self._over = attempt.status in (Status.OK, Status.TIME_LIMIT)
+
+
+class _Way:
+    """The ladder that is climbed at one goal.
+
+    Attributes:
+        goal: where to go.
+        scene: of the searches.
+        rungs: factors on the clearance and numbers of halvings, still to be tried.
+        found: results of searches by the factor on the clearance.
+        factor: of the attempt under way.
+        halvings: likewise.
+        so_far: the plan of that attempt.
+    """
+
+    def __init__(self, goal: Goal, scene: Scene, rungs: Sequence[tuple[float, int]]) -> None:
+        self.goal, self.scene, self.rungs = goal, scene, list(rungs)
+        self.found: dict[float, SearchResult] = {}
+        self.factor, self.halvings = LADDER[0]
+        self.so_far: Plan
