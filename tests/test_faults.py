@@ -109,7 +109,7 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
             limited=rng.standard_normal((4, 8)),
             limits=np.full((4, 1), 0.05),
         )
-        answer = qp.solve(given)
+        (answer,) = qp.solve_all([given])
         if answer is not None:
             assert np.all(np.abs(given.limited @ answer) <= given.limits + 1e-9)
             assert np.allclose(given.equalities @ answer, given.values, atol=1e-9)

@@ -10,7 +10,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
 from jaxplan.trajectory import fit_batch
-from jaxplan.trajectory.global_spline import job, sqp
+from jaxplan.trajectory.global_spline import attempts, sqp
 from jaxplan.trajectory.global_spline.families import families
 from jaxplan.trajectory.global_spline.program import promised, propose
 
@@ -26,7 +26,7 @@ def searches():
             queries.append(wanted_fit(replace(plan.scenario, trajectory=settings), plan.path, plan.goal))
     begins, improve = [], sqp.improve
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job.sqp, "improve", lambda several: begins.extend(several) or improve(several))
+        patch.setattr(attempts.sqp, "improve", lambda several: begins.extend(several) or improve(several))
         fit_batch(queries)
     given = [begin for begin in begins if not begin.task.free_time]
     alike = {}

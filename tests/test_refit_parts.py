@@ -23,12 +23,11 @@ from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
-from jaxplan.trajectory.asking import alone
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.global_spline.curve_space import weighted
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
 from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
+from jaxplan.trajectory.paper.chain import ChainRequest, Nodes, plan_chains
 from jaxplan.trajectory.paper.holding import Origin
 from jaxplan.trajectory.paper.refit import nominal_duration, refit
 from jaxplan.trajectory.scaling import SAFETY
@@ -60,7 +59,7 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
         inputs = jax.tree.map(
             np.asarray, gather_inputs(held, path, craft, settings, job.cones, job.rates, duration)
         )
-    problem, space, places = task.problem, task.space, origin.attempt.request.places
+    problem, space, places = task.problem, task.space, origin.attempt.request.mesh.places
     chart, count = problem.chart, len(places)
     expected = {
         "attitude": chart.attitude,
@@ -127,15 +126,21 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
         ]
         return replace(craft, rate_limit=limits[0], acceleration_limit=limits[1], terminals=tuple(terminals))
 
+    def planned(duration, at_joins):
+        request = ChainRequest(
+            nodes=nodes, duration=duration, segments=count, settings=settings, limits=at_joins
+        )
+        return plan_chains([request])[0]
+
     def anew(limits, duration):
         own = with_limits(limits)
         platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
         at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
-        curve = alone(fit_nodes(nodes, duration, count, settings, at_joins))
+        curve = planned(duration, at_joins)
         return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
 
     # Limits a little below what the largest would be at the joins without.
-    free = alone(fit_nodes(nodes, 80.0, count, settings, None))
+    free = planned(80.0, None)
     rows = end_derivatives(settings.order)
     platform = rows[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
     joints = rows[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2

@@ -7,6 +7,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
+from fits import fit_global
 from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
 from quick import quick_jit
 from scenes import make_scenario
@@ -16,7 +17,6 @@ from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.planner.chain import fit
 from jaxplan.sensitivity import follow, hold, replan
-from jaxplan.trajectory import fit_global
 
 STEP = 5e-6  # twice that is within what the rows that bind allow
 

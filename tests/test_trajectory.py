@@ -6,13 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_paper
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
 from quick import quick_jit
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper
+from jaxplan.trajectory import Trajectory, curve, evaluate
 from jaxplan.trajectory.paper import assembly, chain
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])

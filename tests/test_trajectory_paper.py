@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fits import fit_paper
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, wandering
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
@@ -12,7 +13,7 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.trajectory import Samples, Trajectory, fit_paper
+from jaxplan.trajectory import Samples, Trajectory
 from jaxplan.trajectory.paper import chain
 
 INERTIA = np.array([[120.0, 5.0, -3.0], [5.0, 90.0, 2.0], [-3.0, 2.0, 60.0]])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_global
 from node_paths import fit_stored, load, turning
 from numpy.polynomial import legendre as reference
 from scenes import make_spacecraft
@@ -12,7 +13,7 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import basis, fit_global, maxima, scaling, schedule
+from jaxplan.trajectory import basis, maxima, scaling, schedule
 from jaxplan.trajectory.paper import counting, qp
 from jaxplan.trajectory.paper.assembly import assemble
 
@@ -49,6 +50,10 @@ def test_the_basis_follows_the_precision_of_its_input():
     assert basis.legendre(jnp.ones(3, jnp.float32), 12).dtype == jnp.float32
 
 
+def solve(program: qp.Program) -> np.ndarray | None:
+    return qp.solve_all([program])[0]
+
+
 def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
     """A segment of zig-zag nodes, limited at its join to a share of what it takes there if free; and that."""
     path = load("astar_c3")
@@ -70,7 +75,7 @@ def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
         limited=ends[1],
         limits=np.full((2, 6), np.inf),
     )
-    free = np.abs(ends[1] @ qp.solve(program))
+    free = np.abs(ends[1] @ solve(program))
     return qp.Program(**{**vars(program), "limits": limit * np.tile(free.max(axis=1)[:, None], 6)}), free
 
 
@@ -102,7 +107,7 @@ def optimum(program: qp.Program, column: int) -> np.ndarray:
 @pytest.mark.parametrize("limit", [10.0, 0.9, 0.5, 0.2, 0.05])
 def test_optimum_is_that_of_an_independent_solver(limit):
     program, free = join_program(limit)
-    x = qp.solve(program)
+    x = solve(program)
     assert np.any(free > program.limits) == (limit < 1)  # a limit binds, or none does
     assert np.all(np.abs(program.equalities @ x - program.values) <= 1e-12)
     assert np.all(np.abs(program.limited @ x) <= program.limits * (1 + 1e-12))
@@ -117,9 +122,9 @@ def test_programs_without_solution_have_none():
     program, _ = join_program(0.9)
     full = {**vars(program), "equalities": np.concatenate([program.equalities, program.limited])}
     pinned = np.concatenate([program.values, 2 * program.limits])  # what is limited must be twice the limit
-    assert qp.solve(qp.Program(**{**full, "values": pinned})) is None
+    assert solve(qp.Program(**{**full, "values": pinned})) is None
     values = np.concatenate([program.values, 0.5 * program.limits])
-    assert qp.solve(qp.Program(**{**full, "values": values})) is not None
+    assert solve(qp.Program(**{**full, "values": values})) is not None
 
 
 @pytest.mark.parametrize("field", ["objective", "equalities", "values"])
@@ -127,7 +132,7 @@ def test_a_nan_in_a_program_gives_no_solution(field):
     program, _ = join_program(10.0)
     spoilt = np.array(getattr(program, field))
     spoilt[2, 3] = np.nan
-    assert qp.solve(qp.Program(**{**vars(program), field: spoilt})) is None
+    assert solve(qp.Program(**{**vars(program), field: spoilt})) is None
 
 
 @ORDERS

@@ -10,6 +10,7 @@ from jaxplan.certificate import Report
 from jaxplan.planner.chain import Query, Question
 from jaxplan.planner.check import ProofQuery, prove_batch
 from jaxplan.planner.clock import Clock
+from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search import PLANNERS, SearchResult, search_batch
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
@@ -54,5 +55,8 @@ def _many(questions: Sequence[Any], spent: np.ndarray) -> list[Answer]:
     if isinstance(questions[0], Query):
         return [*search_batch([one.scene for one in questions], [one.settings for one in questions], spent)]
     if isinstance(questions[0], FitQuery):
-        return [*fit_batch(questions, spent)]
+        seconds = Seconds(len(questions))
+        fits = fit_batch(questions, seconds)
+        spent += seconds.spent
+        return [*fits]
     return [*prove_batch(questions)]

@@ -1,163 +1,303 @@
-"""Looking for one curve that does: attempts with more intervals, wider tubes and longer times, one by one."""
+"""Attempts at curves, each with one spline on given breaks, and the `Ladder` of attempts of one fit."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.trajectory.asking import Steps
-from jaxplan.trajectory.global_spline.job import Attempt, Job, attempt_at, ladder
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.global_spline import sqp
+from jaxplan.trajectory.global_spline.build import Mesh, build, trajectory, wanted_margins
+from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
+from jaxplan.trajectory.global_spline.job import Job
+from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.trajectory.global_spline.rows import TUBE
+from jaxplan.trajectory.global_spline.stack import Point, Task
 from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.trajectory.scaling import peaks
+from jaxplan.trajectory.scaling import Peaks, all_peaks
 
-BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
-TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
-LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
-LOOKS = 8
-_SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
-_DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
-_HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
-_LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
+_TUBE_BROKEN = 1e-6  # rad
+_DEEP = float(np.deg2rad(0.3))
+_ROUNDING = 1e-9  # rad
+_KEPT = 0.3  # of the wanted margins, which a sound curve has
+_MENDED = 1e-3  # of a limit, beyond which a curve is not what a given duration needs
 _HOPELESS = 1.05  # of the duration is missing: not for want of intervals
+_WIDER = 3.0  # tube, before there is none
+_NEARLY = 1.01  # of the duration keeps all limits: what happens between the places is still to be mended
 
 
-def best_at(job: Job, duration: float, radius: float) -> Steps[Attempt | None]:
-    """The first sound attempt within all limits, or the one nearest to it; None beyond every chart."""
-    full_speed = job.quickest()
-    pace = Pace.within(duration, full_speed.length, job.rise)
-    hurry = duration / full_speed.duration
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttemptRequest:
+    """What one attempt is to look for.
 
-    def attempt(finer: int, wide: float) -> Steps[Attempt | None]:
-        request = job.request(pace, wide, finer, graded=hurry < _LEISURE)
-        made = None
-        for tighter in TIGHTER:
-            again = yield from attempt_at(
-                job, request, duration, limited=True, free_time=False, tighter=tighter
+    Attributes:
+        job: what is fitted.
+        mesh: breaks of the spline, times of the nodes, and the tube about them.
+        duration: s, given or to begin with.
+        limited: whether limits are kept, or time will be stretched to them.
+        free_time: whether the shortest duration is looked for.
+        tighter: share of the platform's limits that is left; joints are held at every instant anyway.
+        begin: (n, A) coefficients of the curve to begin with; None for the one nearest to the path.
+    """
+
+    job: Job
+    mesh: Mesh
+    duration: float
+    limited: bool
+    free_time: bool
+    tighter: float = 0.0
+    begin: np.ndarray | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempt:
+    """A curve, and what it breaks.
+
+    Attributes:
+        request: what it was made for.
+        task: what was looked for.
+        point: the curve that was found.
+        trajectory: of the curve.
+        peaks: over all time.
+        clear: whether zones are kept at the places, with some of the clearance.
+        breach: what breaks a zone, by name, and by how much (rad); None where none does.
+        tube: rad, how far nodes are beyond it; zero or less where they are within.
+    """
+
+    request: AttemptRequest
+    task: Task
+    point: Point
+    trajectory: Trajectory
+    peaks: Peaks
+    clear: bool
+    breach: tuple[str, float] | None
+    tube: float
+
+    @property
+    def radius(self) -> float:
+        """Radius of the tube that was tried, rad."""
+        return self.request.mesh.radius
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is broken but perhaps limits of rates and loads."""
+        return self.clear and self.peaks.in_range and self.tube <= _TUBE_BROKEN
+
+    @property
+    def kept(self) -> bool:
+        """Whether all limits are kept."""
+        return self.peaks.stretch <= 1 and self.peaks.in_range
+
+    @property
+    def needed(self) -> float:
+        """Duration to which its time is to be stretched, s."""
+        return self.trajectory.duration * self.peaks.stretch
+
+    @property
+    def too_deep(self) -> bool:
+        """Whether a zone is broken so deep that it is not for want of intervals."""
+        return self.breach is not None and self.breach[1] > _DEEP
+
+    @property
+    def merit(self) -> tuple[bool, bool, bool, float]:
+        """Attempts are compared by it; the larger the better."""
+        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= _NEARLY
+        return inside, nearly, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
+
+
+def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
+    """Attempts at all requests; None where the nodes leave the chart or numbers overflow."""
+    begins = {number: begin for number, one in enumerate(requests) if (begin := _first_curve(one))}
+    points = _improved([requests[number].job for number in begins], list(begins.values()))
+    curves: dict[int, tuple[Task, Point, Trajectory]] = {}
+    for (number, begin), point in zip(begins.items(), points, strict=True):
+        if point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite:
+            node_times = point.duration * requests[number].mesh.places
+            curves[number] = begin.task, point, trajectory(begin.task, point, node_times)
+    peaks = all_peaks([(curve, requests[number].job.spacecraft) for number, (*_, curve) in curves.items()])
+    attempts: list[Attempt | None] = [None] * len(requests)
+    for (number, (task, point, curve)), own in zip(curves.items(), peaks, strict=True):
+        if np.isfinite(own.stretch):
+            attempts[number] = Attempt(
+                request=requests[number],
+                task=task,
+                point=point,
+                trajectory=curve,
+                peaks=own,
+                clear=bool(np.all(point.margins >= _KEPT * task.wanted)),
+                breach=_breach(point.margins, requests[number].job),
+                tube=float(point.violations[TUBE]),
             )
-            if again is None:
-                break
-            if made is None or again.merit > made.merit:
-                made = again
-            if not 1 < again.peaks.stretch <= 1 + tighter:  # else it is what happens between the places
-                break
-        return made
+    return attempts
 
-    in_time = job.at_speed or hurry >= _HURRY
-    return (
-        yield from _climb(
-            ladder(radius, in_time=in_time),
-            attempt,
-            enough=lambda made: made.sound and made.kept,
-            hopeless=lambda made: made.too_deep or made.peaks.stretch > _HOPELESS,
-        )
+
+def _first_curve(request: AttemptRequest) -> sqp.Begin | None:
+    """The task of a request with the curve to begin with; None if the nodes leave every chart."""
+    job, mesh = request.job, request.mesh
+    chart, b = fitting(job.attitudes, mesh.places)
+    if not farthest(chart, b, mesh.places) <= REACH:
+        return None
+    problem = Problem(
+        chart=chart,
+        spacecraft=job.spacecraft,
+        cones=job.cones,
+        horizon=job.horizon,
+        share=1 - request.tighter,
     )
+    nodes = np.column_stack([b, job.joints])
+    wanted = wanted_margins(problem, job.attitudes, job.joints)
+    task, nearest = build(
+        problem,
+        mesh,
+        nodes,
+        wanted,
+        rates=job.rates,
+        rest=job.rests,
+        duration=request.duration,
+        weights=job.weights,
+        limited=request.limited,
+        free_time=request.free_time,
+    )
+    coefficients = nearest if request.begin is None else request.begin
+    return sqp.Begin(task=task, coefficients=coefficients, duration=request.duration)
 
 
-def along(job: Job, radius: float, *, shortest: bool) -> Steps[Attempt | None]:
-    """The first sound attempt at the quickest pace, or the one nearest to it; None beyond every chart.
+def _improved(jobs: Sequence[Job], begins: Sequence[sqp.Begin]) -> list[Point]:
+    """The best curves near the first ones.
+
+    In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
+    So one is made that is slow enough, and that is improved.
+    """
+    first = [
+        begin
+        if begin.task.free_time or job.at_speed
+        else replace(begin, patience=0.0 if begin.task.limited else _MENDED)
+        for job, begin in zip(jobs, begins, strict=True)
+    ]
+    points = sqp.improve(first)
+    hasty = [number for number, begin in enumerate(first) if begin.task.limited and points[number].steps == 0]
+    slower = sqp.improve(
+        [
+            replace(own, task=replace(own.task, free_time=True), until=own.duration, patience=np.inf)
+            for own in (first[number] for number in hasty)
+        ]
+    )
+    slow = [
+        replace(first[number], coefficients=point.coefficients, patience=_MENDED)
+        for number, point in zip(hasty, slower, strict=True)
+    ]
+    for number, point in zip(hasty, sqp.improve(slow), strict=True):
+        points[number] = point
+    return points
+
+
+def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:
+    """What breaks a zone the most, given margins (S, D, Z), and by how much (rad); None where nothing does.
+
+    Axes of the body go by the name of the body, what terminals carry by theirs.
+    """
+    if np.all(margins >= -_ROUNDING):
+        return None
+    _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
+    names, cones = job.spacecraft.device_names, job.cones
+    carriers = [names[terminal] for terminal in cones.carrier]
+    return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))
+
+
+class Ladder:
+    """One fit's attempts, one after the other, up to the first that is good enough.
+
+    A rung is a number of intervals and a radius of the tube. On each of them the limits are taken a little
+    tighter where a curve breaks them by next to nothing, which happens between the places. After an attempt
+    without hope more intervals are not tried.
+
+    Attributes:
+        best: of the attempts so far; None before the first, and beyond every chart.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        pace: Pace,
+        attempts: Sequence[tuple[int, float]],
+        *,
+        duration: float,
+        graded: bool = True,
+        limited: bool,
+        free_time: bool,
+        tighter: Sequence[float] = (0.0,),
+    ) -> None:
+        """Begin with the first rung.
+
+        Args:
+            job: what is fitted.
+            pace: along the path.
+            attempts: factors on the number of intervals, and radii of the tube (rad).
+            duration: s, given or to begin with.
+            graded: whether breaks lie close about the flanks.
+            limited: see `AttemptRequest`; so are the next two.
+            free_time: whether the shortest duration is looked for.
+            tighter: shares of the limits that are left, first and then.
+        """
+        self.best: Attempt | None = None
+        self._job, self._pace, self._graded = job, pace, graded
+        self._duration, self._limited, self._free_time = duration, limited, free_time
+        self._tighter, self._share = tighter, 0
+        self._rungs = list(attempts)
+        self._mesh: Mesh | None = None
+        self._here: Attempt | None = None  # the best one on this rung
+
+    @property
+    def _timed(self) -> bool:
+        return self._limited and not self._free_time
+
+    def next_request(self) -> AttemptRequest | None:
+        """The attempt that is to be made next; None at the end."""
+        if not self._rungs:
+            return None
+        if self._mesh is None:
+            finer, radius = self._rungs[0]
+            self._mesh = self._job.mesh(self._pace, radius, finer, graded=self._graded)
+        return AttemptRequest(
+            job=self._job,
+            mesh=self._mesh,
+            duration=self._duration,
+            limited=self._limited,
+            free_time=self._free_time,
+            tighter=self._tighter[self._share],
+        )
+
+    def accept(self, made: Attempt | None) -> None:
+        """Go on with the attempt that was made."""
+        if made is not None:
+            if self._here is None or made.merit > self._here.merit:
+                self._here = made
+            nearly = 1 < made.peaks.stretch <= 1 + self._tighter[self._share]
+            if nearly and self._share + 1 < len(self._tighter):
+                self._share += 1
+                return
+        last, self._here, self._mesh, self._share = self._here, None, None, 0
+        del self._rungs[0]
+        if last is None:
+            self._rungs.clear()
+            return
+        if self.best is None or last.merit > self.best.merit:
+            self.best = last
+        if last.sound and (last.kept or not self._timed):
+            self._rungs.clear()
+        if last.too_deep or (self._timed and last.peaks.stretch > _HOPELESS):
+            while self._rungs and self._rungs[0][0] > 1:
+                del self._rungs[0]
+
+
+def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
+    """Factors on the number of intervals and radii of the tube, one attempt after the other.
 
     Args:
-        job: what is fitted.
-        radius: rad, of the tube.
-        shortest: whether the shortest motion within all limits is looked for; else one without limits, to be
-            stretched to them.
+        radius: rad, asked for.
+        in_time: whether there is time enough to go along the nodes.
     """
-    pace = job.quickest()
-
-    def attempt(finer: int, wide: float) -> Steps[Attempt | None]:
-        request = job.request(pace, wide, finer, graded=True)
-        return (
-            yield from attempt_at(job, request, BEGIN * pace.duration, limited=shortest, free_time=shortest)
-        )
-
-    return (
-        yield from _climb(
-            ladder(radius), attempt, enough=lambda made: made.sound, hopeless=lambda made: made.too_deep
-        )
-    )
-
-
-def shortest(job: Job, radius: float) -> Steps[Attempt | None]:
-    """The shortest motion within all limits, or the one nearest to it; None beyond every chart."""
-    return (yield from (along(job, radius, shortest=True) if job.at_speed else _quickest(job, radius)))
-
-
-def stretched(job: Job, radius: float) -> Steps[Attempt | None]:
-    """A motion without limits, to be stretched to them; None beyond every chart."""
-    best = yield from along(job, radius, shortest=False)
-    if best is not None and best.sound and best.needed > _SLOW * job.bound and job.settings.node_tube is None:
-        guided = yield from along(job, np.inf, shortest=False)
-        if guided is not None and guided.sound and guided.needed < best.needed:
-            best = guided
-    return best
-
-
-def released(job: Job, attempt: Attempt) -> Steps[Attempt | None]:
-    """What the shortest motion with accelerations of zero at both ends becomes once they are free.
-
-    Found from the path itself the one with free ones may be the longer one: it begins farther away, since
-    close to a path such accelerations are large, and may end in another local minimum.
-    """
-    return (
-        yield from attempt_at(
-            job,
-            replace(attempt.request, rest=False),
-            attempt.point.duration,
-            limited=True,
-            free_time=True,
-            begin=attempt.point.coefficients,
-        )
-    )
-
-
-def _quickest(job: Job, radius: float) -> Steps[Attempt | None]:
-    """The shortest motion, or where that is far above the bound perhaps one without limits, stretched."""
-    best = yield from along(job, radius, shortest=True)
-    if best is None or (best.sound and best.needed <= _DETOUR * job.bound):
-        return best
-    other = yield from along(job, min(radius, job.radius(free_time=False)), shortest=False)
-    if other is None or not other.sound or (best.sound and best.needed <= other.needed):
-        return best
-    return other
-
-
-def hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
-    """The same motion in another duration."""
-    curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
-    for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
-        breaks[-1] = duration  # to the last bit
-    return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
-
-
-def enough_time(job: Job, needed: float) -> Steps[float | None]:
-    """A duration in which all limits are kept, from a first guess on; None if none is found."""
-    for look in range(LOOKS):
-        attempt = yield from best_at(job, needed, np.inf)
-        if attempt is not None and attempt.kept:
-            return needed
-        needed *= LONGER ** (2**look)
-    return None
-
-
-def _climb(
-    rungs: Iterable[tuple[int, float]],
-    attempt: Callable[[int, float], Steps[Attempt | None]],
-    enough: Callable[[Attempt], bool],
-    hopeless: Callable[[Attempt], bool],
-) -> Steps[Attempt | None]:
-    """The best attempt on the rungs of a ladder, up to the first that is enough or beyond the chart.
-
-    After a hopeless one more intervals are not tried.
-    """
-    best, last = None, None
-    for finer, wide in rungs:
-        if last is not None and finer > 1 and hopeless(last):
-            continue
-        last = yield from attempt(finer, wide)
-        if last is None:
-            break
-        if best is None or last.merit > best.merit:
-            best = last
-        if enough(last):
-            break
-    return best
+    along_nodes = radius == 0 or (in_time and radius < np.inf)
+    wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
+    free = [(1, np.inf), (2, np.inf)] if radius > 0 else []
+    return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

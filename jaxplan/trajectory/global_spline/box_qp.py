@@ -76,11 +76,6 @@ def solve_box_qps(programs: Sequence[BoxProgram]) -> list[Answer]:
     return [answers[number] for number in range(len(programs))]
 
 
-def solve_box_qp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> Answer:
-    """Solve one program, see `BoxProgram`."""
-    return solve_box_qps([BoxProgram(matrix, linear, penalty)])[0]
-
-
 @dataclass(frozen=True, eq=False)
 class _Stack:
     """Programs with their rows one after the other, N in all.

@@ -1,6 +1,5 @@
 """From a path to the task that `sqp` works on, and from its curve to a trajectory."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,88 +20,71 @@ _SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Request:
-    """What to fit.
+class Mesh:
+    """Where a spline has its breaks, and where it passes the nodes.
 
     Attributes:
-        attitudes: (m + 1, 3, 3) nodes, body to inertial.
-        joints: (m + 1, 2n) rad.
         places: (m + 1,) of the nodes in [0, 1].
-        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
         basis: of the splines.
-        points: places on each interval.
+        points: places on each interval at which loads and margins are looked at.
         radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
-        rest: whether accelerations are zero at both ends.
     """
 
-    attitudes: np.ndarray
-    joints: np.ndarray
     places: np.ndarray
-    rates: np.ndarray
     basis: Basis
     points: int
     radius: float
-    rest: bool
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Built:
-    """A task with the curve to begin with.
-
-    Attributes:
-        task: for `sqp.improve`.
-        coefficients: (n, A) of the first curve.
-    """
-
-    task: Task
-    coefficients: np.ndarray
 
 
 def build(
-    request: Request,
     problem: Problem,
-    b: np.ndarray,
+    mesh: Mesh,
+    nodes: np.ndarray,
     wanted: np.ndarray,
-    duration: float,
     *,
+    rates: np.ndarray,
+    rest: bool,
+    duration: float,
     weights: tuple[float, float, float],
     limited: bool,
     free_time: bool,
-) -> Built:
-    """The task of a request.
+) -> tuple[Task, np.ndarray]:
+    """The task for `sqp.improve`, and a curve to begin with.
 
     Args:
-        request: what to fit.
-        problem: its chart, limits and zones.
-        b: (m + 1, 3) rad, the nodes in the chart.
+        problem: chart, limits and zones.
+        mesh: of the spline.
+        nodes: (m + 1, A) ``b`` and joints, rad.
         wanted: (D, Z) rad, margins to keep.
+        rates: (2, A) rad/s at start and end, of body axes and joints.
+        rest: whether accelerations are zero at both ends.
         duration: s, given or to begin with.
         weights: of rate, acceleration and jerk.
         limited: whether limits are kept, or time will be stretched to them.
         free_time: whether the shortest duration is looked for.
+
+    Returns:
+        The task, and coefficients (n, A) of the spline nearest to the path.
     """
-    nodes = np.column_stack([b, request.joints])
-    basis = request.basis
-    rates = request.rates.copy()
+    basis = mesh.basis
     if np.any(rates[1, :3]):
+        rates = rates.copy()
         rates[1, :3] = problem.chart.end_turn @ rates[1, :3]
-    space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=request.rest))
+    space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=rest))
     # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
-    places, rows = basis.within(
-        request.points, to_end=highest_derivative(problem.names) > 2 or not request.rest
-    )
+    places, rows = basis.within(mesh.points, to_end=highest_derivative(problem.names) > 2 or not rest)
     inner = slice(1, -1)
     tube = None
     if len(nodes) == 2:
         pass  # the ends are all there is
-    elif request.radius == 0:
-        space = space.through(request.places[inner], nodes[inner])
-    elif np.isfinite(request.radius):
+    elif mesh.radius == 0:
+        space = space.through(mesh.places[inner], nodes[inner])
+    elif np.isfinite(mesh.radius):
         # Of the platform's axes a cube within the ball: what b is off bounds what the attitude is.
-        radius = np.full(nodes.shape[1], request.radius)
+        radius = np.full(nodes.shape[1], mesh.radius)
         radius[:3] /= np.sqrt(3.0)
-        tube = Tube(basis.rows(request.places[inner], 1)[0], nodes[inner], radius)
-    first = _nearest(space, rows[0], along(nodes, request.places, places), duration)
+        tube = Tube(basis.rows(mesh.places[inner], 1)[0], nodes[inner], radius)
+    first = _nearest(space, rows[0], along(nodes, mesh.places, places), duration)
     task = Task(
         problem=problem,
         space=space,
@@ -114,7 +96,7 @@ def build(
         weights=weights,
         free_time=free_time,
     )
-    return Built(task=task, coefficients=first)
+    return task, first
 
 
 def trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
@@ -153,21 +135,18 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
     return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
 
-def wanted_margins(asked: Sequence[tuple[Problem, Request]]) -> list[np.ndarray]:
+def wanted_margins(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
-    answers = []
-    for problem, request in asked:
-        least = np.maximum(np.min(end_margins(problem, request), axis=0), 0)
-        # The room is for rows of an entry beside which another one holds at both ends.
-        answers.append(np.minimum(np.minimum(CLEARANCE, room(problem.cones)), OF_ENDS * least))
-    return answers
+    least = np.maximum(np.min(end_margins(problem, attitudes, joints), axis=0), 0)
+    # The room is for rows of an entry beside which another one holds at both ends.
+    return np.minimum(np.minimum(CLEARANCE, room(problem.cones)), OF_ENDS * least)
 
 
-def end_margins(problem: Problem, request: Request) -> np.ndarray:
-    """Margins (2, D, Z) at start and goal, rad, as `Motion` has them."""
-    cones, joints = problem.cones, request.joints[[0, -1]]
-    seen = problem.sights.in_body(joints)
-    axes = axes_in_body(cones, problem.axes(np.array([0.0, 1.0])) @ request.attitudes[[0, -1]], seen)
-    margins = pair_margins(cones, seen, axes, joints)
+def end_margins(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Margins (2, D, Z) at start and goal of nodes, rad, as `Motion` has them."""
+    cones, ends = problem.cones, [0, -1]
+    seen = problem.sights.in_body(joints[ends])
+    axes = axes_in_body(cones, problem.axes(np.array([0.0, 1.0])) @ attitudes[ends], seen)
+    margins = pair_margins(cones, seen, axes, joints[ends])
     kept = counted(cones, np.min(margins, axis=2, initial=np.inf))
     return np.asarray(np.swapaxes(np.where(kept[..., None], margins, np.inf), 1, 2))

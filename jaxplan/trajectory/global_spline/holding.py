@@ -9,13 +9,14 @@ from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM
 from jaxplan.trajectory.global_spline import program, sqp
+from jaxplan.trajectory.global_spline.attempts import Attempt
 from jaxplan.trajectory.global_spline.binding import Masks, independent, next_rows
 from jaxplan.trajectory.global_spline.build import end_margins
 from jaxplan.trajectory.global_spline.chart import Chart
 from jaxplan.trajectory.global_spline.families import families
 from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
 from jaxplan.trajectory.global_spline.inputs import gather_inputs
-from jaxplan.trajectory.global_spline.job import Attempt, Job
+from jaxplan.trajectory.global_spline.job import Job
 from jaxplan.trajectory.global_spline.linear_rows import Joints
 from jaxplan.trajectory.global_spline.place_rows import Loads
 from jaxplan.trajectory.global_spline.refit import linearised
@@ -155,7 +156,7 @@ class Origin:
         space, problem = task.space, task.problem
         inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
         linear, loads, zones, flat = _gathered(task, rows, binding, multipliers)
-        places = self.attempt.request.places
+        places = self.attempt.request.mesh.places
         return Held(
             free=space.free,
             of_values=space.of_values,
@@ -169,7 +170,7 @@ class Origin:
             long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
             share=np.array(problem.share),
             widened=np.array(self._widened()),
-            counted=np.isfinite(end_margins(problem, self.attempt.request)),
+            counted=np.isfinite(end_margins(problem, job.attitudes, job.joints)),
             duration=np.array(at.duration[0] if self.stretched else np.nan),
             linear=linear,
             loads=loads,

@@ -1,6 +1,5 @@
-"""What is fitted: the nodes with all that is asked of the curve, and one attempt at it."""
+"""What is fitted: the nodes of a path with all that is asked of the curve."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,18 +10,10 @@ from jaxplan.model.limits import Kinematics, limits
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.asking import Ask, Steps, in_turn
 from jaxplan.trajectory.bound import duration_bound
-from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.global_spline import sqp
 from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.build import Built, Request, build, trajectory, wanted_margins
-from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import TUBE
-from jaxplan.trajectory.global_spline.stack import Point, Task
+from jaxplan.trajectory.global_spline.build import Mesh
 from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.trajectory.scaling import Peaks, all_peaks
 
 # About the nodes, unless the settings have one; a shortest motion has none.
 TUBE_RADIUS = float(np.deg2rad(1.0))
@@ -31,13 +22,6 @@ _INTERVALS = 32  # of a spline, or a multiple of it
 _NODES_EACH = 1.5  # intervals for a node that is passed exactly
 _NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
 _POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
-_TUBE_BROKEN = 1e-6  # rad
-_DEEP = float(np.deg2rad(0.3))
-_ROUNDING = 1e-9  # rad
-_KEPT = 0.3  # of the wanted margins, which a sound curve has
-_MENDED = 1e-3  # of a limit, beyond which a curve is not what a given duration needs
-_NEARLY = 1.01  # of the duration keeps all limits: what happens between the places is still to be mended
-_WIDER = 3.0  # tube, before there is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,8 +98,8 @@ class Job:
         """The pace at full speed along the path."""
         return Pace.quickest(max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise)
 
-    def request(self, pace: Pace, radius: float, finer: int, *, graded: bool) -> Request:
-        """What to fit at a pace.
+    def mesh(self, pace: Pace, radius: float, finer: int, *, graded: bool) -> Mesh:
+        """Where the spline has its breaks, for a pace along the path.
 
         Args:
             pace: along the path.
@@ -137,72 +121,8 @@ class Job:
             basis = Basis.on(pace.breaks(intervals))
         else:
             basis = Basis.even(intervals)
-        return Request(
-            attitudes=self.attitudes,
-            joints=self.joints,
-            places=places,
-            rates=self.rates,
-            basis=basis,
-            points=_POINTS if intervals < _MANY else _FEW_POINTS,
-            radius=radius,
-            rest=self.rests,
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Attempt:
-    """A curve, and what it breaks.
-
-    Attributes:
-        task: what was looked for.
-        point: the curve that was found.
-        request: what it was made for.
-        trajectory: of the curve.
-        peaks: over all time.
-        clear: whether zones are kept at the places, with some of the clearance.
-        breach: what breaks a zone, by name, and by how much (rad); None where none does.
-        tube: rad, how far nodes are beyond it; zero or less where they are within.
-    """
-
-    task: Task
-    point: Point
-    request: Request
-    trajectory: Trajectory
-    peaks: Peaks
-    clear: bool
-    breach: tuple[str, float] | None
-    tube: float
-
-    @property
-    def radius(self) -> float:
-        """Of the tube that was tried, rad."""
-        return self.request.radius
-
-    @property
-    def sound(self) -> bool:
-        """Whether nothing is broken but perhaps limits of rates and loads."""
-        return self.clear and self.peaks.in_range and self.tube <= _TUBE_BROKEN
-
-    @property
-    def kept(self) -> bool:
-        """Whether all limits are kept."""
-        return self.peaks.stretch <= 1 and self.peaks.in_range
-
-    @property
-    def needed(self) -> float:
-        """Duration to which its time is to be stretched, s."""
-        return self.trajectory.duration * self.peaks.stretch
-
-    @property
-    def too_deep(self) -> bool:
-        """Whether a zone is broken so deep that it is not for want of intervals."""
-        return self.breach is not None and self.breach[1] > _DEEP
-
-    @property
-    def merit(self) -> tuple[bool, bool, bool, float]:
-        """The larger the better."""
-        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= _NEARLY
-        return inside, nearly, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
+        points = _POINTS if intervals < _MANY else _FEW_POINTS
+        return Mesh(places=places, basis=basis, points=points, radius=radius)
 
 
 def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
@@ -221,109 +141,3 @@ def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
         else:
             platform = np.minimum(platform, np.min(limit.bound) / (heaviest if quantity.by_inertia else 1.0))
     return np.concatenate([platform, joints])
-
-
-def ladder(radius: float, *, in_time: bool = True) -> Iterator[tuple[int, float]]:
-    """Factors on the number of intervals and radii of the tube, one attempt after the other.
-
-    Args:
-        radius: rad, asked for.
-        in_time: whether there is time enough to go along the nodes.
-    """
-    if radius == 0 or (in_time and radius < np.inf):
-        yield 1, radius
-        yield 2, radius
-    if 0 < radius < np.inf and in_time:
-        yield 1, _WIDER * radius
-    if radius > 0:
-        yield 1, np.inf
-        yield 2, np.inf
-
-
-def attempt_at(
-    job: Job,
-    request: Request,
-    duration: float,
-    *,
-    limited: bool,
-    free_time: bool,
-    tighter: float = 0.0,
-    begin: np.ndarray | None = None,
-) -> Steps[Attempt | None]:
-    """Fit a request.
-
-    Args:
-        job: what all attempts share.
-        request: what to fit.
-        duration: s, given or to begin with.
-        limited: whether limits are kept, or time will be stretched to them.
-        free_time: whether the shortest duration is looked for.
-        tighter: share of the platform's limits that is left; joints are held at every instant anyway.
-        begin: (n, A) coefficients of the curve to begin with, the one nearest to the path by default.
-
-    Returns:
-        The attempt; None if the nodes leave the chart or numbers overflow.
-    """
-    chart, b = yield in_turn(fitting, attitudes=request.attitudes, places=request.places)
-    if not farthest(chart, b, request.places) <= REACH:
-        return None
-    problem = Problem(
-        chart=chart, spacecraft=job.spacecraft, cones=job.cones, horizon=job.horizon, share=1 - tighter
-    )
-    wanted: np.ndarray = yield Ask(wanted_margins, (problem, request))
-    built: Built = yield in_turn(
-        build,
-        request=request,
-        problem=problem,
-        b=b,
-        wanted=wanted,
-        duration=duration,
-        weights=job.weights,
-        limited=limited,
-        free_time=free_time,
-    )
-    task = built.task
-    begin = built.coefficients if begin is None else begin
-    first = sqp.Begin(task=task, coefficients=begin, duration=duration)
-    point = yield from _nearby(job, first)
-    if not (point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite):
-        return None
-    curve = trajectory(task, point, point.duration * request.places)
-    found: Peaks = yield Ask(all_peaks, (curve, job.spacecraft))
-    if not np.isfinite(found.stretch):
-        return None
-    return Attempt(
-        task=task,
-        point=point,
-        request=request,
-        trajectory=curve,
-        peaks=found,
-        clear=bool(np.all(point.margins >= _KEPT * task.wanted)),
-        breach=_breach(point.margins, job),
-        tube=float(point.violations[TUBE]),
-    )
-
-
-def _nearby(job: Job, first: sqp.Begin) -> Steps[Point]:
-    """The best curve near the first one; in a given time one that is far too quick is left as it is."""
-    task = first.task
-    if not (task.free_time or job.at_speed):
-        first = replace(first, patience=0.0 if task.limited else _MENDED)
-    point: Point = yield Ask(sqp.improve, first)
-    if task.limited and point.steps == 0:
-        # From a curve that is far too quick a program leads nowhere: one is made that is slow enough.
-        free = replace(first, task=replace(task, free_time=True), until=first.duration, patience=np.inf)
-        slower: Point = yield Ask(sqp.improve, free)
-        slow = replace(first, coefficients=slower.coefficients, patience=_MENDED)
-        point = yield Ask(sqp.improve, slow)
-    return point
-
-
-def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:
-    """Of margins (S, D, Z); axes of the body go by the name of the body, what terminals carry by theirs."""
-    if np.all(margins >= -_ROUNDING):
-        return None
-    _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
-    names, cones = job.spacecraft.device_names, job.cones
-    carriers = [names[terminal] for terminal in cones.carrier]
-    return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))

@@ -9,10 +9,8 @@ come from a linear system again. The check at the end is plain numpy and decides
 given; a NaN does not pass it.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -50,33 +48,21 @@ class Program:
     limited: np.ndarray
     limits: np.ndarray
 
-
-def solve(program: Program) -> np.ndarray | None:
-    """The optimum, checked.
-
-    Args:
-        program: with d columns.
-
-    Returns:
-        (p, d); None if a column has no solution, or none that passes the check.
-    """
-    return solve_all([program])[0]
+    @property
+    def kind(self) -> Hashable:
+        """Programs of equal kinds have the same sizes."""
+        return self.equalities.shape, self.limits.shape, self.values.shape
 
 
 def solve_all(programs: Sequence[Program]) -> list[np.ndarray | None]:
-    """`solve` for many programs; each has the answer that it has alone, to the last bit."""
-    alike: dict[Any, list[int]] = defaultdict(list)
-    for number, program in enumerate(programs):
-        alike[program.equalities.shape, program.limits.shape, program.values.shape].append(number)
-    answers: dict[int, np.ndarray | None] = {}
-    for numbers in alike.values():
-        own = [programs[number] for number in numbers]
-        answers.update(zip(numbers, _solve_alike(own), strict=True))
-    return [answers[number] for number in range(len(programs))]
+    """The optima of programs of one kind, checked.
 
+    Args:
+        programs: each with d columns.
 
-def _solve_alike(programs: Sequence[Program]) -> list[np.ndarray | None]:
-    """Answers to programs of the same size."""
+    Returns:
+        (p, d) of each; None if a column has no solution, or none that passes the check.
+    """
     objective, rows, values, limited, limits = (
         np.stack([getattr(program, name) for program in programs])
         for name in ("objective", "equalities", "values", "limited", "limits")
