@@ -22,8 +22,8 @@ from scipy import sparse
 
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, random_scenario
-from jaxplan.trajectory.global_spline import dual
-from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory import program
+from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
 
 try:
     import piqp
@@ -49,7 +49,7 @@ def collect(count: int) -> list[Problem]:
                 found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))
         return solve_box_qps(programs)
 
-    own, dual.solve_box_qps = dual.solve_box_qps, spy
+    own, program.solve_box_qps = program.solve_box_qps, spy
     try:
         for kind in SKY_KINDS:
             for seed in range(count):
@@ -58,7 +58,7 @@ def collect(count: int) -> list[Problem]:
                 settings = replace(scenario.trajectory, method="global", duration=duration)
                 jp.plan(replace(scenario, trajectory=settings), throw=False, progress=False)
     finally:
-        dual.solve_box_qps = own
+        program.solve_box_qps = own
     return found
 
 

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxplan.trajectory.chart_rates import rates
-from jaxplan.trajectory.pieces import chart_motion
+from jaxplan.trajectory.curve import chart_motion
+from jaxplan.trajectory.peaks import rates
 
 COUNT = 64
 

@@ -34,8 +34,8 @@ from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
 from jaxplan.table4 import PAPER_KINDS, printed_rows
 from jaxplan.trajectory import FitQuery
-from jaxplan.trajectory.global_spline import held as global_spline
-from jaxplan.trajectory.paper import refit as paper
+from jaxplan.trajectory import derivative as global_spline
+from jaxplan.trajectory.paper import derivative as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
 

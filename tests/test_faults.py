@@ -13,7 +13,7 @@ from jaxplan.planner import goals
 from jaxplan.scenario import with_settings
 from jaxplan.search import mha
 from jaxplan.search.tree import make_root, trace
-from jaxplan.trajectory.global_spline import box_qp, dual
+from jaxplan.trajectory import box_qp, program
 from jaxplan.trajectory.paper import qp
 
 RNG = np.random.default_rng(21)
@@ -43,7 +43,7 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
         asked.extend(len(linear) for _, linear, _ in programs)
         return [box_qp.Answer(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
 
-    monkeypatch.setattr(dual, "solve_box_qps", garbage)
+    monkeypatch.setattr(program, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):
         plan = planned()
     assert asked

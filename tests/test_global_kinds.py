@@ -21,16 +21,15 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
-from jaxplan.trajectory.global_spline.attempts import _breach
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.chart import fitting
-from jaxplan.trajectory.global_spline.motion import evaluate
-from jaxplan.trajectory.global_spline.place_rows import Zones
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.refit import refit
-from jaxplan.trajectory.global_spline.rows import Step
+from jaxplan.trajectory.attempts import _breach
+from jaxplan.trajectory.chart import fitting
+from jaxplan.trajectory.constraints import Step, Zones
+from jaxplan.trajectory.derivative import refit
 from jaxplan.trajectory.measures import least_margin
+from jaxplan.trajectory.motion import evaluate
+from jaxplan.trajectory.problem import Problem
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.splines import Basis
 
 CRAFT = make_spacecraft(2, 1)  # sights 0 and 1 are terminals, 2 is a camera, 3 an axis of the body
 PANEL = (0.0, 0.0, 1.0)

@@ -12,14 +12,12 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.bound import duration_bound, shortest_time
-from jaxplan.trajectory.global_spline.bases import DEGREE, Basis
-from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qps
-from jaxplan.trajectory.global_spline.chart import farthest, fitting
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends, weighted
-from jaxplan.trajectory.global_spline.motion import evaluate
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.timing import Pace
+from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory.chart import farthest, fitting
+from jaxplan.trajectory.motion import evaluate
+from jaxplan.trajectory.problem import Problem
+from jaxplan.trajectory.schedule import Pace, duration_bound, shortest_time
+from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, Ends, weighted
 
 RNG = np.random.default_rng(3)
 UNEVEN = np.concatenate([[0.0], np.sort(RNG.uniform(0.02, 0.98, 9)), [1.0]])

@@ -9,10 +9,9 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
-from jaxplan.trajectory import fit_batch
-from jaxplan.trajectory.global_spline import attempts, sqp
-from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.program import promised, propose
+from jaxplan.trajectory import attempts, fit_batch, sqp
+from jaxplan.trajectory.constraints import families
+from jaxplan.trajectory.program import promised, propose
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,11 @@ from node_paths import wandering
 from scenes import make_spacecraft
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.chart import fitting
-from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
-from jaxplan.trajectory.global_spline.motion import evaluate
-from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import Step
+from jaxplan.trajectory.chart import fitting
+from jaxplan.trajectory.constraints import Joints, Loads, Nodes, Ranges, Step, Zones
+from jaxplan.trajectory.motion import evaluate
+from jaxplan.trajectory.problem import Problem
+from jaxplan.trajectory.splines import Basis
 
 RNG = np.random.default_rng(8)
 BASIS = Basis.even(6)

@@ -24,14 +24,13 @@ from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
 from jaxplan.trajectory.basis import end_derivatives
-from jaxplan.trajectory.global_spline.curve_space import weighted
-from jaxplan.trajectory.global_spline.inputs import gather_inputs
-from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import ChainRequest, Nodes, plan_chains
-from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.paper.refit import nominal_duration, refit
-from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.paper import segments as counting
+from jaxplan.trajectory.paper.derivative import Origin, nominal_duration, refit
+from jaxplan.trajectory.paper.segments import ChainRequest, Nodes, plan_chains
+from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.splines import weighted
 
 FITS = {
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),

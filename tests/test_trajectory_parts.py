@@ -13,9 +13,10 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import basis, maxima, scaling, schedule
-from jaxplan.trajectory.paper import counting, qp
-from jaxplan.trajectory.paper.assembly import assemble
+from jaxplan.trajectory import basis, peaks, schedule
+from jaxplan.trajectory.paper import qp
+from jaxplan.trajectory.paper import segments as counting
+from jaxplan.trajectory.paper.segments import assemble
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
 
@@ -188,7 +189,7 @@ def smooth(x: np.ndarray, k: int) -> np.ndarray:
 
 def test_peaks_between_the_points_are_found():
     x = np.cos(np.pi * np.arange(65) / 64)
-    found = maxima.largest(np.stack([smooth(x, k) for k in range(3)]))
+    found = peaks.largest(np.stack([smooth(x, k) for k in range(3)]))
     grid = np.linspace(-1, 1, 2001)
     for quantity in range(4):
         best = 0.0
@@ -215,7 +216,7 @@ def test_of_two_pieces_whose_peaks_are_all_but_equal_the_higher_one_is_found():
     series /= np.abs(np.cos(np.outer(theta, k)) @ series).max(axis=1, keepdims=True)
     series[rng.integers(0, 2, 200), :, np.arange(200)] *= 1 + 1e-4
     values = np.cos(np.pi * np.outer(k, k) / 12) @ series
-    np.testing.assert_allclose(maxima.largest(values), 1 + 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(peaks.largest(values), 1 + 1e-4, rtol=1e-6)
 
 
 def test_points_that_do_not_tell_what_is_between_them_are_found():
@@ -224,11 +225,11 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
         return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
 
     of_two = np.concatenate([values(13, 0.5), values(13, 9.0)])
-    np.testing.assert_array_equal(maxima.are_resolved(of_two, np.array([0, 3])), [True, False])
+    np.testing.assert_array_equal(peaks.are_resolved(of_two, np.array([0, 3])), [True, False])
     odd = np.sin(9 * np.cos(np.pi * np.arange(13) / 12))[None, :, None]  # its last term is zero
-    assert not maxima.are_resolved(odd, np.zeros(1, int))
-    assert maxima.are_resolved(values(37, 9.0), np.zeros(1, int))
-    few, many = (maxima.largest(values(points, 0.5)) for points in (13, 37))
+    assert not peaks.are_resolved(odd, np.zeros(1, int))
+    assert peaks.are_resolved(values(37, 9.0), np.zeros(1, int))
+    few, many = (peaks.largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
 
 
@@ -237,7 +238,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
     plan = fit_global(load("rrt_c1"), craft, TrajectorySettings(duration=80.0)).trajectory
     for factor in (1.0, 200.0, 1000.0):  # of the chart's rate: up to thirty turns in a piece
         curve = replace(plan, chart_rate=factor * plan.chart_rate)
-        found = scaling.peaks(curve, craft).ratios[:6]
+        found = peaks.peaks(curve, craft).ratios[:6]
         samples = curve.sample(np.linspace(0, curve.duration, 200_000))
         seen = [np.abs(samples.angular_velocity), np.abs(samples.angular_acceleration)]
         limits = np.repeat([craft.rate_limit, craft.acceleration_limit], 3)
@@ -250,7 +251,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
 def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
-    assert np.all(np.isnan(maxima.largest(values)))
+    assert np.all(np.isnan(peaks.largest(values)))
 
 
 def test_a_joint_beyond_its_range_between_nodes_is_told():
@@ -259,4 +260,4 @@ def test_a_joint_beyond_its_range_between_nodes_is_told():
     for margin, inside in ((1e-6, True), (-1e-6, False)):
         craft = make_spacecraft()
         terminals = tuple(replace(t, yaw_limit=3.0, pitch_limit=reached + margin) for t in craft.terminals)
-        assert scaling.peaks(fit.trajectory, replace(craft, terminals=terminals)).in_range == inside
+        assert peaks.peaks(fit.trajectory, replace(craft, terminals=terminals)).in_range == inside

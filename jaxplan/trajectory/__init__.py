@@ -4,15 +4,18 @@ from collections.abc import Sequence
 
 from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.threads import one_thread
-from jaxplan.trajectory.bound import duration_bound, excess
+from jaxplan.trajectory import derivative, strategy
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
-from jaxplan.trajectory.global_spline import refit, strategy
+from jaxplan.trajectory.paper import derivative as paper_derivative
 from jaxplan.trajectory.paper import method as paper
-from jaxplan.trajectory.paper import refit as paper_refit
+from jaxplan.trajectory.schedule import duration_bound, excess
 
 METHODS = {"global": strategy.fit, "paper": paper.fit}  # of many queries, with the seconds that each takes
-REFITS = {"global": refit.refit, "paper": paper_refit.refit}  # the same near a fit, to be differentiated
+REFITS = {
+    "global": derivative.refit,
+    "paper": paper_derivative.refit,
+}  # the same near a fit, to be differentiated
 
 __all__ = [
     "METHODS",

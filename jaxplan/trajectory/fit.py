@@ -14,7 +14,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.scaling import Peaks
+from jaxplan.trajectory.peaks import Peaks
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 

@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from jaxplan.decomposition import quadratic
-from jaxplan.trajectory.global_spline.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
 from jaxplan.trajectory.paper.qp import Program, solve_all
 
 TOLERANCE = 1e-6  # of the objective, relative to its size

@@ -16,10 +16,18 @@ from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
-from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import ChainRequest, Nodes, plan_chains
-from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.scaling import SAFETY, Peaks, all_peaks
+from jaxplan.trajectory.paper.derivative import Origin
+from jaxplan.trajectory.paper.segments import (
+    ChainRequest,
+    Nodes,
+    charts_suffice,
+    fewest_segments,
+    is_full,
+    plan_chains,
+    shortest_duration,
+    split,
+)
+from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
@@ -134,15 +142,15 @@ class _Task:
         """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
         rates, accelerations = np.hstack(self.limits)
         ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
-        moves = counting.shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
+        moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
         return moves + float(np.max(ends / accelerations))
 
     def segment_counts(self) -> Iterator[int]:
         """Numbers of segments to try, from as few as wanted up to one an interval."""
         intervals, order = len(self.nodes.turns), self.settings.order
-        count = max(self.settings.segments or _DEFAULT_SEGMENTS, counting.fewest_segments(intervals, order))
+        count = max(self.settings.segments or _DEFAULT_SEGMENTS, fewest_segments(intervals, order))
         while count < intervals:
-            if counting.charts_suffice(self.nodes.turns, counting.split(intervals, count, order)[1]):
+            if charts_suffice(self.nodes.turns, split(intervals, count, order)[1]):
                 yield count
             count = max(count + 1, int(_MORE_SEGMENTS * count))
         yield intervals
@@ -150,7 +158,7 @@ class _Task:
     def is_full(self, segments: int) -> bool:
         """Whether so many segments have next to no freedom, and their number was not asked for."""
         own = self.settings
-        return own.segments is None and counting.is_full(len(self.nodes.turns), segments, own.order)
+        return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

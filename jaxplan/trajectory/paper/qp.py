@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.trajectory.inverses import inverses
+from jaxplan.trajectory.program import inverses
 
 _TOLERANCE = 1e-11
 _OSQP_SETTINGS = {

@@ -5,16 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxplan.trajectory import sqp
+from jaxplan.trajectory.chart import REACH, farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.global_spline import sqp
-from jaxplan.trajectory.global_spline.build import Mesh, build, trajectory, wanted_margins
-from jaxplan.trajectory.global_spline.chart import REACH, farthest, fitting
-from jaxplan.trajectory.global_spline.job import Job
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import TUBE
-from jaxplan.trajectory.global_spline.stack import Point, Task
-from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.trajectory.scaling import Peaks, all_peaks
+from jaxplan.trajectory.discretisation import Task, build, wanted_margins
+from jaxplan.trajectory.iterates import TUBE, Point
+from jaxplan.trajectory.peaks import Peaks, all_peaks
+from jaxplan.trajectory.problem import Job, Mesh, Problem
+from jaxplan.trajectory.schedule import Pace
+from jaxplan.trajectory.splines import SMOOTHNESS
 
 _TUBE_BROKEN = 1e-6  # rad
 _DEEP = float(np.deg2rad(0.3))
@@ -113,7 +112,7 @@ def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
     for (number, begin), point in zip(begins.items(), points, strict=True):
         if point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite:
             node_times = point.duration * requests[number].mesh.places
-            curves[number] = begin.task, point, trajectory(begin.task, point, node_times)
+            curves[number] = begin.task, point, _trajectory(begin.task, point, node_times)
     peaks = all_peaks([(curve, requests[number].job.spacecraft) for number, (*_, curve) in curves.items()])
     attempts: list[Attempt | None] = [None] * len(requests)
     for (number, (task, point, curve)), own in zip(curves.items(), peaks, strict=True):
@@ -189,6 +188,32 @@ def _improved(jobs: Sequence[Job], begins: Sequence[sqp.Begin]) -> list[Point]:
     for number, point in zip(hasty, sqp.improve(slow), strict=True):
         points[number] = point
     return points
+
+
+def _trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
+    """The curve of a point in time.
+
+    Args:
+        task: its chart and basis.
+        point: the curve.
+        node_times: (m + 1,) s, when the nodes are passed.
+    """
+    basis, chart, duration = task.space.basis, task.problem.chart, point.duration
+    pieces = basis.pieces(point.coefficients)
+    count = len(pieces)
+    breaks = basis.breaks * duration
+    return Trajectory(
+        breaks=breaks,
+        chart_attitude=np.repeat(chart.attitude[None], count, axis=0),
+        chart_start=np.zeros(count),
+        chart_rate=np.repeat(chart.turn[None] / duration, count, axis=0),
+        coefficients=np.ascontiguousarray(pieces[:, :, :3]),
+        joint_breaks=breaks,
+        joint_coefficients=np.ascontiguousarray(pieces[:, :, 3:]),
+        node_times=node_times,
+        smoothness=SMOOTHNESS,
+        method="global",
+    )
 
 
 def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:

@@ -1,5 +1,6 @@
 """From a fit that was made to what is held of it: above all which rows bind, to the last of them."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import jax
@@ -8,20 +9,23 @@ import numpy as np
 from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM
-from jaxplan.trajectory.global_spline import program, sqp
-from jaxplan.trajectory.global_spline.attempts import Attempt
-from jaxplan.trajectory.global_spline.binding import Masks, independent, next_rows
-from jaxplan.trajectory.global_spline.build import end_margins
-from jaxplan.trajectory.global_spline.chart import Chart
-from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.held import Held, LinearRows, LoadRows, ZoneRows, filled, padded_size
-from jaxplan.trajectory.global_spline.inputs import gather_inputs
-from jaxplan.trajectory.global_spline.job import Job
-from jaxplan.trajectory.global_spline.linear_rows import Joints
-from jaxplan.trajectory.global_spline.place_rows import Loads
-from jaxplan.trajectory.global_spline.refit import linearised
-from jaxplan.trajectory.global_spline.rows import SIGNS, Family, Index
-from jaxplan.trajectory.global_spline.stack import Points, Stack, Task
+from jaxplan.trajectory import program, sqp
+from jaxplan.trajectory.attempts import Attempt
+from jaxplan.trajectory.chart import Chart
+from jaxplan.trajectory.constraints import SIGNS, Family, Index, Joints, Loads, families
+from jaxplan.trajectory.derivative import (
+    Held,
+    LinearRows,
+    LoadRows,
+    ZoneRows,
+    filled,
+    gather_inputs,
+    linearised,
+    padded_size,
+)
+from jaxplan.trajectory.discretisation import Task, end_margins
+from jaxplan.trajectory.iterates import Points, Stack
+from jaxplan.trajectory.problem import Job
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
@@ -31,6 +35,8 @@ _LOOKS = 20  # at which rows bind
 _PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
 _LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
 _ROUNDED = 1e-8  # what rounding may leave of it, where little moves
+
+Masks = dict[str, np.ndarray]  # by block of constraints, of every row
 
 _inputs = jax.jit(gather_inputs)
 
@@ -280,3 +286,45 @@ def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.nda
     angles = np.linalg.norm(short, axis=1)
     along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
     return np.round((along - angles) / (2 * np.pi))
+
+
+_TOUCHING = 1e-6  # room of a row that may bind
+
+
+def next_rows(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: float) -> np.ndarray:
+    """Which rows of a family (of one curve) to try next: without those that pull, with those that are broken.
+
+    Of rows at places only the worst of each zone or load, since those beside it mean the same.
+    """
+    pulling = binding & (multipliers < least)
+    room = family.room
+    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room, np.zeros(1, int))
+    if not family.linear:
+        worst = np.arange(room.shape[1]).reshape(-1, *[1] * (room.ndim - 2))
+        if np.any(pulling):
+            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=1)))
+        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=1)
+    return (binding & ~pulling) | broken
+
+
+def independent(families: dict[str, Family], binding: Masks, quadratic: program.Quadratic) -> Masks:
+    """Multipliers of few of the rows that bind or touch, none of which follows from the others.
+
+    They are those that push and hold the objective's gradient best.
+    """
+    from scipy.optimize import nnls
+
+    touching = {name: np.nonzero(binding[name] | (f.room < _TOUCHING)) for name, f in families.items()}
+    free = quadratic.free[0]
+    slopes = [families[name].slopes(index).full @ free for name, index in touching.items()]
+    gradient = (free.T @ quadratic.gradient[0]).T
+    every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
+    flat = np.zeros(len(every))
+    if len(every):  # on none it crashes
+        with suppress(RuntimeError):  # of too many iterations: then no row is taken to bind
+            flat = nnls(every.T, -gradient.ravel())[0]
+    found = {}
+    for name, index in touching.items():
+        found[name] = np.zeros(families[name].room.shape)
+        found[name][index], flat = flat[: len(index[0])], flat[len(index[0]) :]
+    return found

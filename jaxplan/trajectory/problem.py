@@ -1,19 +1,77 @@
-"""What is fitted: the nodes of a path with all that is asked of the curve."""
+"""What a spline fit is about: the system in its chart, the mesh of the spline, the nodes of the path."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from jaxplan.model.constraints import Constraints
-from jaxplan.model.limits import Kinematics, limits
+from jaxplan.model.constraints import Constraints, Sights
+from jaxplan.model.limits import Kinematics, Limit, limits, timed_limits
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.bound import duration_bound
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.build import Mesh
-from jaxplan.trajectory.global_spline.timing import Pace
+from jaxplan.trajectory.chart import Chart
+from jaxplan.trajectory.schedule import Pace, duration_bound
+from jaxplan.trajectory.splines import Basis
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """What does not change while a curve is looked for.
+
+    Attributes:
+        chart: of the platform.
+        spacecraft: its limits.
+        cones: the pointing constraints.
+        horizon: s, when axes that move are taken to be where they are at the end.
+        share: of the limits on the platform's loads that may be taken.
+    """
+
+    chart: Chart
+    spacecraft: Spacecraft
+    cones: Constraints
+    horizon: float = 0.0
+    share: float = 1.0
+
+    @cached_property
+    def _timed(self) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
+        return timed_limits(self.spacecraft)
+
+    @property
+    def joint_limits(self) -> tuple[Limit, ...]:
+        """Of rates and accelerations of the joints."""
+        return self._timed[1]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(Q,) of the platform's loads: of the quantities that are limited."""
+        return tuple(limit.quantity.name for limit in self._timed[0])
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """(Q, 3) of the platform's loads, in time."""
+        return self.share * np.stack([limit.bound for limit in self._timed[0]])
+
+    @cached_property
+    def powers(self) -> np.ndarray:
+        """(Q,) of 1 / duration in the platform's loads."""
+        return np.array([limit.quantity.power for limit in self._timed[0]])
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """(3, 3) kg m^2, body axes; where none is given, none is needed."""
+        given = self.spacecraft.inertia
+        return np.eye(3) if given is None else np.asarray(given, float)
+
+    @cached_property
+    def sights(self) -> Sights:
+        """What the constraints bind, D of them."""
+        return self.cones.sights(self.spacecraft.mounts, np.asarray(self.spacecraft.fixed_boresights, float))
+
+    def axes(self, places: np.ndarray) -> np.ndarray:
+        """Axes (S, Z, 3) of the rows at places (S,) in [0, 1], inertial unless they are of the body."""
+        return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
+
 
 # About the nodes, unless the settings have one; a shortest motion has none.
 TUBE_RADIUS = float(np.deg2rad(1.0))
@@ -22,6 +80,23 @@ _INTERVALS = 32  # of a spline, or a multiple of it
 _NODES_EACH = 1.5  # intervals for a node that is passed exactly
 _NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
 _POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mesh:
+    """Where a spline has its breaks, and where it passes the nodes.
+
+    Attributes:
+        places: (m + 1,) of the nodes in [0, 1].
+        basis: of the splines.
+        points: places on each interval at which loads and margins are looked at.
+        radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
+    """
+
+    places: np.ndarray
+    basis: Basis
+    points: int
+    radius: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

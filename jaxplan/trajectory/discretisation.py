@@ -1,39 +1,81 @@
 """From a path to the task that `sqp` works on, and from its curve to a trajectory."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
 from jaxplan.model.limits import highest_derivative
-from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.global_spline.bases import SMOOTHNESS, Basis
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace, Ends
-from jaxplan.trajectory.global_spline.linear_rows import Tube
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.stack import Point, Task
-from jaxplan.trajectory.global_spline.timing import along
+from jaxplan.trajectory.problem import Mesh, Problem
+from jaxplan.trajectory.schedule import along
+from jaxplan.trajectory.splines import CurveSpace, Ends
 
+TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
 CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
 OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
 _SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mesh:
-    """Where a spline has its breaks, and where it passes the nodes.
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """Nodes that a curve must pass within a tube.
 
     Attributes:
-        places: (m + 1,) of the nodes in [0, 1].
-        basis: of the splines.
-        points: places on each interval at which loads and margins are looked at.
-        radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
+        rows: (m, n) of the basis at the nodes.
+        values: (m, A) rad.
+        radius: (A,) rad, for each axis.
     """
 
+    rows: np.ndarray
+    values: np.ndarray
+    radius: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A fit.
+
+    Attributes:
+        problem: chart, limits and zones.
+        space: the curves.
+        places: (S,) where loads and margins are looked at.
+        rows: (4, S, n) of the basis there.
+        wanted: (D, Z) rad, margins to keep.
+        tube: about the nodes, or None.
+        limited: whether limits of rates and loads are kept, or time will be stretched to them.
+        weights: of the energy.
+        free_time: whether the duration is looked for as well.
+    """
+
+    problem: Problem
+    space: CurveSpace
     places: np.ndarray
-    basis: Basis
-    points: int
-    radius: float
+    rows: np.ndarray
+    wanted: np.ndarray
+    tube: Tube | None
+    limited: bool
+    weights: tuple[float, float, float]
+    free_time: bool
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What tasks of one stack share."""
+        problem = self.problem
+        return (
+            self.rows.shape,
+            self.space.free.shape,
+            self.wanted.shape,
+            len(problem.spacecraft.terminals),
+            problem.names,
+            bool(problem.cones.paths),
+            problem.cones.inner,
+            len(problem.cones.carried),
+            None if self.tube is None else -(-len(self.tube.rows) // TUBE_NODES),
+            bool(np.any(self.space.by_time)),
+            self.limited,
+            self.free_time,
+        )
 
 
 def build(
@@ -97,32 +139,6 @@ def build(
         free_time=free_time,
     )
     return task, first
-
-
-def trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
-    """The curve of a point in time.
-
-    Args:
-        task: its chart and basis.
-        point: the curve.
-        node_times: (m + 1,) s, when the nodes are passed.
-    """
-    basis, chart, duration = task.space.basis, task.problem.chart, point.duration
-    pieces = basis.pieces(point.coefficients)
-    count = len(pieces)
-    breaks = basis.breaks * duration
-    return Trajectory(
-        breaks=breaks,
-        chart_attitude=np.repeat(chart.attitude[None], count, axis=0),
-        chart_start=np.zeros(count),
-        chart_rate=np.repeat(chart.turn[None] / duration, count, axis=0),
-        coefficients=np.ascontiguousarray(pieces[:, :, :3]),
-        joint_breaks=breaks,
-        joint_coefficients=np.ascontiguousarray(pieces[:, :, 3:]),
-        node_times=node_times,
-        smoothness=SMOOTHNESS,
-        method="global",
-    )
 
 
 def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: float) -> np.ndarray:

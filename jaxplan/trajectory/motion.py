@@ -4,12 +4,16 @@ Motions are looked at together, a stack of G. Rates are those in ``s``, the plac
 divided by powers of the duration.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from jaxplan import so3
 from jaxplan.geometry import directions
 from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import (
@@ -22,8 +26,9 @@ from jaxplan.model.constraints import (
     margins_of_scores,
     scores,
 )
-from jaxplan.trajectory.global_spline import kernels
-from jaxplan.trajectory.global_spline.problem import Problem
+from jaxplan.model.limits import Kinematics, highest_derivative, values
+from jaxplan.trajectory.curve import chart_motion
+from jaxplan.trajectory.problem import Problem
 
 _NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 
@@ -62,8 +67,8 @@ class Motion:
         if curve not in self._load_slopes:
             problem = self.problems[curve]
             turn, inertia, names = problem.chart.turn, problem.inertia, problem.names
-            (self._load_slopes[curve],) = kernels.by_chunks(
-                lambda places, own: (kernels.load_slopes(turn, places, own, inertia, names=names),),
+            (self._load_slopes[curve],) = by_chunks(
+                lambda places, own: (load_slopes(turn, places, own, inertia, names=names),),
                 self.places[curve],
                 self.curves[curve],
             )
@@ -238,8 +243,8 @@ def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray
     """
     found = []
     for problem, *own in zip(problems, places, curves, strict=True):
-        attitude, tangent, loads = kernels.by_chunks(
-            lambda part, curve, problem=problem: kernels.motion_at(  # type: ignore[misc]
+        attitude, tangent, loads = by_chunks(
+            lambda part, curve, problem=problem: motion_at(  # type: ignore[misc]
                 problem.chart.attitude, problem.chart.turn, part, curve, problem.inertia, names=problem.names
             ),
             *own,
@@ -269,3 +274,70 @@ def _pointing(
         kept = from_to[:-1] | from_to[1:]
         np.copyto(margins, np.inf, where=~kept[:, None])
     return body, cosines, margins
+
+
+_CHUNK = 256  # places that a kernel looks at in one call
+
+
+def by_chunks(
+    kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], places: np.ndarray, curves: np.ndarray
+) -> list[np.ndarray]:
+    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled once for every S."""
+    extra = -len(places) % _CHUNK
+    curves = curves[:, :, :3]
+    if extra:
+        places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
+    parts = [slice(first, first + _CHUNK) for first in range(0, len(places), _CHUNK)]
+    with jax.enable_x64(True):
+        found = [[np.asarray(array) for array in kernel(places[part], curves[:, part])] for part in parts]
+    if len(found) == 1 and not extra:
+        return found[0]
+    count = len(places) - extra
+    return [np.concatenate(arrays)[:count] for arrays in zip(*found, strict=True)]
+
+
+def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:
+    """The loads (Q, 3) of these names at one place from ``b`` and its derivatives, z (4, 3)."""
+
+    def moving(*point: Array) -> tuple[Array, ...]:
+        return chart_motion(turn, *point)[1:]
+
+    b, first, second, third = z
+    point = (place[None], b, first, second)
+    if highest_derivative(names) > 2:
+        spin, (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
+        spin = (*spin, jerk)
+    else:
+        spin = moving(*point)
+    return values(names, Kinematics(spin=spin, inertia=inertia))
+
+
+@partial(jax.jit, static_argnames="names")
+def motion_at(
+    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
+) -> tuple[Array, Array, Array]:
+    """Attitudes, tangents and loads at all places."""
+
+    def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
+        eta = z[0] - place * turn
+        half = so3.exp(place * turn / 2)
+        gamma = half @ so3.exp(eta) @ half
+        return (
+            attitude @ gamma,
+            half.T @ so3.right_jacobian(eta),
+            loads_at(turn, place, z, inertia, names),
+        )
+
+    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
+
+
+@partial(jax.jit, static_argnames="names")
+def load_slopes(
+    turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
+) -> Array:
+    """Derivatives of the loads at all places."""
+
+    def at(place: Array, z: Array) -> Array:
+        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, names)
+
+    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

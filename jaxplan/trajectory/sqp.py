@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.trajectory.global_spline.curve_space import weighted
-from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.program import Multipliers, Proposal, Quadratic, promised, propose
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE
-from jaxplan.trajectory.global_spline.stack import Point, Points, Stack, Task
+from jaxplan.trajectory.constraints import families
+from jaxplan.trajectory.discretisation import Task
+from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Point, Points, Stack
+from jaxplan.trajectory.program import Multipliers, Proposal, Quadratic, promised, propose
+from jaxplan.trajectory.splines import weighted
 
 _TOGETHER = 32  # tasks of a stack; with more, memory is what takes the time
 _ENOUGH_STEPS, _MOST_STEPS = 16, 64  # beyond those that are enough only while the duration still falls

@@ -21,21 +21,20 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.bound import excess
-from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
-from jaxplan.trajectory.global_spline.attempts import (
+from jaxplan.trajectory.active_set import Origin
+from jaxplan.trajectory.attempts import (
     Attempt,
     AttemptRequest,
     Ladder,
     make_attempts,
     rungs,
 )
-from jaxplan.trajectory.global_spline.bases import DEGREE, SMOOTHNESS
-from jaxplan.trajectory.global_spline.chart import REACH
-from jaxplan.trajectory.global_spline.holding import Origin
-from jaxplan.trajectory.global_spline.job import Job
-from jaxplan.trajectory.global_spline.timing import Pace
-from jaxplan.trajectory.scaling import SAFETY, peaks
+from jaxplan.trajectory.chart import REACH
+from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
+from jaxplan.trajectory.peaks import SAFETY, peaks
+from jaxplan.trajectory.problem import Job
+from jaxplan.trajectory.schedule import Pace, excess
+from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 
 _BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
 _TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then

@@ -5,65 +5,19 @@ Along a stack every number is that of its own task, to the last bit: what is sum
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxplan.model.limits import time_factor
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace
-from jaxplan.trajectory.global_spline.linear_rows import Tube
-from jaxplan.trajectory.global_spline.motion import Motion, evaluate
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE, stacked, taken
+from jaxplan.trajectory.discretisation import TUBE_NODES, Task, Tube
+from jaxplan.trajectory.motion import Motion, evaluate
+from jaxplan.trajectory.problem import Problem
 
 _BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
-_TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A fit.
-
-    Attributes:
-        problem: chart, limits and zones.
-        space: the curves.
-        places: (S,) where loads and margins are looked at.
-        rows: (4, S, n) of the basis there.
-        wanted: (D, Z) rad, margins to keep.
-        tube: about the nodes, or None.
-        limited: whether limits of rates and loads are kept, or time will be stretched to them.
-        weights: of the energy.
-        free_time: whether the duration is looked for as well.
-    """
-
-    problem: Problem
-    space: CurveSpace
-    places: np.ndarray
-    rows: np.ndarray
-    wanted: np.ndarray
-    tube: Tube | None
-    limited: bool
-    weights: tuple[float, float, float]
-    free_time: bool
-
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """What tasks of one stack share."""
-        problem = self.problem
-        return (
-            self.rows.shape,
-            self.space.free.shape,
-            self.wanted.shape,
-            len(problem.spacecraft.terminals),
-            problem.names,
-            bool(problem.cones.paths),
-            problem.cones.inner,
-            len(problem.cones.carried),
-            None if self.tube is None else -(-len(self.tube.rows) // _TUBE_NODES),
-            bool(np.any(self.space.by_time)),
-            self.limited,
-            self.free_time,
-        )
+LIMIT, ZONE, TUBE = range(3)  # kinds of rows
 
 
 class Point(NamedTuple):
@@ -226,6 +180,24 @@ class Stack:
         return Points(coefficients=coefficients, duration=duration, motion=motion, violations=found)
 
 
+def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (G, ...); what all share is there but once."""
+    first = arrays[0]
+    if all(array is first for array in arrays):
+        return np.broadcast_to(first, (len(arrays), *first.shape))
+    return np.stack(arrays)
+
+
+def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of `stacked` arrays, by rising number or as (G,) bool, to be read only: no copy of all of them."""
+    count = int(np.sum(which)) if which.dtype == bool else len(which)
+    if count == len(array):
+        return array
+    if array.strides[0] == 0:
+        return np.broadcast_to(array[0], (count, *array.shape[1:]))
+    return array[which]
+
+
 def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:
     """The shortest durations (G,) in which motions keep all limits of rates and loads at their places, s."""
     limits = np.stack([problem.limits for problem in problems])
@@ -247,10 +219,10 @@ def _most(values: np.ndarray) -> np.ndarray:
 
 
 def _padded(tube: Tube | None, size: int, axes: int) -> Tube:
-    """A tube of as many nodes as `_TUBE_NODES` allows; those beyond its own have no row and much room."""
+    """A tube of as many nodes as `TUBE_NODES` allows; those beyond its own have no row and much room."""
     if tube is None:
         return Tube(np.zeros((0, size)), np.zeros((0, axes)), np.ones(axes))
-    extra = -len(tube.rows) % _TUBE_NODES
+    extra = -len(tube.rows) % TUBE_NODES
     return Tube(
         np.pad(tube.rows, ((0, extra), (0, 0))), np.pad(tube.values, ((0, extra), (0, 0))), tube.radius
     )

@@ -1,37 +1,274 @@
-"""A fit as a pure function of its inputs, near those of a fit that was made (`held`).
+"""The optimum of a spline fit as a differentiable function of its inputs, by the implicit function theorem.
 
-Newton's method on ``F(z; inputs) = 0`` with ``z = (x, y)``; the matrix is exact, with the curvature of loads
-and margins in it. Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)``, the
-implicit function theorem, and refuses to differentiate that again.
+The optimum ``x`` of a fit, with multipliers ``y`` of the rows that bind, is a root of
+
+    F(x, y; inputs) = (gradient in x of energy + y . rows,  rows that bind) = 0.
+
+As long as the same rows bind, the implicit function theorem gives its derivatives in all inputs
+(`refit`). Held fixed are the breaks, when each node is passed as a share of the duration, the places that
+were looked at, the rows that bind, and the branches of logarithms.
+
+The root is followed by Newton's method on ``F(z; inputs) = 0`` with ``z = (x, y)``; the matrix is exact, with
+the curvature of loads and margins in it. Automatic differentiation, forward or reverse, gives ``dz = -K^-1
+(dF / d inputs)``, the implicit function theorem, and refuses to differentiate that again.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.display import shown
 from jaxplan.first_order import first_derivatives_only
+from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import (
     Constraints,
+    Sights,
     axes_in_body,
     joint_values,
     margins_of_scores,
+    room,
     scores,
+    state_margins,
 )
+from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.global_spline.bases import SMOOTHNESS
-from jaxplan.trajectory.global_spline.held import Held, LoadRows, Traced, ZoneRows
-from jaxplan.trajectory.global_spline.inputs import Inputs, gather_inputs
-from jaxplan.trajectory.global_spline.kernels import loads_at
+from jaxplan.trajectory.discretisation import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.measures import to_limits
+from jaxplan.trajectory.motion import loads_at
+from jaxplan.trajectory.problem import TUBE_RADIUS
+from jaxplan.trajectory.splines import SMOOTHNESS
+
+Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearRows:
+    """``sign * (row . c[:, axis] - centre) / scale <= 1``.
+
+    Attributes:
+        on: (R,) bool, the others are padding.
+        row: (R, n).
+        sign: (R,).
+        axis: (R,) int.
+        node: (R,) int, whose value is the centre; -1 for zero.
+        scale: (R,) int, which of the scales: of rates, accelerations and ranges of joints, and of the tube.
+    """
+
+    on: Traced
+    row: Traced
+    sign: Traced
+    axis: Traced
+    node: Traced
+    scale: Traced
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoadRows:
+    """``sign * load / limit <= 1`` at places.
+
+    Attributes:
+        on: (R,) bool.
+        place: (R,).
+        rows: (R, 4, n) of the basis there.
+        sign: (R,).
+        load: (R,) int.
+        axis: (R,) int.
+    """
+
+    on: Traced
+    place: Traced
+    rows: Traced
+    sign: Traced
+    load: Traced
+    axis: Traced
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ZoneRows:
+    """``margin >= wanted`` at places.
+
+    Attributes:
+        on: (R,) bool.
+        place: (R,).
+        row: (R, n) of the basis there.
+        device: (R,) int, the sight.
+        zone: (R,) int, the row of the constraints.
+    """
+
+    on: Traced
+    place: Traced
+    row: Traced
+    device: Traced
+    zone: Traced
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held:
+    """A fit as a root, for `refit`.
+
+    Attributes:
+        free: (n, k) ``F`` of `CurveSpace`; so are the next two.
+        of_values: (n, v).
+        of_rates: (n, 2).
+        energies: (3, n, n) of the first three derivatives, as shares of the first curve's.
+        pieces: (K, 6, n) to Legendre coefficients on each interval.
+        breaks: (K + 1,) in [0, 1].
+        places: (m + 1,) of the nodes in [0, 1].
+        given: (v,) int, nodes that are passed exactly.
+        windings: (m + 1,) whole turns added to the logarithm at each node.
+        long_way: 1 where the chart turns the long way round, else 0.
+        share: of the limits on the platform's loads that the rows allow.
+        widened: of the tube that was asked for, the one that was kept.
+        counted: (2, D, Z) bool, which margins at the two ends count: of a constraint those of the best entry.
+        duration: s, at which a fit without limits is made before its time is stretched; NaN for a given one.
+        linear: rows that bind, as the next two.
+        loads: of the platform's.
+        zones: of margins.
+        x: (k, A) the root.
+        multipliers: (R,) of linear rows, loads and zones.
+        stretched: whether the time is stretched to the limits.
+    """
+
+    free: Traced
+    of_values: Traced
+    of_rates: Traced
+    energies: Traced
+    pieces: Traced
+    breaks: Traced
+    places: Traced
+    given: Traced
+    windings: Traced
+    long_way: Traced
+    share: Traced
+    widened: Traced
+    counted: Traced
+    duration: Traced
+    linear: LinearRows
+    loads: LoadRows
+    zones: ZoneRows
+    x: Traced
+    multipliers: Traced
+    stretched: bool = field(metadata={"static": True})
+
+
+def padded_size(count: int, least: int) -> int:
+    """Rows that so many are padded to: ``least``, 4 times that, 16 times, ...; few sizes stack in batches."""
+    while least < count:
+        least *= 4
+    return least
+
+
+def filled(array: np.ndarray, size: int) -> np.ndarray:
+    """An array with zeros added to its first axis."""
+    return np.concatenate([array, np.zeros((size - len(array), *array.shape[1:]), array.dtype)])
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inputs:
+    """All that the optimum depends on.
+
+    Attributes:
+        attitude: (3, 3) of the chart.
+        turn: (3,) likewise.
+        nodes: (m + 1, A) ``b`` and joints.
+        offset: (n, A) coefficients of the curve without freedom.
+        energy: (n, n) of one axis.
+        scales: of linear rows, see `LinearRows`.
+        limits: (Q, 3) of the platform's loads, in the place.
+        wanted: (D, Z) rad, margins to keep.
+        inertia: (3, 3).
+        cones: the pointing constraints.
+        sights: what they bind, D of them.
+        names: (Q,) of the platform's loads.
+    """
+
+    attitude: Traced
+    turn: Traced
+    nodes: Traced
+    offset: Traced
+    energy: Traced
+    scales: Traced
+    limits: Traced
+    wanted: Traced
+    inertia: Traced
+    cones: Constraints
+    sights: Sights
+    names: tuple[str, ...] = field(metadata={"static": True})
+
+
+def gather_inputs(
+    held: Held,
+    path: Path,
+    craft: Spacecraft,
+    settings: TrajectorySettings,
+    cones: Constraints,
+    rates: ArrayLike,
+    duration: Traced,
+) -> Inputs:
+    """The inputs of what is held, for the arguments of `refit.refit` and a duration in s."""
+    attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
+    first, last = attitudes[0], attitudes[-1]
+    turn = so3.log(first.T @ last)
+    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(length(turn)))
+    back = so3.exp(-held.places[:, None] * turn / 2)  # U^T
+    eta = so3.log(back @ (first.T @ attitudes) @ back)
+    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(length(eta)))[:, None]
+    nodes = jnp.concatenate([eta + held.places[:, None] * turn, joints], axis=1)
+    ends = jnp.asarray(rates)
+    ends = ends.at[1, :3].set(so3.exp(turn / 2) @ ends[1, :3])
+    weights = jnp.stack(
+        [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
+    )
+    radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
+    tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
+    platform, of_joints = timed_limits(craft)
+    scales = [limit.bound * duration**limit.quantity.power for limit in of_joints]
+    scales += [craft.joint_limits, tube]
+    sights, at_ends = cones.sights(craft.mounts, craft.fixed_boresights), jnp.array([0, -1])
+    margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends]), 1, 2)
+    left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
+    wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), OF_ENDS * jnp.maximum(left, 0))
+    return Inputs(
+        attitude=first,
+        turn=turn,
+        nodes=nodes,
+        offset=held.of_values @ nodes[held.given] + duration * (held.of_rates @ ends),
+        energy=jnp.tensordot(weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1),
+        scales=jnp.concatenate([jnp.asarray(scale) for scale in scales]),
+        limits=held.share
+        * jnp.stack([jnp.asarray(limit.bound) * duration**limit.quantity.power for limit in platform]),
+        wanted=wanted,
+        inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
+        cones=cones,
+        sights=sights,
+        names=tuple(limit.quantity.name for limit in platform),
+    )
+
+
+def _positive(length: Array) -> Traced:
+    return jnp.where(length > 0, length, 1)
+
 
 _STEPS, _LEFT = 5, 1e-9  # at most so many of Newton's steps, to such a residual, before the last one
 _SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
