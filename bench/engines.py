@@ -23,7 +23,7 @@ from scipy import sparse
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.trajectory import program
-from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 
 try:
     import piqp
@@ -63,7 +63,7 @@ def collect(count: int) -> list[Problem]:
 
 
 def solve_own(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    return solve_box_qps([BoxProgram(matrix, linear, penalty)])[0].multipliers
+    return solve_box_qps([BoxQP(matrix, linear, penalty)])[0].multipliers
 
 
 def solve_piqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:

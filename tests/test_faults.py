@@ -41,7 +41,7 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
 
     def garbage(programs):
         asked.extend(len(linear) for _, linear, _ in programs)
-        return [box_qp.Answer(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
+        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
 
     monkeypatch.setattr(program, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):
@@ -102,7 +102,7 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
     monkeypatch.setattr(qp, "_active_sides", garbage)
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        given = qp.Program(
+        given = qp.SegmentQP(
             objective=np.eye(8),
             equalities=rng.standard_normal((2, 8)),
             values=rng.standard_normal((2, 1)),

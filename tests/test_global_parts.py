@@ -12,11 +12,11 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
+from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.motion import evaluate
-from jaxplan.trajectory.problem import Problem
-from jaxplan.trajectory.schedule import Pace, duration_bound, shortest_time
+from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, shortest_time
 from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, Ends, weighted
 
 RNG = np.random.default_rng(3)
@@ -180,15 +180,15 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     path = wandering(5, 3, seed=1, step=0.4)
     chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
     zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
-    problem = Problem(chart=chart, spacecraft=craft, cones=zones)
+    system = System(chart=chart, spacecraft=craft, cones=zones)
     places, curves = np.linspace(0.1, 0.9, 4), rng.normal(size=(4, 4, 9))
     curves = np.stack([rng.normal(size=curves.shape), curves])  # the second of two is looked at
 
     def both(curves):
-        return evaluate([problem, problem], np.stack([places, places]), curves)
+        return evaluate([system, system], np.stack([places, places]), curves)
 
     motion, step = both(curves), 1e-5
-    assert len(problem.names) == motion.loads.shape[2] == 2 + 2 * dynamic + jerky
+    assert len(system.names) == motion.loads.shape[2] == 2 + 2 * dynamic + jerky
     index = np.nonzero(np.isfinite(motion.margins))
     slopes = motion.margin_slopes(*index)
     for axis in range(9):
@@ -205,7 +205,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
 
 
 def solved(*program):
-    return solve_box_qps([BoxProgram(*program)])[0]
+    return solve_box_qps([BoxQP(*program)])[0]
 
 
 def random_program(rng, rows, rank, loose):
@@ -236,7 +236,7 @@ def test_box_programs_solved_together_have_the_answers_they_have_alone():
     programs = []
     for rows in rng.permutation(40):  # more than one stack
         factor, target, top = random_program(rng, rows, max(rows // 2, 1), loose=bool(rows % 2))
-        programs.append(BoxProgram(factor.T @ factor, factor.T @ target, top))
+        programs.append(BoxQP(factor.T @ factor, factor.T @ target, top))
     programs[3] = programs[3]._replace(linear=np.full_like(programs[3].linear, np.nan))
     for own, answer in zip(programs, solve_box_qps(programs), strict=True):
         np.testing.assert_allclose(answer.multipliers, solved(*own).multipliers, rtol=1e-6, atol=1e-9)
@@ -300,11 +300,11 @@ def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
 
 @pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])
 def test_a_pace_is_gone_and_inverted(length, rise):
-    for pace in (Pace.quickest(length, rise), Pace.within(80.0, length, rise)):
-        gone = pace.gone(DENSE)
+    for profile in (TrapezoidalProfile.quickest(length, rise), TrapezoidalProfile.within(80.0, length, rise)):
+        gone = profile.progress(DENSE)
         assert np.all(np.diff(gone) >= 0)
         np.testing.assert_allclose(gone[[0, -1]], [0, 1], atol=1e-12)
-        np.testing.assert_allclose(pace.places(gone), DENSE, atol=1e-7)
-        breaks = pace.breaks(32)
+        np.testing.assert_allclose(profile.places(gone), DENSE, atol=1e-7)
+        breaks = profile.breaks(32)
         assert breaks.shape == (33,)
         assert np.all(np.diff(breaks) > 0)

@@ -51,11 +51,11 @@ def test_the_basis_follows_the_precision_of_its_input():
     assert basis.legendre(jnp.ones(3, jnp.float32), 12).dtype == jnp.float32
 
 
-def solve(program: qp.Program) -> np.ndarray | None:
+def solve(program: qp.SegmentQP) -> np.ndarray | None:
     return qp.solve_all([program])[0]
 
 
-def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
+def join_program(limit: float) -> tuple[qp.SegmentQP, np.ndarray]:
     """A segment of zig-zag nodes, limited at its join to a share of what it takes there if free; and that."""
     path = load("astar_c3")
     joints, _, _ = assemble(
@@ -69,7 +69,7 @@ def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
         acceleration_weight=3.0,
     )
     ends = basis.end_derivatives(12)
-    program = qp.Program(
+    program = qp.SegmentQP(
         objective=joints.objective[0],
         equalities=np.concatenate([joints.node_rows[0, joints.present[0]], ends[0]]),
         values=np.concatenate([joints.node_values[0, joints.present[0]], np.zeros((2, 6))]),
@@ -77,10 +77,10 @@ def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
         limits=np.full((2, 6), np.inf),
     )
     free = np.abs(ends[1] @ solve(program))
-    return qp.Program(**{**vars(program), "limits": limit * np.tile(free.max(axis=1)[:, None], 6)}), free
+    return qp.SegmentQP(**{**vars(program), "limits": limit * np.tile(free.max(axis=1)[:, None], 6)}), free
 
 
-def optimum(program: qp.Program, column: int) -> np.ndarray:
+def optimum(program: qp.SegmentQP, column: int) -> np.ndarray:
     """The same optimum by SLSQP within the solutions of the equalities."""
     start = np.linalg.lstsq(program.equalities, program.values[:, column], rcond=None)[0]
     free = null_space(program.equalities)
@@ -123,9 +123,9 @@ def test_programs_without_solution_have_none():
     program, _ = join_program(0.9)
     full = {**vars(program), "equalities": np.concatenate([program.equalities, program.limited])}
     pinned = np.concatenate([program.values, 2 * program.limits])  # what is limited must be twice the limit
-    assert solve(qp.Program(**{**full, "values": pinned})) is None
+    assert solve(qp.SegmentQP(**{**full, "values": pinned})) is None
     values = np.concatenate([program.values, 0.5 * program.limits])
-    assert solve(qp.Program(**{**full, "values": values})) is not None
+    assert solve(qp.SegmentQP(**{**full, "values": values})) is not None
 
 
 @pytest.mark.parametrize("field", ["objective", "equalities", "values"])
@@ -133,7 +133,7 @@ def test_a_nan_in_a_program_gives_no_solution(field):
     program, _ = join_program(10.0)
     spoilt = np.array(getattr(program, field))
     spoilt[2, 3] = np.nan
-    assert solve(qp.Program(**{**vars(program), field: spoilt})) is None
+    assert solve(qp.SegmentQP(**{**vars(program), field: spoilt})) is None
 
 
 @ORDERS

@@ -12,20 +12,27 @@ from jaxplan.model.scenario import MINIMUM
 from jaxplan.trajectory import program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
-from jaxplan.trajectory.constraints import SIGNS, Family, Index, Joints, Loads, families
+from jaxplan.trajectory.constraints import (
+    SIGNS,
+    ConstraintBlock,
+    Index,
+    JointDerivativeBlock,
+    LoadBlock,
+    constraint_blocks,
+)
 from jaxplan.trajectory.derivative import (
-    Held,
-    LinearRows,
-    LoadRows,
-    ZoneRows,
+    ActiveSet,
+    BindingLinear,
+    BindingLoads,
+    BindingMargins,
     filled,
     gather_inputs,
     linearised,
     padded_size,
 )
-from jaxplan.trajectory.discretisation import Task, end_margins
-from jaxplan.trajectory.iterates import Points, Stack
-from jaxplan.trajectory.problem import Job
+from jaxplan.trajectory.discretisation import DiscreteProblem, end_margins
+from jaxplan.trajectory.iterates import Iterates, Stack
+from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 _LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
@@ -43,41 +50,43 @@ _inputs = jax.jit(gather_inputs)
 
 @shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Origin:
+class FitRecord:
     """How a fit came about.
 
     Attributes:
-        job: what was fitted.
+        problem: what was fitted.
         attempt: how it ended.
         stretched: whether its time was stretched to the limits.
     """
 
-    job: Job
+    problem: FitProblem
     attempt: Attempt
     stretched: bool
 
-    def hold(self) -> Held:
+    def hold(self) -> ActiveSet:
         """What is held of it.
 
         Raises:
             ValueError: if it is not an optimum in a given time or without limits, or if no set of rows is
                 found that binds there, as where one is about to.
         """
-        task, point = self.attempt.task, self.attempt.point
-        asked = self.job.settings.duration
+        discrete, solution = self.attempt.discrete, self.attempt.solution
+        asked = self.problem.settings.duration
         if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
             raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
-        if not self.stretched and (task.free_time or not task.limited):
+        if not self.stretched and (discrete.free_time or not discrete.limited):
             raise ValueError(
                 f"for a duration of {asked:g} s a quicker motion was slowed, which has no derivatives: try "
                 "another trajectory.duration_s, above all a longer one"
             )
-        first = sqp.Begin(task=task, coefficients=point.coefficients, duration=point.duration, worth=_WORTH)
-        (point,) = sqp.improve([first])
-        stack = Stack.of([task])  # of one
-        at = stack.points(point.coefficients[None], np.array([point.duration]))
+        first = sqp.InitialGuess(
+            discrete=discrete, coefficients=solution.coefficients, duration=solution.duration, ftol=_WORTH
+        )
+        (solution,) = sqp.improve([first])
+        stack = Stack.of([discrete])  # of one
+        at = stack.iterates(solution.coefficients[None], np.array([solution.duration]))
         objective = sqp.Objective(stack, at)
-        rows = {family.name: family for family in families(stack, at)}
+        rows = {block.name: block for block in constraint_blocks(stack, at)}
         quadratic = objective.quadratic(at, np.zeros(1))
         proposal = program.propose(quadratic, list(rows.values()), sqp.penalties(False)[None], {})
         multipliers = proposal.multipliers
@@ -88,8 +97,8 @@ class Origin:
             root = self._root(held)
             if root is not None:
                 coefficients, found = root
-                at = stack.points(coefficients[None], at.duration)
-                rows = {family.name: family for family in families(stack, at)}
+                at = stack.iterates(coefficients[None], at.duration)
+                rows = {block.name: block for block in constraint_blocks(stack, at)}
                 multipliers = _named(rows, binding, held, found)
                 least = -_PULLING * np.max(found, initial=1.0)
                 after = {
@@ -111,18 +120,20 @@ class Origin:
             "trajectory.duration_s a little"
         )
 
-    def _root(self, held: Held) -> tuple[np.ndarray, np.ndarray] | None:
+    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray] | None:
         """Coefficients and multipliers where ``F`` is zero, by Newton's method; None if it does not end."""
-        job, point = self.job, self.attempt.point
+        problem, solution = self.problem, self.attempt.solution
         path = Path(
-            attitudes=padded(job.attitudes, FEWEST_NODES),
-            joints=padded(job.joints, FEWEST_NODES),
+            attitudes=padded(problem.attitudes, FEWEST_NODES),
+            joints=padded(problem.joints, FEWEST_NODES),
             edge_costs=np.zeros(0),
         )
-        settings = replace(job.settings, duration=0.0)  # given beside
+        settings = replace(problem.settings, duration=0.0)  # given beside
         z = np.concatenate([held.x.ravel(), held.multipliers])
         with jax.enable_x64(True):
-            inputs = _inputs(held, path, job.spacecraft, settings, job.cones, job.rates, point.duration)
+            inputs = _inputs(
+                held, path, problem.spacecraft, settings, problem.cones, problem.rates, solution.duration
+            )
             best, least = z, np.inf
             for _ in range(_STEPS):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
@@ -141,29 +152,29 @@ class Origin:
 
     def _widened(self) -> float:
         """Of the tube that was asked for, the one that was kept; one where there is none, or no width."""
-        asked, kept = self.job.radius(free_time=False), self.attempt.radius
+        asked, kept = self.problem.radius(free_time=False), self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
-    def _free(self, at: Points) -> np.ndarray:
+    def _free(self, at: Iterates) -> np.ndarray:
         """(k, A) ``x`` of a curve."""
-        space = self.attempt.task.space
+        space = self.attempt.discrete.space
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
     def _held(
         self,
-        at: Points,
-        rows: dict[str, Family],
+        at: Iterates,
+        rows: dict[str, ConstraintBlock],
         binding: Masks,
         multipliers: Masks,
         share: float,
-    ) -> Held:
-        job, task = self.job, self.attempt.task
-        space, problem = task.space, task.problem
-        inner = np.arange(1, len(job.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
-        linear, loads, zones, flat = _gathered(task, rows, binding, multipliers)
+    ) -> ActiveSet:
+        problem, discrete = self.problem, self.attempt.discrete
+        space, system = discrete.space, discrete.system
+        inner = np.arange(1, len(problem.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
+        linear, loads, zones, flat = _gathered(discrete, rows, binding, multipliers)
         places = self.attempt.request.mesh.places
-        return Held(
+        return ActiveSet(
             free=space.free,
             of_values=space.of_values,
             of_rates=space.of_rates,
@@ -171,12 +182,12 @@ class Origin:
             pieces=space.basis.pieces(np.eye(space.basis.size)),
             breaks=space.basis.breaks,
             places=padded(places, FEWEST_NODES),
-            given=np.concatenate([[0, len(job.attitudes) - 1], inner]),
-            windings=padded(_windings(problem.chart, job.attitudes, places), FEWEST_NODES),
-            long_way=np.array(float(np.linalg.norm(problem.chart.turn) > np.pi)),
-            share=np.array(problem.share),
+            given=np.concatenate([[0, len(problem.attitudes) - 1], inner]),
+            windings=padded(_windings(system.chart, problem.attitudes, places), FEWEST_NODES),
+            long_way=np.array(float(np.linalg.norm(system.chart.turn) > np.pi)),
+            share=np.array(system.share),
             widened=np.array(self._widened()),
-            counted=np.isfinite(end_margins(problem, job.attitudes, job.joints)),
+            counted=np.isfinite(end_margins(system, problem.attitudes, problem.joints)),
             duration=np.array(at.duration[0] if self.stretched else np.nan),
             linear=linear,
             loads=loads,
@@ -187,43 +198,45 @@ class Origin:
         )
 
 
-def _order(families: dict[str, Family], binding: Masks) -> list[tuple[str, Index]]:
+def _order(blocks: dict[str, ConstraintBlock], binding: Masks) -> list[tuple[str, Index]]:
     """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
-    joints = [name for name, family in families.items() if isinstance(family, Joints)]
-    loads = [name for name, family in families.items() if isinstance(family, Loads)]
+    joints = [name for name, block in blocks.items() if isinstance(block, JointDerivativeBlock)]
+    loads = [name for name, block in blocks.items() if isinstance(block, LoadBlock)]
     names = (*joints, "range", "tube", *loads, "zone")
-    found = {name: np.nonzero(binding[name]) for name in names if name in families}
+    found = {name: np.nonzero(binding[name]) for name in names if name in blocks}
     return [(name, index[1:]) for name, index in found.items()]  # of the one curve
 
 
-def _named(families: dict[str, Family], binding: Masks, held: Held, multipliers: np.ndarray) -> Masks:
-    """Multipliers of all rows by family."""
+def _named(
+    blocks: dict[str, ConstraintBlock], binding: Masks, held: ActiveSet, multipliers: np.ndarray
+) -> Masks:
+    """Multipliers of all rows by block."""
     on = np.concatenate([held.linear.on, held.loads.on, held.zones.on])
     flat = multipliers[on]
-    found = {name: np.zeros(family.room.shape) for name, family in families.items()}
-    for name, index in _order(families, binding):
+    found = {name: np.zeros(block.slack.shape) for name, block in blocks.items()}
+    for name, index in _order(blocks, binding):
         count = len(index[0])
         found[name][0][index], flat = flat[:count], flat[count:]
     return found
 
 
 def _gathered(
-    task: Task, families: dict[str, Family], binding: Masks, given: Masks
-) -> tuple[LinearRows, LoadRows, ZoneRows, np.ndarray]:
+    discrete: DiscreteProblem, blocks: dict[str, ConstraintBlock], binding: Masks, given: Masks
+) -> tuple[BindingLinear, BindingLoads, BindingMargins, np.ndarray]:
     """The rows that bind, padded, with their multipliers in the same order."""
-    problem, basis = task.problem, task.space.basis
-    joints = task.space.fixed.shape[1] - 3
-    quantities = [limit.quantity for limit in problem.joint_limits]
+    system, basis = discrete.system, discrete.space.basis
+    joints = discrete.space.fixed.shape[1] - 3
+    quantities = [limit.quantity for limit in system.joint_limits]
     matrices = {quantity.name: basis.differences[quantity.power] for quantity in quantities}
     matrices["range"] = np.eye(basis.size)
-    if task.tube is not None:
-        matrices["tube"] = task.tube.rows
+    if discrete.tube is not None:
+        matrices["tube"] = discrete.tube.rows
     none = np.zeros(0, int)
     linear = [(np.zeros((0, basis.size)), np.zeros(0), none, none, none)]
     loads = [(none, np.zeros(0), none, none)]
     zones: Index = (none, none, none)
     multipliers: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(3)]
-    for name, index in _order(families, binding):
+    for name, index in _order(blocks, binding):
         if name in matrices:
             sign, row, axis = index
             of_nodes = name == "tube"
@@ -237,16 +250,16 @@ def _gathered(
             multipliers[2].append(given[name][0][index])
         else:
             place, sign, axis = index
-            loads.append((place, SIGNS[sign], np.full(len(place), problem.names.index(name)), axis))
+            loads.append((place, SIGNS[sign], np.full(len(place), system.names.index(name)), axis))
             multipliers[1].append(given[name][0][index])
     flat = [np.concatenate(own) for own in multipliers]
     counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
     if not len(flat[1]):
         counts[1] = 0  # loads are seldom near, and their slopes are dear
-    if not len(problem.cones.axis):
+    if not len(system.cones.axis):
         counts[2] = 0
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
-    of_linear = LinearRows(
+    of_linear = BindingLinear(
         on=np.arange(counts[0]) < len(sign),
         row=filled(row, counts[0]),
         sign=filled(sign, counts[0]),
@@ -255,19 +268,19 @@ def _gathered(
         scale=filled(scale, counts[0]),
     )
     place, sign, load, axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
-    of_loads = LoadRows(
+    of_loads = BindingLoads(
         on=np.arange(counts[1]) < len(sign),
-        place=filled(task.places[place], counts[1]),
-        rows=filled(np.swapaxes(task.rows[:, place], 0, 1), counts[1]),
+        place=filled(discrete.places[place], counts[1]),
+        rows=filled(np.swapaxes(discrete.rows[:, place], 0, 1), counts[1]),
         sign=filled(sign, counts[1]),
         load=filled(load, counts[1]),
         axis=filled(axis, counts[1]),
     )
     place, device, zone = zones
-    of_zones = ZoneRows(
+    of_zones = BindingMargins(
         on=np.arange(counts[2]) < len(place),
-        place=filled(task.places[place], counts[2]),
-        row=filled(task.rows[0, place], counts[2]),
+        place=filled(discrete.places[place], counts[2]),
+        row=filled(discrete.rows[0, place], counts[2]),
         device=filled(device, counts[2]),
         zone=filled(zone, counts[2]),
     )
@@ -288,35 +301,39 @@ def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.nda
     return np.round((along - angles) / (2 * np.pi))
 
 
-_TOUCHING = 1e-6  # room of a row that may bind
+_TOUCHING = 1e-6  # slack of a row that may bind
 
 
-def next_rows(family: Family, binding: np.ndarray, multipliers: np.ndarray, least: float) -> np.ndarray:
-    """Which rows of a family (of one curve) to try next: without those that pull, with those that are broken.
+def next_rows(
+    block: ConstraintBlock, binding: np.ndarray, multipliers: np.ndarray, least: float
+) -> np.ndarray:
+    """Which rows of a block (of one curve) to try next: without those that pull, with those that are broken.
 
     Of rows at places only the worst of each zone or load, since those beside it mean the same.
     """
     pulling = binding & (multipliers < least)
-    room = family.room
-    broken = ~binding & family.chosen(room < -program.BROKEN * family.near, room, np.zeros(1, int))
-    if not family.linear:
-        worst = np.arange(room.shape[1]).reshape(-1, *[1] * (room.ndim - 2))
+    slack = block.slack
+    broken = ~binding & block.chosen(slack < -program.BROKEN * block.tolerance, slack, np.zeros(1, int))
+    if not block.linear:
+        worst = np.arange(slack.shape[1]).reshape(-1, *[1] * (slack.ndim - 2))
         if np.any(pulling):
             return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=1)))
-        broken &= worst == np.argmin(np.where(broken, room, np.inf), axis=1)
+        broken &= worst == np.argmin(np.where(broken, slack, np.inf), axis=1)
     return (binding & ~pulling) | broken
 
 
-def independent(families: dict[str, Family], binding: Masks, quadratic: program.Quadratic) -> Masks:
+def independent(
+    blocks: dict[str, ConstraintBlock], binding: Masks, quadratic: program.QuadraticObjective
+) -> Masks:
     """Multipliers of few of the rows that bind or touch, none of which follows from the others.
 
     They are those that push and hold the objective's gradient best.
     """
     from scipy.optimize import nnls
 
-    touching = {name: np.nonzero(binding[name] | (f.room < _TOUCHING)) for name, f in families.items()}
+    touching = {name: np.nonzero(binding[name] | (f.slack < _TOUCHING)) for name, f in blocks.items()}
     free = quadratic.free[0]
-    slopes = [families[name].slopes(index).full @ free for name, index in touching.items()]
+    slopes = [blocks[name].slopes(index).full @ free for name, index in touching.items()]
     gradient = (free.T @ quadratic.gradient[0]).T
     every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
     flat = np.zeros(len(every))
@@ -325,6 +342,6 @@ def independent(families: dict[str, Family], binding: Masks, quadratic: program.
             flat = nnls(every.T, -gradient.ravel())[0]
     found = {}
     for name, index in touching.items():
-        found[name] = np.zeros(families[name].room.shape)
+        found[name] = np.zeros(blocks[name].slack.shape)
         found[name][index], flat = flat[: len(index[0])], flat[len(index[0]) :]
     return found

@@ -8,11 +8,11 @@ import numpy as np
 from jaxplan.trajectory import sqp
 from jaxplan.trajectory.chart import REACH, farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.discretisation import Task, build, wanted_margins
-from jaxplan.trajectory.iterates import TUBE, Point
+from jaxplan.trajectory.discretisation import DiscreteProblem, build, wanted_margins
+from jaxplan.trajectory.iterates import TUBE, SQPSolution
 from jaxplan.trajectory.peaks import Peaks, all_peaks
-from jaxplan.trajectory.problem import Job, Mesh, Problem
-from jaxplan.trajectory.schedule import Pace
+from jaxplan.trajectory.problem import FitProblem, Mesh, System
+from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
 _TUBE_BROKEN = 1e-6  # rad
@@ -30,7 +30,7 @@ class AttemptRequest:
     """What one attempt is to look for.
 
     Attributes:
-        job: what is fitted.
+        problem: what is fitted.
         mesh: breaks of the spline, times of the nodes, and the tube about them.
         duration: s, given or to begin with.
         limited: whether limits are kept, or time will be stretched to them.
@@ -39,7 +39,7 @@ class AttemptRequest:
         begin: (n, A) coefficients of the curve to begin with; None for the one nearest to the path.
     """
 
-    job: Job
+    problem: FitProblem
     mesh: Mesh
     duration: float
     limited: bool
@@ -54,8 +54,8 @@ class Attempt:
 
     Attributes:
         request: what it was made for.
-        task: what was looked for.
-        point: the curve that was found.
+        discrete: the problem that was solved.
+        solution: the curve that was found.
         trajectory: of the curve.
         peaks: over all time.
         clear: whether zones are kept at the places, with some of the clearance.
@@ -64,8 +64,8 @@ class Attempt:
     """
 
     request: AttemptRequest
-    task: Task
-    point: Point
+    discrete: DiscreteProblem
+    solution: SQPSolution
     trajectory: Trajectory
     peaks: Peaks
     clear: bool
@@ -107,61 +107,63 @@ class Attempt:
 def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
     """Attempts at all requests; None where the nodes leave the chart or numbers overflow."""
     begins = {number: begin for number, one in enumerate(requests) if (begin := _first_curve(one))}
-    points = _improved([requests[number].job for number in begins], list(begins.values()))
-    curves: dict[int, tuple[Task, Point, Trajectory]] = {}
-    for (number, begin), point in zip(begins.items(), points, strict=True):
-        if point.duration > 0 and np.all(np.isfinite(point.coefficients)) and point.finite:
-            node_times = point.duration * requests[number].mesh.places
-            curves[number] = begin.task, point, _trajectory(begin.task, point, node_times)
-    peaks = all_peaks([(curve, requests[number].job.spacecraft) for number, (*_, curve) in curves.items()])
+    solutions = _improved([requests[number].problem for number in begins], list(begins.values()))
+    curves: dict[int, tuple[DiscreteProblem, SQPSolution, Trajectory]] = {}
+    for (number, begin), solution in zip(begins.items(), solutions, strict=True):
+        if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite:
+            node_times = solution.duration * requests[number].mesh.places
+            curves[number] = begin.discrete, solution, _trajectory(begin.discrete, solution, node_times)
+    peaks = all_peaks(
+        [(curve, requests[number].problem.spacecraft) for number, (*_, curve) in curves.items()]
+    )
     attempts: list[Attempt | None] = [None] * len(requests)
-    for (number, (task, point, curve)), own in zip(curves.items(), peaks, strict=True):
+    for (number, (discrete, solution, curve)), own in zip(curves.items(), peaks, strict=True):
         if np.isfinite(own.stretch):
             attempts[number] = Attempt(
                 request=requests[number],
-                task=task,
-                point=point,
+                discrete=discrete,
+                solution=solution,
                 trajectory=curve,
                 peaks=own,
-                clear=bool(np.all(point.margins >= _KEPT * task.wanted)),
-                breach=_breach(point.margins, requests[number].job),
-                tube=float(point.violations[TUBE]),
+                clear=bool(np.all(solution.margins >= _KEPT * discrete.wanted)),
+                breach=_breach(solution.margins, requests[number].problem),
+                tube=float(solution.violations[TUBE]),
             )
     return attempts
 
 
-def _first_curve(request: AttemptRequest) -> sqp.Begin | None:
-    """The task of a request with the curve to begin with; None if the nodes leave every chart."""
-    job, mesh = request.job, request.mesh
-    chart, b = fitting(job.attitudes, mesh.places)
+def _first_curve(request: AttemptRequest) -> sqp.InitialGuess | None:
+    """The problem of a request with the curve to begin with; None if the nodes leave every chart."""
+    problem, mesh = request.problem, request.mesh
+    chart, b = fitting(problem.attitudes, mesh.places)
     if not farthest(chart, b, mesh.places) <= REACH:
         return None
-    problem = Problem(
+    system = System(
         chart=chart,
-        spacecraft=job.spacecraft,
-        cones=job.cones,
-        horizon=job.horizon,
+        spacecraft=problem.spacecraft,
+        cones=problem.cones,
+        horizon=problem.horizon,
         share=1 - request.tighter,
     )
-    nodes = np.column_stack([b, job.joints])
-    wanted = wanted_margins(problem, job.attitudes, job.joints)
-    task, nearest = build(
-        problem,
+    nodes = np.column_stack([b, problem.joints])
+    wanted = wanted_margins(system, problem.attitudes, problem.joints)
+    discrete, nearest = build(
+        system,
         mesh,
         nodes,
         wanted,
-        rates=job.rates,
-        rest=job.rests,
+        rates=problem.rates,
+        rest=problem.rests,
         duration=request.duration,
-        weights=job.weights,
+        weights=problem.weights,
         limited=request.limited,
         free_time=request.free_time,
     )
     coefficients = nearest if request.begin is None else request.begin
-    return sqp.Begin(task=task, coefficients=coefficients, duration=request.duration)
+    return sqp.InitialGuess(discrete=discrete, coefficients=coefficients, duration=request.duration)
 
 
-def _improved(jobs: Sequence[Job], begins: Sequence[sqp.Begin]) -> list[Point]:
+def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]) -> list[SQPSolution]:
     """The best curves near the first ones.
 
     In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
@@ -169,37 +171,46 @@ def _improved(jobs: Sequence[Job], begins: Sequence[sqp.Begin]) -> list[Point]:
     """
     first = [
         begin
-        if begin.task.free_time or job.at_speed
-        else replace(begin, patience=0.0 if begin.task.limited else _MENDED)
-        for job, begin in zip(jobs, begins, strict=True)
+        if begin.discrete.free_time or problem.at_speed
+        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MENDED)
+        for problem, begin in zip(problems, begins, strict=True)
     ]
-    points = sqp.improve(first)
-    hasty = [number for number, begin in enumerate(first) if begin.task.limited and points[number].steps == 0]
+    solutions = sqp.improve(first)
+    hasty = [
+        number
+        for number, begin in enumerate(first)
+        if begin.discrete.limited and solutions[number].steps == 0
+    ]
     slower = sqp.improve(
         [
-            replace(own, task=replace(own.task, free_time=True), until=own.duration, patience=np.inf)
+            replace(
+                own,
+                discrete=replace(own.discrete, free_time=True),
+                target_duration=own.duration,
+                max_violation=np.inf,
+            )
             for own in (first[number] for number in hasty)
         ]
     )
     slow = [
-        replace(first[number], coefficients=point.coefficients, patience=_MENDED)
-        for number, point in zip(hasty, slower, strict=True)
+        replace(first[number], coefficients=solution.coefficients, max_violation=_MENDED)
+        for number, solution in zip(hasty, slower, strict=True)
     ]
-    for number, point in zip(hasty, sqp.improve(slow), strict=True):
-        points[number] = point
-    return points
+    for number, solution in zip(hasty, sqp.improve(slow), strict=True):
+        solutions[number] = solution
+    return solutions
 
 
-def _trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
-    """The curve of a point in time.
+def _trajectory(discrete: DiscreteProblem, solution: SQPSolution, node_times: np.ndarray) -> Trajectory:
+    """The curve of a solution in time.
 
     Args:
-        task: its chart and basis.
-        point: the curve.
+        discrete: the problem, with chart and basis.
+        solution: the curve.
         node_times: (m + 1,) s, when the nodes are passed.
     """
-    basis, chart, duration = task.space.basis, task.problem.chart, point.duration
-    pieces = basis.pieces(point.coefficients)
+    basis, chart, duration = discrete.space.basis, discrete.system.chart, solution.duration
+    pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
     breaks = basis.breaks * duration
     return Trajectory(
@@ -216,7 +227,7 @@ def _trajectory(task: Task, point: Point, node_times: np.ndarray) -> Trajectory:
     )
 
 
-def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:
+def _breach(margins: np.ndarray, problem: FitProblem) -> tuple[str, float] | None:
     """What breaks a zone the most, given margins (S, D, Z), and by how much (rad); None where nothing does.
 
     Axes of the body go by the name of the body, what terminals carry by theirs.
@@ -224,7 +235,7 @@ def _breach(margins: np.ndarray, job: Job) -> tuple[str, float] | None:
     if np.all(margins >= -_ROUNDING):
         return None
     _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
-    names, cones = job.spacecraft.device_names, job.cones
+    names, cones = problem.spacecraft.device_names, problem.cones
     carriers = [names[terminal] for terminal in cones.carrier]
     return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))
 
@@ -242,8 +253,8 @@ class Ladder:
 
     def __init__(
         self,
-        job: Job,
-        pace: Pace,
+        problem: FitProblem,
+        profile: TrapezoidalProfile,
         attempts: Sequence[tuple[int, float]],
         *,
         duration: float,
@@ -255,8 +266,8 @@ class Ladder:
         """Begin with the first rung.
 
         Args:
-            job: what is fitted.
-            pace: along the path.
+            problem: what is fitted.
+            profile: along the path.
             attempts: factors on the number of intervals, and radii of the tube (rad).
             duration: s, given or to begin with.
             graded: whether breaks lie close about the flanks.
@@ -265,7 +276,7 @@ class Ladder:
             tighter: shares of the limits that are left, first and then.
         """
         self.best: Attempt | None = None
-        self._job, self._pace, self._graded = job, pace, graded
+        self._job, self._pace, self._graded = problem, profile, graded
         self._duration, self._limited, self._free_time = duration, limited, free_time
         self._tighter, self._share = tighter, 0
         self._rungs = list(attempts)
@@ -284,7 +295,7 @@ class Ladder:
             finer, radius = self._rungs[0]
             self._mesh = self._job.mesh(self._pace, radius, finer, graded=self._graded)
         return AttemptRequest(
-            job=self._job,
+            problem=self._job,
             mesh=self._mesh,
             duration=self._duration,
             limited=self._limited,

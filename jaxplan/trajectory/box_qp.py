@@ -24,7 +24,7 @@ _ROUNDING = 1e-14  # added to the diagonal, which is of order one
 _TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 
-class BoxProgram(NamedTuple):
+class BoxQP(NamedTuple):
     """A program.
 
     Attributes:
@@ -38,7 +38,7 @@ class BoxProgram(NamedTuple):
     penalty: np.ndarray
 
 
-class Answer(NamedTuple):
+class BoxQPSolution(NamedTuple):
     """Of a program.
 
     Attributes:
@@ -52,24 +52,24 @@ class Answer(NamedTuple):
     residual: float
 
 
-def solve_box_qps(programs: Sequence[BoxProgram]) -> list[Answer]:
+def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Solve many programs, each as if it were alone."""
-    answers: dict[int, Answer] = {}
+    answers: dict[int, BoxQPSolution] = {}
     scaled, scales = [], {}
     for number, (matrix, linear, penalty) in enumerate(programs):
         if not len(linear):
-            answers[number] = Answer(multipliers=np.zeros(0), iterations=0, residual=0.0)
+            answers[number] = BoxQPSolution(multipliers=np.zeros(0), iterations=0, residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
-        own = BoxProgram(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
+        own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
         if not all(np.isfinite(part).all() for part in own):
-            answers[number] = Answer(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
+            answers[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
             continue
         scales[number] = scale
         scaled.append(own)
-    found: list[Answer] = []
+    found: list[BoxQPSolution] = []
     for first in range(0, len(scaled), _TOGETHER):
-        found += _solve(_Stack.of(scaled[first : first + _TOGETHER]))
+        found += _solve(_BoxQPStack.of(scaled[first : first + _TOGETHER]))
     for (number, scale), answer in zip(scales.items(), found, strict=True):
         y = answer.multipliers if answer.residual <= _USABLE else np.full_like(scale, np.nan)
         answers[number] = answer._replace(multipliers=y * scale)
@@ -77,7 +77,7 @@ def solve_box_qps(programs: Sequence[BoxProgram]) -> list[Answer]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stack:
+class _BoxQPStack:
     """Programs with their rows one after the other, N in all.
 
     Attributes:
@@ -99,7 +99,7 @@ class _Stack:
     size: np.ndarray
 
     @classmethod
-    def of(cls, programs: Sequence[BoxProgram]) -> "_Stack":
+    def of(cls, programs: Sequence[BoxQP]) -> "_BoxQPStack":
         """Programs in their scaled form."""
         count = np.array([len(own.linear) for own in programs])
         parts, first = _in_turn(count)
@@ -108,12 +108,12 @@ class _Stack:
         top = np.concatenate([own.penalty for own in programs])
         return cls([own.matrix for own in programs], parts, first, count, d, top, size)
 
-    def some(self, kept: np.ndarray) -> "tuple[_Stack, np.ndarray]":
+    def some(self, kept: np.ndarray) -> "tuple[_BoxQPStack, np.ndarray]":
         """Of (P,) bool, those programs, and which rows are theirs."""
         rows = np.repeat(kept, self.count)
         count = self.count[kept]
         matrices = [own for own, stays in zip(self.matrices, kept, strict=True) if stays]
-        own = _Stack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
+        own = _BoxQPStack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
         return own, rows
 
     def gradient(self, values: np.ndarray) -> np.ndarray:
@@ -144,10 +144,10 @@ def _in_turn(count: np.ndarray) -> tuple[list[slice], np.ndarray]:
     return [slice(*part) for part in zip(first.tolist(), last.tolist(), strict=True)], first
 
 
-def _solve(stack: _Stack) -> list[Answer]:
+def _solve(stack: _BoxQPStack) -> list[BoxQPSolution]:
     """Iterate until each program is solved, or as near as rounding allows."""
     count = len(stack.first)
-    answers: dict[int, Answer] = {}
+    answers: dict[int, BoxQPSolution] = {}
     number, values, residual = np.arange(count), _first(stack), np.full(count, np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         for iterations in range(MOST_ITERATIONS + 1):
@@ -159,7 +159,7 @@ def _solve(stack: _Stack) -> list[Answer]:
             if over.any():
                 for own in np.flatnonzero(over).tolist():
                     y = values[0, stack.parts[own]]
-                    answers[int(number[own])] = Answer(y, iterations, float(residual[own]))
+                    answers[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
                 stack, rows_left = stack.some(~over)
                 number, ahead, left = number[~over], ahead[:, rows_left], left[~over]
                 if not len(number):
@@ -168,7 +168,7 @@ def _solve(stack: _Stack) -> list[Answer]:
     return [answers[own] for own in range(count)]
 
 
-def _first(stack: _Stack) -> np.ndarray:
+def _first(stack: _BoxQPStack) -> np.ndarray:
     """Where to begin: (4, N) ``y``, the room above it, and the multipliers of the two bounds, all positive.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
@@ -178,7 +178,7 @@ def _first(stack: _Stack) -> np.ndarray:
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
-def _iterate(stack: _Stack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One predictor and one corrector step from the same factorisations; NaN is left where there is none."""
     from scipy.linalg.lapack import dpotrf, dpotrs
 

@@ -55,7 +55,7 @@ Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinearRows:
+class BindingLinear:
     """``sign * (row . c[:, axis] - centre) / scale <= 1``.
 
     Attributes:
@@ -78,7 +78,7 @@ class LinearRows:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LoadRows:
+class BindingLoads:
     """``sign * load / limit <= 1`` at places.
 
     Attributes:
@@ -101,7 +101,7 @@ class LoadRows:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ZoneRows:
+class BindingMargins:
     """``margin >= wanted`` at places.
 
     Attributes:
@@ -122,7 +122,7 @@ class ZoneRows:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Held:
+class ActiveSet:
     """A fit as a root, for `refit`.
 
     Attributes:
@@ -162,16 +162,16 @@ class Held:
     widened: Traced
     counted: Traced
     duration: Traced
-    linear: LinearRows
-    loads: LoadRows
-    zones: ZoneRows
+    linear: BindingLinear
+    loads: BindingLoads
+    zones: BindingMargins
     x: Traced
     multipliers: Traced
     stretched: bool = field(metadata={"static": True})
 
 
 def padded_size(count: int, least: int) -> int:
-    """Rows that so many are padded to: ``least``, 4 times that, 16 times, ...; few sizes stack in batches."""
+    """What so many rows are padded to: ``least``, 4 times that, 16 times, ...; few sizes stack in batches."""
     while least < count:
         least *= 4
     return least
@@ -185,7 +185,7 @@ def filled(array: np.ndarray, size: int) -> np.ndarray:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Inputs:
+class FitInputs:
     """All that the optimum depends on.
 
     Attributes:
@@ -194,7 +194,7 @@ class Inputs:
         nodes: (m + 1, A) ``b`` and joints.
         offset: (n, A) coefficients of the curve without freedom.
         energy: (n, n) of one axis.
-        scales: of linear rows, see `LinearRows`.
+        scales: of linear rows, see `BindingLinear`.
         limits: (Q, 3) of the platform's loads, in the place.
         wanted: (D, Z) rad, margins to keep.
         inertia: (3, 3).
@@ -218,14 +218,14 @@ class Inputs:
 
 
 def gather_inputs(
-    held: Held,
+    held: ActiveSet,
     path: Path,
     craft: Spacecraft,
     settings: TrajectorySettings,
     cones: Constraints,
     rates: ArrayLike,
     duration: Traced,
-) -> Inputs:
+) -> FitInputs:
     """The inputs of what is held, for the arguments of `refit.refit` and a duration in s."""
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     first, last = attitudes[0], attitudes[-1]
@@ -249,7 +249,7 @@ def gather_inputs(
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends]), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
     wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), OF_ENDS * jnp.maximum(left, 0))
-    return Inputs(
+    return FitInputs(
         attitude=first,
         turn=turn,
         nodes=nodes,
@@ -275,7 +275,7 @@ _SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
 
 
 def refit(
-    held: Held,
+    held: ActiveSet,
     path: Path,
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
@@ -318,19 +318,19 @@ def refit(
 
 
 @jax.jit
-def linearised(held: Held, inputs: Inputs, z: ArrayLike) -> tuple[Traced, Traced]:
+def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
     z = jnp.asarray(z)
     return _residual(held, inputs, z), _matrix(held, inputs, z)
 
 
-def _solve(held: Held, inputs: Inputs) -> Traced:
+def _solve(held: ActiveSet, inputs: FitInputs) -> Traced:
     """The root ``z``, flat."""
     return _root(held, inputs)[0]
 
 
 @jax.custom_jvp
-def _root(held: Held, inputs: Inputs) -> tuple[Traced, tuple[Traced, Traced]]:
+def _root(held: ActiveSet, inputs: FitInputs) -> tuple[Traced, tuple[Traced, Traced]]:
     """The root, and the factors of the matrix there."""
     z = jnp.concatenate([held.x.ravel(), held.multipliers])
 
@@ -351,7 +351,7 @@ def _root(held: Held, inputs: Inputs) -> tuple[Traced, tuple[Traced, Traced]]:
 
 
 @_root.defjvp
-def _root_slope(primals: tuple[Held, Inputs], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+def _root_slope(primals: tuple[ActiveSet, FitInputs], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
     """The implicit function theorem; its matrix is held, so it must not be differentiated again."""
     z, factors = _root(*primals)
     held, inputs = first_derivatives_only(primals)
@@ -360,15 +360,15 @@ def _root_slope(primals: tuple[Held, Inputs], tangents: tuple[Any, Any]) -> tupl
     return (z, factors), (-lu_solve(factors, left), none)
 
 
-def _split(held: Held, z: Traced) -> tuple[Traced, Traced]:
+def _split(held: ActiveSet, z: Traced) -> tuple[Traced, Traced]:
     return z[: held.x.size].reshape(held.x.shape), z[held.x.size :]
 
 
-def _on(held: Held) -> Traced:
+def _on(held: ActiveSet) -> Traced:
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
-def _residual(held: Held, inputs: Inputs, z: Traced) -> Traced:
+def _residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """``F``; a row that is padding stands for its multiplier, which is zero."""
     x, y = _split(held, z)
     c, on = held.free @ x + inputs.offset, _on(held)
@@ -377,7 +377,7 @@ def _residual(held: Held, inputs: Inputs, z: Traced) -> Traced:
     return jnp.concatenate([pull.ravel(), jnp.where(on, values, y)])
 
 
-def _rows(held: Held, inputs: Inputs, c: Traced) -> tuple[Traced, Traced]:
+def _rows(held: ActiveSet, inputs: FitInputs, c: Traced) -> tuple[Traced, Traced]:
     """By how much of a limit, of zones by how many rad, each row is broken (R,); slopes (R, k, A)."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
@@ -404,19 +404,19 @@ def _rows(held: Held, inputs: Inputs, c: Traced) -> tuple[Traced, Traced]:
 
 
 def _each(
-    function: Callable[..., Traced], inputs: Inputs, rows: LoadRows | ZoneRows, local: Traced
+    function: Callable[..., Traced], inputs: FitInputs, rows: BindingLoads | BindingMargins, local: Traced
 ) -> Traced:
     """A function of one row and what it depends on, for all rows."""
     return jax.vmap(function, (None, 0, 0))(inputs, rows, local)
 
 
-def _load_row(inputs: Inputs, row: LoadRows, z: Traced) -> Traced:
+def _load_row(inputs: FitInputs, row: BindingLoads, z: Traced) -> Traced:
     """One load at one place, from ``b`` and its derivatives (4, 3)."""
     loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.names)
     return row.sign * loads[row.load, row.axis] / inputs.limits[row.load, row.axis] - 1
 
 
-def _zone_row(inputs: Inputs, row: ZoneRows, z: Traced) -> Traced:
+def _zone_row(inputs: FitInputs, row: BindingMargins, z: Traced) -> Traced:
     """One margin at one place, from ``b`` and joints (3 + 2n,)."""
     half = so3.exp(row.place * inputs.turn / 2)
     attitude = inputs.attitude @ half @ so3.exp(z[:3] - row.place * inputs.turn) @ half
@@ -427,7 +427,7 @@ def _zone_row(inputs: Inputs, row: ZoneRows, z: Traced) -> Traced:
     return inputs.wanted[row.device, row.zone] - margin[0]
 
 
-def _matrix(held: Held, inputs: Inputs, z: Traced) -> Traced:
+def _matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """Derivative of `_residual` in ``z``, put together from small blocks at the rows that bind."""
     x, y = _split(held, z)
     c, free, on = held.free @ x + inputs.offset, held.free, _on(held)

@@ -1,4 +1,4 @@
-"""From a path to the task that `sqp` works on, and from its curve to a trajectory."""
+"""From a path to the problem in finitely many numbers that `sqp` works on, and a first curve."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,11 +7,11 @@ import numpy as np
 
 from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
 from jaxplan.model.limits import highest_derivative
-from jaxplan.trajectory.problem import Mesh, Problem
+from jaxplan.trajectory.problem import Mesh, System
 from jaxplan.trajectory.schedule import along
 from jaxplan.trajectory.splines import CurveSpace, Ends
 
-TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
+TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more members are alike
 CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
 OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
 _SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
@@ -33,11 +33,11 @@ class Tube:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A fit.
+class DiscreteProblem:
+    """A fit in finitely many numbers: curves of a space, looked at in some places.
 
     Attributes:
-        problem: chart, limits and zones.
+        system: chart, limits and zones.
         space: the curves.
         places: (S,) where loads and margins are looked at.
         rows: (4, S, n) of the basis there.
@@ -48,7 +48,7 @@ class Task:
         free_time: whether the duration is looked for as well.
     """
 
-    problem: Problem
+    system: System
     space: CurveSpace
     places: np.ndarray
     rows: np.ndarray
@@ -60,17 +60,17 @@ class Task:
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """What tasks of one stack share."""
-        problem = self.problem
+        """What the problems of one stack share."""
+        system = self.system
         return (
             self.rows.shape,
             self.space.free.shape,
             self.wanted.shape,
-            len(problem.spacecraft.terminals),
-            problem.names,
-            bool(problem.cones.paths),
-            problem.cones.inner,
-            len(problem.cones.carried),
+            len(system.spacecraft.terminals),
+            system.names,
+            bool(system.cones.paths),
+            system.cones.inner,
+            len(system.cones.carried),
             None if self.tube is None else -(-len(self.tube.rows) // TUBE_NODES),
             bool(np.any(self.space.by_time)),
             self.limited,
@@ -79,7 +79,7 @@ class Task:
 
 
 def build(
-    problem: Problem,
+    system: System,
     mesh: Mesh,
     nodes: np.ndarray,
     wanted: np.ndarray,
@@ -90,11 +90,11 @@ def build(
     weights: tuple[float, float, float],
     limited: bool,
     free_time: bool,
-) -> tuple[Task, np.ndarray]:
-    """The task for `sqp.improve`, and a curve to begin with.
+) -> tuple[DiscreteProblem, np.ndarray]:
+    """The problem for `sqp.improve`, and a curve to begin with.
 
     Args:
-        problem: chart, limits and zones.
+        system: chart, limits and zones.
         mesh: of the spline.
         nodes: (m + 1, A) ``b`` and joints, rad.
         wanted: (D, Z) rad, margins to keep.
@@ -106,15 +106,15 @@ def build(
         free_time: whether the shortest duration is looked for.
 
     Returns:
-        The task, and coefficients (n, A) of the spline nearest to the path.
+        The problem, and coefficients (n, A) of the spline nearest to the path.
     """
     basis = mesh.basis
     if np.any(rates[1, :3]):
         rates = rates.copy()
-        rates[1, :3] = problem.chart.end_turn @ rates[1, :3]
+        rates[1, :3] = system.chart.end_turn @ rates[1, :3]
     space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=rest))
     # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
-    places, rows = basis.within(mesh.points, to_end=highest_derivative(problem.names) > 2 or not rest)
+    places, rows = basis.within(mesh.points, to_end=highest_derivative(system.names) > 2 or not rest)
     inner = slice(1, -1)
     tube = None
     if len(nodes) == 2:
@@ -127,8 +127,8 @@ def build(
         radius[:3] /= np.sqrt(3.0)
         tube = Tube(basis.rows(mesh.places[inner], 1)[0], nodes[inner], radius)
     first = _nearest(space, rows[0], along(nodes, mesh.places, places), duration)
-    task = Task(
-        problem=problem,
+    discrete = DiscreteProblem(
+        system=system,
         space=space,
         places=places,
         rows=rows,
@@ -138,7 +138,7 @@ def build(
         weights=weights,
         free_time=free_time,
     )
-    return task, first
+    return discrete, first
 
 
 def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: float) -> np.ndarray:
@@ -151,18 +151,18 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
     return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
 
-def wanted_margins(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+def wanted_margins(system: System, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
-    least = np.maximum(np.min(end_margins(problem, attitudes, joints), axis=0), 0)
+    least = np.maximum(np.min(end_margins(system, attitudes, joints), axis=0), 0)
     # The room is for rows of an entry beside which another one holds at both ends.
-    return np.minimum(np.minimum(CLEARANCE, room(problem.cones)), OF_ENDS * least)
+    return np.minimum(np.minimum(CLEARANCE, room(system.cones)), OF_ENDS * least)
 
 
-def end_margins(problem: Problem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+def end_margins(system: System, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Margins (2, D, Z) at start and goal of nodes, rad, as `Motion` has them."""
-    cones, ends = problem.cones, [0, -1]
-    seen = problem.sights.in_body(joints[ends])
-    axes = axes_in_body(cones, problem.axes(np.array([0.0, 1.0])) @ attitudes[ends], seen)
+    cones, ends = system.cones, [0, -1]
+    seen = system.sights.in_body(joints[ends])
+    axes = axes_in_body(cones, system.axes(np.array([0.0, 1.0])) @ attitudes[ends], seen)
     margins = pair_margins(cones, seen, axes, joints[ends])
     kept = counted(cones, np.min(margins, axis=2, initial=np.inf))
     return np.asarray(np.swapaxes(np.where(kept[..., None], margins, np.inf), 1, 2))

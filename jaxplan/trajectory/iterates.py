@@ -1,7 +1,4 @@
-"""What is fitted, and curves with all that is known of them; alike tasks are worked on as one stack.
-
-Along a stack every number is that of its own task, to the last bit: what is summed is summed within a task.
-"""
+"""Curves with all that is known of them; those of alike problems are worked on as one stack."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.model.limits import time_factor
-from jaxplan.trajectory.discretisation import TUBE_NODES, Task, Tube
+from jaxplan.trajectory.discretisation import TUBE_NODES, DiscreteProblem, Tube
 from jaxplan.trajectory.motion import Motion, evaluate
-from jaxplan.trajectory.problem import Problem
+from jaxplan.trajectory.problem import System
 
 _BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
 
@@ -20,7 +17,7 @@ _BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as b
 LIMIT, ZONE, TUBE = range(3)  # kinds of rows
 
 
-class Point(NamedTuple):
+class SQPSolution(NamedTuple):
     """A curve with its duration, and what is known of it.
 
     Attributes:
@@ -41,7 +38,7 @@ class Point(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Points:
+class Iterates:
     """A stack of G curves with their durations, and all that is known of them.
 
     Attributes:
@@ -61,9 +58,9 @@ class Points:
         """(G,) whether nothing is broken."""
         return np.all(self.violations <= _BROKEN, axis=1)
 
-    def one(self, number: int, steps: int) -> Point:
+    def one(self, number: int, steps: int) -> SQPSolution:
         """One of them, after so many steps."""
-        return Point(
+        return SQPSolution(
             coefficients=self.coefficients[number].copy(),  # no view, which would keep the whole stack
             duration=float(self.duration[number]),
             margins=self.motion.margins[number].copy(),
@@ -72,9 +69,9 @@ class Points:
             steps=steps,
         )
 
-    def some(self, which: np.ndarray) -> "Points":
+    def some(self, which: np.ndarray) -> "Iterates":
         """Some of them, by number or as (G,) bool."""
-        return Points(
+        return Iterates(
             coefficients=self.coefficients[which],
             duration=self.duration[which],
             motion=self.motion.some(which),
@@ -82,7 +79,7 @@ class Points:
         )
 
     @staticmethod
-    def chosen(first: "Points", other: "Points", others: np.ndarray) -> "Points":
+    def chosen(first: "Iterates", other: "Iterates", others: np.ndarray) -> "Iterates":
         """Of two stacks of as many, the other's where `others` (G,) says so."""
         if np.all(others) or not np.any(others):
             return other if np.any(others) else first
@@ -92,7 +89,7 @@ class Points:
             found[others] = another[others]
             return found
 
-        return Points(
+        return Iterates(
             coefficients=mixed(first.coefficients, other.coefficients),
             duration=mixed(first.duration, other.duration),
             motion=first.motion.mixed(other.motion, others),
@@ -105,7 +102,7 @@ class Stack:
     """Tasks of one kind, G of them.
 
     Attributes:
-        tasks: what is fitted.
+        members: the problems.
         places: (G, S).
         rows: (G, 4, S, n).
         wanted: (G, D, Z) rad.
@@ -113,12 +110,12 @@ class Stack:
         by_time: (G, n, A).
         energies: (G, 4, n, n) of the curve and its first three derivatives.
         weights: (G, 3).
-        tube_rows: (G, m, n), zero where a task has fewer nodes; m is 0 without tubes.
+        tube_rows: (G, m, n), zero where a problem has fewer nodes; m is 0 without tubes.
         tube_values: (G, m, A).
         tube_radius: (G, A).
     """
 
-    tasks: Sequence[Task]
+    members: Sequence[DiscreteProblem]
     places: np.ndarray
     rows: np.ndarray
     wanted: np.ndarray
@@ -131,19 +128,19 @@ class Stack:
     tube_radius: np.ndarray
 
     @classmethod
-    def of(cls, tasks: Sequence[Task]) -> "Stack":
-        """Of tasks of one kind."""
-        size, axes = tasks[0].space.fixed.shape
-        tubes = [_padded(task.tube, size, axes) for task in tasks]
+    def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
+        """The stack of problems of one kind."""
+        size, axes = members[0].space.fixed.shape
+        tubes = [_padded(discrete.tube, size, axes) for discrete in members]
         return cls(
-            tasks=tasks,
-            places=stacked([task.places for task in tasks]),
-            rows=stacked([task.rows for task in tasks]),
-            wanted=stacked([task.wanted for task in tasks]),
-            free=stacked([task.space.free for task in tasks]),
-            by_time=stacked([task.space.by_time for task in tasks]),
-            energies=stacked([task.space.energies for task in tasks]),
-            weights=np.array([task.weights for task in tasks]),
+            members=members,
+            places=stacked([discrete.places for discrete in members]),
+            rows=stacked([discrete.rows for discrete in members]),
+            wanted=stacked([discrete.wanted for discrete in members]),
+            free=stacked([discrete.space.free for discrete in members]),
+            by_time=stacked([discrete.space.by_time for discrete in members]),
+            energies=stacked([discrete.space.energies for discrete in members]),
+            weights=np.array([discrete.weights for discrete in members]),
             tube_rows=stacked([tube.rows for tube in tubes]),
             tube_values=stacked([tube.values for tube in tubes]),
             tube_radius=stacked([tube.radius for tube in tubes]),
@@ -151,25 +148,25 @@ class Stack:
 
     def some(self, which: np.ndarray) -> "Stack":
         """Some of them, by number or as (G,) bool."""
-        numbers = np.arange(len(self.tasks))[which].tolist()
-        arrays = {name: taken(own, which) for name, own in vars(self).items() if name != "tasks"}
-        return replace(self, tasks=[self.tasks[number] for number in numbers], **arrays)
+        numbers = np.arange(len(self.members))[which].tolist()
+        arrays = {name: taken(own, which) for name, own in vars(self).items() if name != "members"}
+        return replace(self, members=[self.members[number] for number in numbers], **arrays)
 
     @property
-    def problems(self) -> list[Problem]:
-        """Of the tasks."""
-        return [task.problem for task in self.tasks]
+    def systems(self) -> list[System]:
+        """The systems of the members."""
+        return [discrete.system for discrete in self.members]
 
-    def points(self, coefficients: np.ndarray, duration: np.ndarray) -> Points:
+    def iterates(self, coefficients: np.ndarray, duration: np.ndarray) -> Iterates:
         """Curves (G, n, A) with all known of them; of free time and rest at both ends, in the time needed."""
-        motion = evaluate(self.problems, self.places, self.rows @ coefficients[:, None])
-        kind = self.tasks[0]
-        found = np.full((len(self.tasks), 3), -np.inf)
-        ranges = np.stack([problem.spacecraft.joint_limits for problem in self.problems])
+        motion = evaluate(self.systems, self.places, self.rows @ coefficients[:, None])
+        kind = self.members[0]
+        found = np.full((len(self.members), 3), -np.inf)
+        ranges = np.stack([system.spacecraft.joint_limits for system in self.systems])
         found[:, ZONE] = _most(self.wanted[:, None] - motion.margins)
         found[:, LIMIT] = _most(np.abs(motion.curves[:, 0, :, 3:]) - ranges[:, None])
         if kind.limited:
-            needed = needed_durations(self.problems, motion)
+            needed = needed_durations(self.systems, motion)
             if kind.free_time and not np.any(self.by_time):
                 duration = needed
             found[:, LIMIT] = np.maximum(found[:, LIMIT], needed / duration - 1)
@@ -177,7 +174,7 @@ class Stack:
             off = np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
             found[:, TUBE] = _most(off)
         found[~motion.finite, LIMIT] = np.inf
-        return Points(coefficients=coefficients, duration=duration, motion=motion, violations=found)
+        return Iterates(coefficients=coefficients, duration=duration, motion=motion, violations=found)
 
 
 def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -198,14 +195,14 @@ def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
     return array[which]
 
 
-def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:
+def needed_durations(systems: Sequence[System], motion: Motion) -> np.ndarray:
     """The shortest durations (G,) in which motions keep all limits of rates and loads at their places, s."""
-    limits = np.stack([problem.limits for problem in problems])
+    limits = np.stack([system.limits for system in systems])
     found = [
         (np.abs(motion.loads[:, :, q]) / limits[:, None, q], power)
-        for q, power in enumerate(problems[0].powers)
+        for q, power in enumerate(systems[0].powers)
     ]
-    for each in zip(*(problem.joint_limits for problem in problems), strict=True):
+    for each in zip(*(system.joint_limits for system in systems), strict=True):
         bound, power = np.stack([limit.bound for limit in each]), each[0].quantity.power
         found.append((np.abs(motion.curves[:, power, :, 3:]) / bound[:, None], power))
     return np.asarray(

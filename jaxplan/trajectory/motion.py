@@ -28,7 +28,7 @@ from jaxplan.model.constraints import (
 )
 from jaxplan.model.limits import Kinematics, highest_derivative, values
 from jaxplan.trajectory.curve import chart_motion
-from jaxplan.trajectory.problem import Problem
+from jaxplan.trajectory.problem import System
 
 _NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 
@@ -38,7 +38,7 @@ class Motion:
     """A stack of curves at S places, with D sights and Z rows of constraints.
 
     Attributes:
-        problems: chart, spacecraft and constraints of each; they have as many terminals, sights of each sort
+        systems: chart, spacecraft and constraints of each; they have as many terminals, sights of each sort
             and rows, and the same loads.
         places: (G, S) in [0, 1].
         curves: (G, 4, S, 3 + 2n) ``b`` and joints with three derivatives.
@@ -51,7 +51,7 @@ class Motion:
             but the one that holds best from there to the next place, and to the place before.
     """
 
-    problems: Sequence[Problem]
+    systems: Sequence[System]
     places: np.ndarray
     curves: np.ndarray
     attitude: np.ndarray
@@ -65,8 +65,8 @@ class Motion:
     def load_slopes(self, curve: int) -> np.ndarray:
         """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
         if curve not in self._load_slopes:
-            problem = self.problems[curve]
-            turn, inertia, names = problem.chart.turn, problem.inertia, problem.names
+            system = self.systems[curve]
+            turn, inertia, names = system.chart.turn, system.inertia, system.names
             (self._load_slopes[curve],) = by_chunks(
                 lambda places, own: (load_slopes(turn, places, own, inertia, names=names),),
                 self.places[curve],
@@ -77,30 +77,30 @@ class Motion:
     @cached_property
     def carriers(self) -> np.ndarray:
         """(G, D) int, terminals that carry the sights; -1 of those fixed to the body."""
-        return np.stack([problem.sights.carriers for problem in self.problems])
+        return np.stack([system.sights.carriers for system in self.systems])
 
     @cached_property
     def _turning(self) -> np.ndarray:
         """(G, 2, D), see `Sights.turning`."""
-        return np.stack([problem.sights.turning for problem in self.problems])
+        return np.stack([system.sights.turning for system in self.systems])
 
     @cached_property
     def _rows(self) -> dict[str, np.ndarray]:
         """Of the rows, all (G, Z) but for axes, which are (G, Z, 3) and of rows of joints ``f``."""
         names = ("side", "frame", "partner", "axis")
-        return {name: np.stack([getattr(problem.cones, name) for problem in self.problems]) for name in names}
+        return {name: np.stack([getattr(system.cones, name) for system in self.systems]) for name in names}
 
     @cached_property
     def _moving(self) -> np.ndarray:
         """(G, S, Z, 3) axes where some move."""
-        return np.stack([one.axes(own) for one, own in zip(self.problems, self.places, strict=True)])
+        return np.stack([one.axes(own) for one, own in zip(self.systems, self.places, strict=True)])
 
     def _axes(self, curve: np.ndarray, place: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(R, 3) of some rows, in body axes."""
-        moving = self.problems[0].cones.paths
+        moving = self.systems[0].cones.paths
         given = self._moving[curve, place, row] if moving else self._rows["axis"][curve, row]
         turned = np.einsum("ri,rij->rj", given, self.attitude[curve, place])
-        if not self.problems[0].cones.inner:
+        if not self.systems[0].cones.inner:
             return np.asarray(turned)
         frame = self._rows["frame"][curve, row][:, None]
         sights = self.body[curve, place, self._rows["partner"][curve, row]]
@@ -114,15 +114,15 @@ class Motion:
 
     def some(self, which: np.ndarray) -> "Motion":
         """Some of the curves, by their numbers or as (G,) bool."""
-        numbers = np.arange(len(self.problems))[which].tolist()
+        numbers = np.arange(len(self.systems))[which].tolist()
         arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
-        found = replace(self, problems=[self.problems[number] for number in numbers], **arrays)
+        found = replace(self, systems=[self.systems[number] for number in numbers], **arrays)
         known = self._load_slopes
         found._load_slopes.update({own: known[one] for own, one in enumerate(numbers) if one in known})
         return found
 
     def mixed(self, other: "Motion", others: np.ndarray) -> "Motion":
-        """With the curves of another stack of the same problems where `others` (G,) says so."""
+        """With the curves of another stack of the same systems where `others` (G,) says so."""
         arrays = {name: getattr(self, name).copy() for name in _ARRAYS}
         for name, own in arrays.items():
             own[others] = getattr(other, name)[others]
@@ -150,7 +150,7 @@ class Motion:
         joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
         np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
         own = np.take_along_axis(joints, self.carriers[which][:, None], axis=2)
-        if not self.problems[0].cones.inner:
+        if not self.systems[0].cones.inner:
             return (platform + own)[..., None]
         frame, partner = self._rows["frame"][which][:, None], self._rows["partner"][which][:, None]
         axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
@@ -180,7 +180,7 @@ class Motion:
             "rk,rka->ra", np.stack(cross(seen.T, axis.T), axis=1), self.tangent[curve, place]
         )
         self._add_turns(slopes, curve, place, sight, seen, axis)
-        if not self.problems[0].cones.inner:
+        if not self.systems[0].cones.inner:
             return slopes * factor[:, None]
         frame, partner = self._rows["frame"][curve, row], self._rows["partner"][curve, row]
         slopes[frame != INERTIAL, :3] = 0.0
@@ -213,7 +213,7 @@ class Motion:
         carrier = self.carriers[curve, sight]
         row = np.flatnonzero(carrier >= 0)
         yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
-        mounts = np.stack([problem.sights.mounts for problem in self.problems])
+        mounts = np.stack([system.sights.mounts for system in self.systems])
         azimuth = self.curves[curve, 0, place, yaw] + mounts[curve, yaw - 3]
         turns = directions.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
         for part, change in enumerate(turns):
@@ -233,34 +233,34 @@ _ARRAYS = (
 )
 
 
-def evaluate(problems: Sequence[Problem], places: np.ndarray, curves: np.ndarray) -> Motion:
+def evaluate(systems: Sequence[System], places: np.ndarray, curves: np.ndarray) -> Motion:
     """The motions of a stack of curves.
 
     Args:
-        problems: chart, spacecraft and constraints of each; axes move in all of them or in none.
+        systems: chart, spacecraft and constraints of each; axes move in all of them or in none.
         places: (G, S) in [0, 1].
         curves: (G, 4, S, 3 + 2n) values and derivatives.
     """
     found = []
-    for problem, *own in zip(problems, places, curves, strict=True):
+    for system, *own in zip(systems, places, curves, strict=True):
         attitude, tangent, loads = by_chunks(
-            lambda part, curve, problem=problem: motion_at(  # type: ignore[misc]
-                problem.chart.attitude, problem.chart.turn, part, curve, problem.inertia, names=problem.names
+            lambda part, curve, system=system: motion_at(  # type: ignore[misc]
+                system.chart.attitude, system.chart.turn, part, curve, system.inertia, names=system.names
             ),
             *own,
         )
-        found.append((attitude, tangent, loads, *_pointing(problem, own[0], attitude, own[1][0, :, 3:])))
+        found.append((attitude, tangent, loads, *_pointing(system, own[0], attitude, own[1][0, :, 3:])))
     names = ("attitude", "tangent", "loads", "body", "cosines", "margins")
     parts = {name: np.stack(arrays) for name, arrays in zip(names, zip(*found, strict=True), strict=True)}
-    return Motion(problems=problems, places=places, curves=curves, **parts)
+    return Motion(systems=systems, places=places, curves=curves, **parts)
 
 
 def _pointing(
-    problem: Problem, places: np.ndarray, attitude: np.ndarray, joints: np.ndarray
+    system: System, places: np.ndarray, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Sights, cosines and margins of one curve, as `Motion` has them."""
-    cones, body = problem.cones, problem.sights.in_body(joints)
-    inertial = problem.axes(places) if cones.paths else cones.axis
+    cones, body = system.cones, system.sights.in_body(joints)
+    inertial = system.axes(places) if cones.paths else cones.axis
     axes = axes_in_body(cones, inertial @ attitude, body)
     cosines = body @ np.swapaxes(axes, -1, -2)
     values = joint_values(cones, joints) if cones.inner else None

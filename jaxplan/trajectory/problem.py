@@ -11,12 +11,12 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.chart import Chart
-from jaxplan.trajectory.schedule import Pace, duration_bound
+from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound
 from jaxplan.trajectory.splines import Basis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class System:
     """What does not change while a curve is looked for.
 
     Attributes:
@@ -100,7 +100,7 @@ class Mesh:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Job:
+class FitProblem:
     """What all attempts share."""
 
     attitudes: np.ndarray
@@ -124,7 +124,7 @@ class Job:
         return self.settings.end_acceleration == "zero"
 
     @property
-    def resting(self) -> "Job":
+    def resting(self) -> "FitProblem":
         """The same with accelerations of zero at both ends: what solves it solves this."""
         return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
 
@@ -157,7 +157,7 @@ class Job:
     def times(self) -> np.ndarray:
         """(m,) s of each edge at full speed."""
         platform, joints = self.moves[:, :3].T, self.moves[:, 3:].T
-        # In a second every edge is gone along at a steady pace, which is to be slowed to the limits.
+        # In a second every edge is gone along at a steady profile, which is to be slowed to the limits.
         steady = Kinematics(spin=[platform], joints=[0 * joints, joints], inertia=self.spacecraft.inertia)
         paced = [limit for limit in limits(self.spacecraft) if limit.quantity.power == 1]
         return np.max(np.concatenate([limit.shares(steady) for limit in paced]), axis=0)
@@ -169,15 +169,17 @@ class Job:
         needed = rate / acceleration + acceleration / jerk
         return float(needed[np.argmax(np.sum(np.abs(self.moves), axis=0) / rate)])
 
-    def quickest(self) -> Pace:
+    def quickest(self) -> TrapezoidalProfile:
         """The pace at full speed along the path."""
-        return Pace.quickest(max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise)
+        return TrapezoidalProfile.quickest(
+            max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise
+        )
 
-    def mesh(self, pace: Pace, radius: float, finer: int, *, graded: bool) -> Mesh:
+    def mesh(self, profile: TrapezoidalProfile, radius: float, finer: int, *, graded: bool) -> Mesh:
         """Where the spline has its breaks, for a pace along the path.
 
         Args:
-            pace: along the path.
+            profile: along the path.
             radius: rad, of the tube.
             finer: factor on the number of intervals.
             graded: whether breaks lie close about the flanks, not as the nodes do.
@@ -187,13 +189,13 @@ class Job:
         if self.fractions is not None:
             places = self.fractions
         else:
-            places = shares if self.at_speed else pace.places(shares)
+            places = shares if self.at_speed else profile.places(shares)
         each = _NODES_EACH if radius == 0 else _NODES_IN_TUBE if np.isfinite(radius) else 0.0
         intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
         elif graded and not self.at_speed:
-            basis = Basis.on(pace.breaks(intervals))
+            basis = Basis.on(profile.breaks(intervals))
         else:
             basis = Basis.even(intervals)
         points = _POINTS if intervals < _MANY else _FEW_POINTS
@@ -203,7 +205,7 @@ class Job:
 def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
     """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
 
-    Those of the momentum are left to `Job.times`, which knows the axis of each edge.
+    Those of the momentum are left to `FitProblem.times`, which knows the axis of each edge.
     """
     platform, joints = np.full(3, np.inf), np.full(len(spacecraft.joint_names), np.inf)
     heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)

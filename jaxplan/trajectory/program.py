@@ -1,15 +1,15 @@
 """The quadratic programs of one step, solved through their duals; rows that a step would break are added.
 
-    minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + haste (dT / T)^2 / 2 ]
+    minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + duration_hessian (dT / T)^2 / 2 ]
 
 over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
 inverse is that of one small matrix, and the dual has one unknown a row (`dual`). Few of the rows are near: a
 program begins with those, and is solved again with rows added that its answer breaks, of those that are true
 of all steps only the worst ones at first, and without those that it leaves far behind.
 
-The slopes of a row are a product of a row of the axes and one of the basis, or a sum of a few (`Slopes`). So
-where each row is one product the dual's matrix ``G H^-1 G^T`` is that of the rows of the basis times, number
-by number, that of the rows of the axes.
+The slopes of a row are a product of a row of the axes and one of the basis, or a sum of a few
+(`RowJacobian`). So where each row is one product the dual's matrix ``G H^-1 G^T`` is that of the rows of the
+basis times, number by number, that of the rows of the axes.
 """
 
 from collections.abc import Sequence
@@ -19,21 +19,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.trajectory.box_qp import BoxProgram, solve_box_qps
-from jaxplan.trajectory.constraints import Family, Index, Step, lowest, numbers
+from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.constraints import ConstraintBlock, Index, Step, lowest, numbers
 from jaxplan.trajectory.iterates import taken
 
 _ROUNDS = 6
 _ALL_AT_ONCE = 2  # rounds, after which all rows that are broken are added
 BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
-_KEPT = 0.1  # likewise: a row that a step leaves more room is taken out again
+_KEPT = 0.1  # likewise: a row that a step leaves more slack is taken out again
 _BINDING = 1e-6  # of the largest multiplier
 
-Multipliers = dict[str, np.ndarray]  # by family, of every row
+Multipliers = dict[str, np.ndarray]  # by block, of every row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Quadratic:
+class QuadraticObjective:
     """The objectives at a stack of G curves.
 
     Attributes:
@@ -41,7 +41,7 @@ class Quadratic:
         by_time: (G, n, A) what the coefficients change by with the relative change of the duration.
         hessian: (G, n, n) ``H``.
         gradient: (G, n, A) ``g``.
-        haste: of the duration's own term, whose slope is 1; None for a given duration.
+        duration_hessian: of the duration's own term, whose slope is 1; None for a given duration.
         rows: (G, 4, S, n) of the basis at the places.
     """
 
@@ -49,18 +49,18 @@ class Quadratic:
     by_time: np.ndarray
     hessian: np.ndarray
     gradient: np.ndarray
-    haste: float | None
+    duration_hessian: float | None
     rows: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Proposal:
+class QPSolution:
     """What the programs answer.
 
     Attributes:
         coefficients: (G, n, A) changes to make; not finite where a program broke down.
         stretch: (G,) relative changes of the duration.
-        multipliers: by family, of every row (G, ...); zero where it does not bind.
+        multipliers: by block, of every row (G, ...); zero where it does not bind.
     """
 
     coefficients: np.ndarray
@@ -68,14 +68,16 @@ class Proposal:
     multipliers: Multipliers
 
 
-def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, held: Multipliers) -> Proposal:
+def propose(
+    quadratic: QuadraticObjective, blocks: list[ConstraintBlock], penalty: np.ndarray, held: Multipliers
+) -> QPSolution:
     """Solve the programs at a stack of curves.
 
     Args:
         quadratic: the objectives.
-        families: all rows at the curves.
+        blocks: all rows at the curves.
         penalty: (G, 3) by kind of row.
-        held: by family, multipliers of rows to begin with beside those that are near.
+        held: by block, multipliers of rows to begin with beside those that are near.
     """
     count = len(quadratic.gradient)
     which = np.arange(count)
@@ -83,42 +85,42 @@ def propose(quadratic: Quadratic, families: list[Family], penalty: np.ndarray, h
     inverse = inverses(free_t @ quadratic.hessian @ quadratic.free)
     alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
-    found = {family.name: np.zeros(family.room.shape) for family in families}
-    chosen = [family.chosen(family.room < family.near, family.room, which) for family in families]
-    for family, mask in zip(families, chosen, strict=True):
-        if family.name in held:  # in a group another entry may hold now
-            mask |= (held[family.name] > 0) & np.isfinite(family.room)
-            mask[~family.in_reach] = False
+    found = {block.name: np.zeros(block.slack.shape) for block in blocks}
+    chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
+    for block, mask in zip(blocks, chosen, strict=True):
+        if block.name in held:  # in a group another entry may hold now
+            mask |= (held[block.name] > 0) & np.isfinite(block.slack)
+            mask[~block.may_bind] = False
     for round_ in range(_ROUNDS):
-        rows = Rows.of(families, chosen, which)
+        rows = ActiveRows.of(blocks, chosen, which)
         changes, stretches, multipliers = solve_duals(quadratic, inverse, alone, rows, penalty)
         step = Step(which, changes, taken(quadratic.rows, which) @ changes[:, None], stretches)
         coefficients[which], stretch[which] = changes, stretches
         added = np.zeros(len(which), dtype=bool)
-        for family, mask, part in zip(families, chosen, rows.families, strict=True):
-            found[family.name][which] = 0.0
-            found[family.name][part.index] = multipliers[part.number]
-            looked = family.in_reach[which]
+        for block, mask, part in zip(blocks, chosen, rows.blocks, strict=True):
+            found[block.name][which] = 0.0
+            found[block.name][part.index] = multipliers[part.number]
+            looked = block.may_bind[which]
             if not np.any(looked):
                 continue
             own = step.some(looked)
-            room = taken(family.room, own.which) - family.change(own)
-            if family.time:
-                room -= (family.time * own.stretch).reshape(-1, *[1] * (room.ndim - 1))
-            broken = family.chosen(room < -BROKEN * family.near, room, own.which) & ~mask[own.which]
-            if family.linear and round_ < _ALL_AT_ONCE:
-                broken &= lowest(np.where(broken, room, np.inf))
-            mask[own.which] = (mask[own.which] & (room < _KEPT * family.near)) | broken
+            slack = taken(block.slack, own.which) - block.change(own)
+            if block.time:
+                slack -= (block.time * own.stretch).reshape(-1, *[1] * (slack.ndim - 1))
+            broken = block.chosen(slack < -BROKEN * block.tolerance, slack, own.which) & ~mask[own.which]
+            if block.linear and round_ < _ALL_AT_ONCE:
+                broken &= lowest(np.where(broken, slack, np.inf))
+            mask[own.which] = (mask[own.which] & (slack < _KEPT * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own.which), -1), axis=1)
         which = which[added]
         if not len(which):
             break
     _drop_small(found, count)
-    return Proposal(coefficients=coefficients, stretch=stretch, multipliers=found)
+    return QPSolution(coefficients=coefficients, stretch=stretch, multipliers=found)
 
 
 def promised(
-    quadratic: Quadratic, families: list[Family], multipliers: Multipliers, which: np.ndarray
+    quadratic: QuadraticObjective, blocks: list[ConstraintBlock], multipliers: Multipliers, which: np.ndarray
 ) -> np.ndarray:
     """By how much programs of a given time can lower the objectives of curves that break nothing, at most.
 
@@ -127,26 +129,26 @@ def promised(
 
     Args:
         quadratic: the objectives at a stack of curves.
-        families: all rows at the curves.
-        multipliers: by family, of every row, none larger than its penalty.
+        blocks: all rows at the curves.
+        multipliers: by block, of every row, none larger than its penalty.
         which: (g,) numbers of the curves that are asked about.
 
     Returns:
         (g,).
     """
     # In a group another entry may hold now; without its multiplier the bound remains one.
-    pushing = [(multipliers[family.name] > 0) & np.isfinite(family.room) for family in families]
-    rows = Rows.of(families, pushing, which)
-    y = np.zeros(len(rows.room))
-    for family, part in zip(families, rows.families, strict=True):
-        y[part.number] = multipliers[family.name][part.index]
+    pushing = [(multipliers[block.name] > 0) & np.isfinite(block.slack) for block in blocks]
+    rows = ActiveRows.of(blocks, pushing, which)
+    y = np.zeros(len(rows.slack))
+    for block, part in zip(blocks, rows.blocks, strict=True):
+        y[part.number] = multipliers[block.name][part.index]
     free = taken(quadratic.free, which)
     free_t = np.swapaxes(free, 1, 2)
     gradient = quadratic.gradient[which]
-    left = free_t @ (gradient + pulls(rows, y, gradient.shape))
+    left = free_t @ (gradient + transposed_product(rows, y, gradient.shape))
     inverse = inverses(free_t @ quadratic.hessian[which] @ free)
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
-    by_room = np.array([np.sum(part) for part in np.split(y * rows.room, rows.ends[:-1])])
+    by_room = np.array([np.sum(part) for part in np.split(y * rows.slack, rows.ends[:-1])])
     return np.asarray(by_slope + by_room)
 
 
@@ -165,11 +167,11 @@ _NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """The rows of a family among all.
+class BlockRows:
+    """Where the rows of a block are among all.
 
     Attributes:
-        index: of the family's rows.
+        index: of the block's rows.
         number: (r,) of each among all.
     """
 
@@ -177,35 +179,37 @@ class Part:
     number: np.ndarray
 
 
-class Rows(NamedTuple):
+class ActiveRows(NamedTuple):
     """Rows of some curves of a stack, those of a curve together, R in all with T products.
 
     Attributes:
         which: (g,) numbers of the curves.
         ends: (g,) where the rows of each end.
-        room: (R,).
+        slack: (R,).
         time: (R,).
         kind: (R,) int.
         row: (T,) int, whose each product is, rising.
         axes: (T, A).
         basis: (T, n).
-        families: of each.
+        blocks: of each.
     """
 
     which: np.ndarray
     ends: np.ndarray
-    room: np.ndarray
+    slack: np.ndarray
     time: np.ndarray
     kind: np.ndarray
     row: np.ndarray
     axes: np.ndarray
     basis: np.ndarray
-    families: list[Part]
+    blocks: list[BlockRows]
 
     @classmethod
-    def of(cls, families: Sequence[Family], chosen: Sequence[np.ndarray], which: np.ndarray) -> "Rows":
-        """The rows of families that are chosen, bool like their rooms, for some curves."""
-        if not families:
+    def of(
+        cls, blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
+    ) -> "ActiveRows":
+        """The rows of blocks that are chosen, bool like their rooms, for some curves."""
+        if not blocks:
             none, nobody = np.zeros(0), np.zeros(0, int)
             empty = np.zeros((0, 0))
             return cls(which, np.zeros_like(which), none, none, nobody, nobody, empty, empty, [])
@@ -213,7 +217,7 @@ class Rows(NamedTuple):
         for mask in chosen:
             curve, *rest = numbers(mask[which])
             indices.append((which[curve], *rest))
-        slopes = [family.slopes(index) for family, index in zip(families, indices, strict=True)]
+        slopes = [block.slopes(index) for block, index in zip(blocks, indices, strict=True)]
         counts = [len(index[0]) for index in indices]
         curve = np.concatenate([index[0] for index in indices])
         order = np.argsort(curve, kind="stable")
@@ -232,17 +236,17 @@ class Rows(NamedTuple):
         return cls(
             which=which,
             ends=np.searchsorted(curve[order], which, side="right"),
-            room=gathered([family.room[index] for family, index in zip(families, indices, strict=True)]),
-            time=gathered([np.full(n, family.time) for family, n in zip(families, counts, strict=True)]),
-            kind=gathered([np.full(n, family.kind) for family, n in zip(families, counts, strict=True)]),
+            slack=gathered([block.slack[index] for block, index in zip(blocks, indices, strict=True)]),
+            time=gathered([np.full(n, block.time) for block, n in zip(blocks, counts, strict=True)]),
+            kind=gathered([np.full(n, block.kind) for block, n in zip(blocks, counts, strict=True)]),
             row=row[sort],
             axes=np.concatenate(wide)[sort],
             basis=np.concatenate(long)[sort],
-            families=[Part(*pair) for pair in zip(indices, parts, strict=True)],
+            blocks=[BlockRows(*pair) for pair in zip(indices, parts, strict=True)],
         )
 
 
-class _Dual(NamedTuple):
+class DualProgram(NamedTuple):
     """The dual of one program.
 
     Attributes:
@@ -254,7 +258,7 @@ class _Dual(NamedTuple):
         time: (r,).
     """
 
-    program: BoxProgram
+    program: BoxQP
     kept: np.ndarray
     axes: np.ndarray
     basis: np.ndarray
@@ -263,7 +267,11 @@ class _Dual(NamedTuple):
 
 
 def solve_duals(
-    quadratic: "Quadratic", inverse: np.ndarray, alone: np.ndarray, rows: Rows, penalty: np.ndarray
+    quadratic: "QuadraticObjective",
+    inverse: np.ndarray,
+    alone: np.ndarray,
+    rows: ActiveRows,
+    penalty: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The best steps under some rows.
 
@@ -286,7 +294,7 @@ def solve_duals(
         for curve, span in zip(rows.which.tolist(), spans, strict=True)
     ]
     answers = solve_box_qps([dual.program for dual in duals])
-    multipliers = np.zeros(len(rows.room))
+    multipliers = np.zeros(len(rows.slack))
     changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
     stretches = np.zeros(len(duals))
     for own, (curve, span, dual, answer) in enumerate(
@@ -295,15 +303,15 @@ def solve_duals(
         y = answer.multipliers
         pull = dual.basis.T @ (y[dual.of, None] * dual.axes)
         changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ pull)
-        if quadratic.haste is not None:
-            stretches[own] = max(float(-(1 + dual.time @ y) / quadratic.haste), _SHORTEST_STEP)
+        if quadratic.duration_hessian is not None:
+            stretches[own] = max(float(-(1 + dual.time @ y) / quadratic.duration_hessian), _SHORTEST_STEP)
             changes[own] += stretches[own] * quadratic.by_time[curve]
         multipliers[span[0] + dual.kept] = y
     return changes, stretches, multipliers
 
 
-def pulls(rows: Rows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """What rows with multipliers (R,) pull at the coefficients of their curves, of the shape (g, n, A)."""
+def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """``J^T y``: gradient of rows with multipliers (R,) in the coefficients, of the shape (g, n, A)."""
     found = np.zeros(shape)
     if len(multipliers):
         pull = multipliers[rows.row, None] * rows.axes
@@ -314,32 +322,32 @@ def pulls(rows: Rows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.nda
 
 
 def _dual(
-    quadratic: "Quadratic",
+    quadratic: "QuadraticObjective",
     curve: int,
     inverse: np.ndarray,
     alone: np.ndarray,
-    rows: Rows,
+    rows: ActiveRows,
     span: tuple[int, int, int, int],
     penalty: np.ndarray,
-) -> _Dual:
+) -> DualProgram:
     """The dual of one curve's program; rows and products are those within the span."""
     begin, end, first, last = span
     axes, basis = rows.axes[first:last], rows.basis[first:last]
-    of, room, time = rows.row[first:last] - begin, rows.room[begin:end], rows.time[begin:end]
+    of, slack, time = rows.row[first:last] - begin, rows.slack[begin:end], rows.time[begin:end]
     limit = penalty[rows.kind[begin:end]]
     if end == begin:
         none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
-        return _Dual(BoxProgram(none[0], room, limit), np.zeros(0, int), *none[1:], of, time)
+        return DualProgram(BoxQP(none[0], slack, limit), np.zeros(0, int), *none[1:], of, time)
     along = basis @ quadratic.free[curve]
     sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(along), axis=1) > _NO_SLOPE
     kept = np.arange(end - begin) if np.all(sloping) else np.unique(of[sloping])
-    if len(kept) > _MOST_ROWS:  # those with the least room
-        kept = np.sort(kept[np.argsort(room[kept], kind="stable")[:_MOST_ROWS]])
+    if len(kept) > _MOST_ROWS:  # those with the least slack
+        kept = np.sort(kept[np.argsort(slack[kept], kind="stable")[:_MOST_ROWS]])
     if len(kept) < end - begin:
         stays = np.isin(of, kept)
         axes, basis, along = axes[stays], basis[stays], along[stays]
         of = np.searchsorted(kept, of[stays])
-        room, time, limit = room[kept], time[kept], limit[kept]
+        slack, time, limit = slack[kept], time[kept], limit[kept]
     single = len(of) == len(kept)
 
     def summed(values: np.ndarray) -> np.ndarray:
@@ -349,18 +357,18 @@ def _dual(
         by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
         return np.add.reduceat(values, by_row, axis=0)
 
-    if quadratic.haste is not None:
+    if quadratic.duration_hessian is not None:
         time = time + summed(np.sum((basis @ quadratic.by_time[curve]) * axes, axis=1))
     if single:
         matrix = (along @ inverse @ along.T) * (axes @ axes.T)
     else:  # of a row with four products it would take sixteen times as many numbers
         slopes = summed(axes[:, :, None] * along[:, None, :])
         matrix = np.tensordot(slopes @ inverse, slopes, axes=((1, 2), (1, 2)))
-    linear = summed(np.sum((along @ alone) * axes, axis=1)) - room
-    if quadratic.haste is not None:
-        matrix += np.outer(time, time) / quadratic.haste
-        linear -= time / quadratic.haste
-    return _Dual(BoxProgram(matrix, linear, limit), kept, axes, along, of, time)
+    linear = summed(np.sum((along @ alone) * axes, axis=1)) - slack
+    if quadratic.duration_hessian is not None:
+        matrix += np.outer(time, time) / quadratic.duration_hessian
+        linear -= time / quadratic.duration_hessian
+    return DualProgram(BoxQP(matrix, linear, limit), kept, axes, along, of, time)
 
 
 def inverses(matrices: np.ndarray) -> np.ndarray:

@@ -122,7 +122,7 @@ _FLANK_STEP = 0.25  # of the flank, one interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pace:
+class TrapezoidalProfile:
     """A trapezoid of the rate along a path.
 
     Attributes:
@@ -136,7 +136,7 @@ class Pace:
     flank: float
 
     @classmethod
-    def quickest(cls, length: float, rise: float) -> "Pace":
+    def quickest(cls, length: float, rise: float) -> "TrapezoidalProfile":
         """With full speed, which is reached in ``rise`` seconds, or with as much as there is room for."""
         if length >= rise:
             return cls(length=length, duration=length + rise, flank=rise)
@@ -144,7 +144,7 @@ class Pace:
         return cls(length=length, duration=duration, flank=duration / 2)
 
     @classmethod
-    def within(cls, duration: float, length: float, rise: float) -> "Pace":
+    def within(cls, duration: float, length: float, rise: float) -> "TrapezoidalProfile":
         """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
         steepest = max(_STEEP_RISES * rise, _STEEP_FLANK * duration)
         flank = np.clip(duration - 2 * length, min(steepest, _CALM_FLANK * duration), _CALM_FLANK * duration)
@@ -152,7 +152,7 @@ class Pace:
             flank = min(flank, duration - length)
         return cls(length=length, duration=duration, flank=float(flank))
 
-    def gone(self, places: np.ndarray) -> np.ndarray:
+    def progress(self, places: np.ndarray) -> np.ndarray:
         """Share of the path gone at places (S,) in [0, 1] of the duration."""
         flank = self.flank / self.duration
         speed = 1 / (1 - flank)
@@ -162,7 +162,7 @@ class Pace:
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
     def places(self, shares: np.ndarray) -> np.ndarray:
-        """Where shares (m + 1,) of the path are gone: the inverse of `gone`."""
+        """Where shares (m + 1,) of the path are gone: the inverse of `progress`."""
         flank = self.flank / self.duration
         speed = 1 / (1 - flank)
         low = np.sqrt(np.maximum(2 * flank * shares / speed, 0))

@@ -2,9 +2,9 @@
 
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
-subject to limits, zones and tubes (`families`), each elastic with an exact penalty, so that every program has
+subject to limits, zones and tubes (`blocks`), each elastic with an exact penalty, so that every program has
 an answer. Steps that do not lower the merit (objective and penalties at the true curve) are damped. Alike
-tasks are worked on together, each until it is done.
+members are worked on together, each until it is done.
 """
 
 from collections import defaultdict
@@ -15,49 +15,49 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.trajectory.constraints import families
-from jaxplan.trajectory.discretisation import Task
-from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Point, Points, Stack
-from jaxplan.trajectory.program import Multipliers, Proposal, Quadratic, promised, propose
+from jaxplan.trajectory.constraints import constraint_blocks
+from jaxplan.trajectory.discretisation import DiscreteProblem
+from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, SQPSolution, Stack
+from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticObjective, promised, propose
 from jaxplan.trajectory.splines import weighted
 
-_TOGETHER = 32  # tasks of a stack; with more, memory is what takes the time
+_TOGETHER = 32  # members of a stack; with more, memory is what takes the time
 _ENOUGH_STEPS, _MOST_STEPS = 16, 64  # beyond those that are enough only while the duration still falls
 _FALLING = 0.05  # of the duration, in a step
 _DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what
 _SMALL = 1e-3  # weight of the energy beside the duration
 _HASTE = 12.0  # of the duration: alone it would fall by 1 / 12 in a step
-_SETTLED = 1e-4  # of the merit, between steps, or the worth of a step where that is less
+_SETTLED = 1e-4  # of the merit, between steps, or the ftol of a step where that is less
 _DAMPING = 8.0
 _FIRST_DAMPING = 1e-2
 _NO_DAMPING = 1e-6
-_WORTH = 1e-3  # of the energy, of a step that is worth its while
+_WORTH = 1e-3  # of the energy, of a step that is ftol its while
 _MOST_FAILED = 2  # steps in a row that lower no merit, once it is dear to break rows: nothing better is near
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Begin:
-    """A curve of a task.
+class InitialGuess:
+    """A curve from which the best one near it is looked for.
 
     Attributes:
-        task: what is looked for.
+        discrete: the problem.
         coefficients: (n, A) of the curve.
         duration: s.
-        until: s, a duration that is short enough.
-        patience: a curve that breaks limits by more is left as it is.
-        worth: of the energy; in a given time a sound curve whose program promises less is left as it is, and
-            in any time one whose merit changes by less.
+        target_duration: s, at which the search ends, since it is short enough.
+        max_violation: the curve is returned as it is if it breaks a limit by more than this share.
+        ftol: relative decrease below which the search ends: of sound curves in a given time the decrease that
+            the next program promises, else the change of the merit.
     """
 
-    task: Task
+    discrete: DiscreteProblem
     coefficients: np.ndarray
     duration: float
-    until: float = 0.0
-    patience: float = np.inf
-    worth: float = _WORTH
+    target_duration: float = 0.0
+    max_violation: float = np.inf
+    ftol: float = _WORTH
 
 
-def improve(begins: Sequence[Begin]) -> list[Point]:
+def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Step from curves to the best ones near them.
 
     Args:
@@ -68,8 +68,8 @@ def improve(begins: Sequence[Begin]) -> list[Point]:
     """
     alike: dict[Any, list[int]] = defaultdict(list)
     for number, begin in enumerate(begins):
-        alike[begin.task.kind].append(number)
-    answers: dict[int, Point] = {}
+        alike[begin.discrete.kind].append(number)
+    answers: dict[int, SQPSolution] = {}
     for numbers in alike.values():
         for first in range(0, len(numbers), _TOGETHER):
             part = numbers[first : first + _TOGETHER]
@@ -86,17 +86,17 @@ def penalties(free_time: bool) -> np.ndarray:
 class Objective:
     """Energy, or duration with a little of the energy, both as shares of the first curve's, of a stack."""
 
-    def __init__(self, stack: Stack, start: Points) -> None:
+    def __init__(self, stack: Stack, start: Iterates) -> None:
         self._stack, self._duration = stack, start.duration
         self.share = np.ones(len(start.duration))
         self.share = self.energy(start)
 
     @property
     def _free_time(self) -> bool:
-        return self._stack.tasks[0].free_time
+        return self._stack.members[0].free_time
 
     def some(self, stack: Stack, which: np.ndarray) -> "Objective":
-        """Of some of the tasks, (G,) bool, whose stack is given."""
+        """The objective of some members, (G,) bool, whose stack is given."""
         found = copy(self)
         found._stack, found._duration, found.share = stack, self._duration[which], self.share[which]
         return found
@@ -106,12 +106,12 @@ class Objective:
         form = weighted(self._stack.energies, duration, self._stack.weights)
         return np.asarray(form / self.share[:, None, None])
 
-    def energy(self, at: Points) -> np.ndarray:
+    def energy(self, at: Iterates) -> np.ndarray:
         """(G,) as shares of the first curves'."""
         product = at.coefficients * (self._form(at.duration) @ at.coefficients)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
-    def merit(self, at: Points, penalty: np.ndarray) -> np.ndarray:
+    def merit(self, at: Iterates, penalty: np.ndarray) -> np.ndarray:
         """Objectives and penalties (G, 3) by kind of row: (G,)."""
         value = self.energy(at)
         if self._free_time:
@@ -119,68 +119,79 @@ class Objective:
         broken = penalty * np.maximum(at.violations, 0.0)
         return np.asarray(value + (broken[:, LIMIT] + broken[:, ZONE] + broken[:, TUBE]))
 
-    def quadratic(self, at: Points, damping: np.ndarray) -> Quadratic:
+    def quadratic(self, at: Iterates, damping: np.ndarray) -> QuadraticObjective:
         """The objectives about curves, where the duration counts as a share of its own."""
         stack = self._stack
         form = self._form(at.duration) * (_SMALL if self._free_time else 1.0)
-        return Quadratic(
+        return QuadraticObjective(
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=form @ at.coefficients,
-            haste=_HASTE if self._free_time else None,
+            duration_hessian=_HASTE if self._free_time else None,
             rows=stack.rows,
         )
 
 
 @dataclass(kw_only=True, eq=False)
-class _Search:
-    """The tasks of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...)."""
+class SQPState:
+    """The members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...)."""
 
     stack: Stack
     objective: Objective
-    at: Points
+    at: Iterates
     number: np.ndarray
-    until: np.ndarray
-    worth: np.ndarray
+    target_duration: np.ndarray
+    ftol: np.ndarray
     penalty: np.ndarray
     value: np.ndarray
     damping: np.ndarray
     failed: np.ndarray
-    dearer: np.ndarray
+    penalty_updates: np.ndarray
     falling: np.ndarray
     held: Multipliers
 
     @classmethod
-    def of(cls, begins: Sequence[Begin]) -> "_Search":
-        stack, count = Stack.of([begin.task for begin in begins]), len(begins)
-        at = stack.points(
+    def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
+        """The state at first curves of alike problems."""
+        stack, count = Stack.of([begin.discrete for begin in begins]), len(begins)
+        at = stack.iterates(
             np.stack([begin.coefficients for begin in begins]),
             np.array([begin.duration for begin in begins]),
         )
         objective = Objective(stack, at)
-        penalty = np.tile(penalties(stack.tasks[0].free_time), (count, 1))
+        penalty = np.tile(penalties(stack.members[0].free_time), (count, 1))
         return cls(
             stack=stack,
             objective=objective,
             at=at,
             number=np.arange(count),
-            until=np.array([begin.until for begin in begins]),
-            worth=np.array([begin.worth for begin in begins]),
+            target_duration=np.array([begin.target_duration for begin in begins]),
+            ftol=np.array([begin.ftol for begin in begins]),
             penalty=penalty,
             value=objective.merit(at, penalty),
             damping=np.zeros(count),
             failed=np.zeros(count, dtype=int),
-            dearer=np.zeros(count, dtype=int),
+            penalty_updates=np.zeros(count, dtype=int),
             falling=np.zeros(count, dtype=bool),
             held={},
         )
 
-    def some(self, which: np.ndarray) -> "_Search":
+    def some(self, which: np.ndarray) -> "SQPState":
         """Those of (G,) bool."""
         stack = self.stack.some(which)
-        names = ("number", "until", "worth", "penalty", "value", "damping", "failed", "dearer", "falling")
-        return _Search(
+        names = (
+            "number",
+            "target_duration",
+            "ftol",
+            "penalty",
+            "value",
+            "damping",
+            "failed",
+            "penalty_updates",
+            "falling",
+        )
+        return SQPState(
             stack=stack,
             objective=self.objective.some(stack, which),
             at=self.at.some(which),
@@ -190,32 +201,34 @@ class _Search:
 
     def step(self) -> np.ndarray:
         """One step of each; which of them (G,) are done."""
-        free_time = self.stack.tasks[0].free_time
+        free_time = self.stack.members[0].free_time
         quadratic = self.objective.quadratic(self.at, self.damping)
-        proposal: Proposal = propose(quadratic, list(families(self.stack, self.at)), self.penalty, self.held)
+        proposal: QPSolution = propose(
+            quadratic, list(constraint_blocks(self.stack, self.at)), self.penalty, self.held
+        )
         self.held = proposal.multipliers
-        ahead = self.stack.points(
+        ahead = self.stack.iterates(
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
         value = self.objective.merit(ahead, self.penalty)
-        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.worth) * self.value
+        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.ftol) * self.value
         gained = self.objective.energy(self.at) - self.objective.energy(ahead)
-        little = self.at.is_sound & (gained <= self.worth * self.value)
+        little = self.at.is_sound & (gained <= self.ftol * self.value)
         better = value < self.value
         self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
-        self.at = Points.chosen(self.at, ahead, better)
+        self.at = Iterates.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
         calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
         wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
         self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
         self.failed = np.where(better, 0, self.failed + 1)
-        short = better & (self.at.duration <= self.until)
-        done = short | (close & (self.at.is_sound | (self.dearer == _DEARER)))
+        short = better & (self.at.duration <= self.target_duration)
+        done = short | (close & (self.at.is_sound | (self.penalty_updates == _DEARER)))
         if not free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            done |= (self.failed == _MOST_FAILED) & (self.dearer == _DEARER)
+            done |= (self.failed == _MOST_FAILED) & (self.penalty_updates == _DEARER)
             self._stop(done, better & self.at.is_sound)
-        self._raise(close & ~done)
+        self._increase_penalty(close & ~done)
         return done
 
     def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
@@ -223,24 +236,24 @@ class _Search:
         which = np.flatnonzero(asked & ~done)
         if len(which):
             quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
-            rows = list(families(self.stack, self.at))
-            done[which] = promised(quadratic, rows, self.held, which) <= self.worth[which] * self.value[which]
+            rows = list(constraint_blocks(self.stack, self.at))
+            done[which] = promised(quadratic, rows, self.held, which) <= self.ftol[which] * self.value[which]
 
-    def _raise(self, which: np.ndarray) -> None:
-        """Make it dearer to break rows, for those of (G,) bool."""
+    def _increase_penalty(self, which: np.ndarray) -> None:
+        """Increase the penalties of broken rows, for those of (G,) bool."""
         if not np.any(which):
             return
-        self.dearer[which] += 1
+        self.penalty_updates[which] += 1
         self.penalty[which] *= _GROWTH
         self.value = np.where(which, self.objective.merit(self.at, self.penalty), self.value)
         self.damping[which] = 0.0
 
 
-def _improved(begins: Sequence[Begin]) -> list[Point]:
-    """`improve` for alike tasks."""
-    search = _Search.of(begins)
-    answers: dict[int, Point] = {}
-    done = ~(search.at.violations[:, LIMIT] <= np.array([begin.patience for begin in begins]))
+def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
+    """`improve` for alike members."""
+    search = SQPState.of(begins)
+    answers: dict[int, SQPSolution] = {}
+    done = ~(search.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
     for steps in range(_MOST_STEPS + 1):
         if steps > 0:
             done = search.step()

@@ -1,6 +1,6 @@
 """The strategy of the spline fit: which durations, intervals and tubes are tried, and which curve is taken.
 
-It settles many fits at once. They go by numbers: a function takes problems by number and answers by number,
+It settles many fits at once. They go by numbers: a function takes systems by number and answers by number,
 and what is asked for at the same time is made together. A fit is looked for on a `Ladder` of attempts; what
 is tried on which ladder, and what is made of the best attempt, depends on the duration that is asked for:
 
@@ -21,7 +21,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.active_set import Origin
+from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import (
     Attempt,
     AttemptRequest,
@@ -32,8 +32,8 @@ from jaxplan.trajectory.attempts import (
 from jaxplan.trajectory.chart import REACH
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
-from jaxplan.trajectory.problem import Job
-from jaxplan.trajectory.schedule import Pace, excess
+from jaxplan.trajectory.problem import FitProblem
+from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 
 _BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
@@ -41,7 +41,7 @@ _TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, 
 _LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
 _LOOKS = 8
 _SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
-_DETOUR = 1.1  # of the bound, beyond which a motion is worth a second look
+_DETOUR = 1.1  # of the bound, beyond which a motion is ftol a second look
 _HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
 _LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
 _MOST_LONGER = 1.1  # from one duration to the next
@@ -75,15 +75,15 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     """
     strategy = Strategy(Seconds(len(queries)) if seconds is None else seconds)
     begun = [_begin(query) for query in queries]
-    jobs = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
     numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
     fits = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
-    for number, found in strategy.fits(jobs).items():
+    for number, found in strategy.fits(problems).items():
         fits[number] = found.at_given_nodes(numbers[number])
     return [fits[number] for number in range(len(queries))]
 
 
-def _begin(query: FitQuery) -> Fit | tuple[Job, np.ndarray]:
+def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
     spacecraft, settings, fractions = query.spacecraft, query.settings, query.node_fractions
     path = checked(query.path, spacecraft, settings, fractions)
@@ -107,7 +107,7 @@ def _begin(query: FitQuery) -> Fit | tuple[Job, np.ndarray]:
     if len(path.attitudes) == 1:
         still = replace(at_rest(query, path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
         return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
-    job = Job(
+    problem = FitProblem(
         attitudes=path.attitudes,
         joints=path.joints,
         turns=schedule.edge_turns(path.attitudes),
@@ -118,7 +118,7 @@ def _begin(query: FitQuery) -> Fit | tuple[Job, np.ndarray]:
         settings=settings,
         horizon=query.horizon,
     )
-    return job, own
+    return problem, own
 
 
 class Strategy:
@@ -131,96 +131,107 @@ class Strategy:
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
-    def fits(self, jobs: dict[int, Job]) -> dict[int, Fit]:
+    def fits(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
         """The fits in the durations that the settings ask for.
 
         What keeps everything with accelerations of zero at both ends does so where they are free. So a motion
         with free ones is never longer, nor is none found where there is one with zero.
         """
-        timed = {n: job for n, job in jobs.items() if not isinstance(job.settings.duration, str)}
-        others = {n: job for n, job in jobs.items() if n not in timed}
+        timed = {
+            n: problem for n, problem in problems.items() if not isinstance(problem.settings.duration, str)
+        }
+        others = {n: problem for n, problem in problems.items() if n not in timed}
         return self._in_given_time(timed) | self._in_least_time(others)
 
-    def _in_given_time(self, jobs: dict[int, Job]) -> dict[int, Fit]:
-        fits = self.timed(jobs)
+    def _in_given_time(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
+        fits = self.timed(problems)
         again = {
-            n: job.resting for n, job in jobs.items() if not job.rests and fits[n].status is not Status.OK
+            n: problem.resting
+            for n, problem in problems.items()
+            if not problem.rests and fits[n].status is not Status.OK
         }
         for n, other in self.timed(again).items():
             fits[n] = _better(fits[n], other)
         return fits
 
-    def _in_least_time(self, jobs: dict[int, Job]) -> dict[int, Fit]:
-        radii = {n: job.radius(free_time=job.settings.duration == MINIMUM) for n, job in jobs.items()}
-        resting = {n: job.resting for n, job in jobs.items()}
+    def _in_least_time(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
+        radii = {
+            n: problem.radius(free_time=problem.settings.duration == MINIMUM)
+            for n, problem in problems.items()
+        }
+        resting = {n: problem.resting for n, problem in problems.items()}
         best = self._quickest(resting, radii)
         fits = self._within_limits(resting, best, radii)
-        free = {n: job for n, job in jobs.items() if not job.rests}
+        free = {n: problem for n, problem in problems.items() if not problem.rests}
         shortened = {
             n: attempt
-            for n, job in free.items()
-            if (attempt := best[n]) is not None and not _stretches(job) and fits[n].status is Status.OK
+            for n, problem in free.items()
+            if (attempt := best[n]) is not None and not _stretches(problem) and fits[n].status is Status.OK
         }
-        found = self._released({n: (jobs[n], attempt) for n, attempt in shortened.items()})
-        found |= self._quickest({n: job for n, job in free.items() if n not in shortened}, radii)
+        found = self._released({n: (problems[n], attempt) for n, attempt in shortened.items()})
+        found |= self._quickest({n: problem for n, problem in free.items() if n not in shortened}, radii)
         for n, other in self._within_limits(free, found, radii).items():
             fits[n] = _better(other, fits[n])
         return fits
 
-    def timed(self, jobs: dict[int, Job]) -> dict[int, Fit]:
+    def timed(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
         """Fits in given durations."""
-        durations = {n: float(job.settings.duration) for n, job in jobs.items()}
-        radii = {n: job.radius(free_time=False) for n, job in jobs.items()}
-        possible = {n: job for n, job in jobs.items() if durations[n] >= job.bound}
-        attempts = dict.fromkeys(jobs) | self._in_time(possible, durations, radii)
+        durations = {n: float(problem.settings.duration) for n, problem in problems.items()}
+        radii = {n: problem.radius(free_time=False) for n, problem in problems.items()}
+        possible = {n: problem for n, problem in problems.items() if durations[n] >= problem.bound}
+        attempts = dict.fromkeys(problems) | self._in_time(possible, durations, radii)
         fits = {
-            n: _success(jobs[n], attempt, radii[n])
+            n: _success(problems[n], attempt, radii[n])
             for n, attempt in attempts.items()
             if attempt is not None and attempt.peaks.stretch <= 1
         }
         # The shortest motion says whether there is one at all, and what to ask for.
-        left = {n: job for n, job in jobs.items() if n not in fits}
+        left = {n: problem for n, problem in problems.items() if n not in fits}
         best = self.shortest(left, dict.fromkeys(left, np.inf))
         fits |= {n: _beyond() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         needed = self._needed({n: left[n] for n in quickest}, quickest, durations)
         for n, own in quickest.items():
-            job, duration, enough = left[n], durations[n], needed[n]
-            if not job.at_speed and enough is not None and enough <= duration:  # slowing it keeps all limits
-                fits[n] = _success(job, hurried(job, own, duration), radii[n])
+            problem, duration, enough = left[n], durations[n], needed[n]
+            if (
+                not problem.at_speed and enough is not None and enough <= duration
+            ):  # slowing it keeps all limits
+                fits[n] = _success(problem, time_scaled(problem, own, duration), radii[n])
             else:
-                fits[n] = _too_tight(job, attempts[n] or hurried(job, own, duration), duration, enough)
+                fits[n] = _too_tight(
+                    problem, attempts[n] or time_scaled(problem, own, duration), duration, enough
+                )
         return fits
 
     def _needed(
-        self, jobs: dict[int, Job], quickest: dict[int, Attempt], durations: dict[int, float]
+        self, problems: dict[int, FitProblem], quickest: dict[int, Attempt], durations: dict[int, float]
     ) -> dict[int, float | None]:
         """Durations in which all limits are kept, from the shortest motions; None where none is found."""
         found: dict[int, float | None] = {
             n: own.needed * SAFETY if own.sound else None for n, own in quickest.items()
         }
-        open_ = {n: job for n, job in jobs.items() if job.at_speed}
+        open_ = {n: problem for n, problem in problems.items() if problem.at_speed}
         found |= dict.fromkeys(open_)
         longer = {n: max(_BEGIN * quickest[n].trajectory.duration, _LONGER * durations[n]) for n in open_}
         for look in range(_LOOKS):
             attempts = self._in_time(open_, longer, dict.fromkeys(open_, np.inf))
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
-            open_ = {n: job for n, job in open_.items() if found[n] is None}
+            open_ = {n: problem for n, problem in open_.items() if found[n] is None}
             longer = {n: longer[n] * _LONGER ** (2**look) for n in open_}
         return found
 
     def _in_time(
-        self, jobs: dict[int, Job], durations: dict[int, float], radii: dict[int, float]
+        self, problems: dict[int, FitProblem], durations: dict[int, float], radii: dict[int, float]
     ) -> Attempts:
         """The first sound attempts within all limits, or the ones nearest to it, in given durations."""
         ladders = {}
-        for n, job in jobs.items():
-            full_speed = job.quickest()
+        for n, problem in problems.items():
+            full_speed = problem.quickest()
             hurry = durations[n] / full_speed.duration
             ladders[n] = Ladder(
-                job,
-                Pace.within(durations[n], full_speed.length, job.rise),
-                rungs(radii[n], in_time=job.at_speed or hurry >= _HURRY),
+                problem,
+                TrapezoidalProfile.within(durations[n], full_speed.length, problem.rise),
+                rungs(radii[n], in_time=problem.at_speed or hurry >= _HURRY),
                 duration=durations[n],
                 graded=hurry < _LEISURE,
                 limited=True,
@@ -229,67 +240,67 @@ class Strategy:
             )
         return self._climb(ladders)
 
-    def _along(self, jobs: dict[int, Job], radii: dict[int, float], *, shortest: bool) -> Attempts:
+    def _along(self, problems: dict[int, FitProblem], radii: dict[int, float], *, shortest: bool) -> Attempts:
         """The first sound attempts at the quickest pace, or the ones nearest to it.
 
         Args:
-            jobs: what is fitted.
+            problems: what is fitted.
             radii: rad, of the tubes.
             shortest: whether the shortest motion within all limits is looked for; else one without limits, to
                 be stretched to them.
         """
-        paces = {n: job.quickest() for n, job in jobs.items()}
+        profiles = {n: problem.quickest() for n, problem in problems.items()}
         return self._climb(
             {
                 n: Ladder(
-                    job,
-                    paces[n],
+                    problem,
+                    profiles[n],
                     rungs(radii[n]),
-                    duration=_BEGIN * paces[n].duration,
+                    duration=_BEGIN * profiles[n].duration,
                     limited=shortest,
                     free_time=shortest,
                 )
-                for n, job in jobs.items()
+                for n, problem in problems.items()
             }
         )
 
-    def _quickest(self, jobs: dict[int, Job], radii: dict[int, float]) -> Attempts:
+    def _quickest(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
         """Motions to be stretched to their limits, or the shortest ones, as the settings ask."""
-        stretching = {n: job for n, job in jobs.items() if _stretches(job)}
-        others = {n: job for n, job in jobs.items() if n not in stretching}
+        stretching = {n: problem for n, problem in problems.items() if _stretches(problem)}
+        others = {n: problem for n, problem in problems.items() if n not in stretching}
         return self.stretched(stretching, radii) | self.shortest(others, radii)
 
-    def stretched(self, jobs: dict[int, Job], radii: dict[int, float]) -> Attempts:
+    def stretched(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
         """Motions without limits, to be stretched to them."""
-        best = self._along(jobs, radii, shortest=False)
+        best = self._along(problems, radii, shortest=False)
         slow = {
-            n: job
-            for n, job in jobs.items()
+            n: problem
+            for n, problem in problems.items()
             if (own := best[n]) is not None
             and own.sound
-            and own.needed > _SLOW * job.bound
-            and job.settings.node_tube is None
+            and own.needed > _SLOW * problem.bound
+            and problem.settings.node_tube is None
         }
         guided = self._along(slow, dict.fromkeys(slow, np.inf), shortest=False)
         return best | _quicker(guided, best)
 
-    def shortest(self, jobs: dict[int, Job], radii: dict[int, float]) -> Attempts:
+    def shortest(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
         Where one from rest to rest is far above the bound, perhaps one without limits, stretched.
         """
-        best = self._along(jobs, radii, shortest=True)
+        best = self._along(problems, radii, shortest=True)
         slow = {
-            n: job
-            for n, job in jobs.items()
+            n: problem
+            for n, problem in problems.items()
             if (own := best[n]) is not None
-            and not job.at_speed
-            and not (own.sound and own.needed <= _DETOUR * job.bound)
+            and not problem.at_speed
+            and not (own.sound and own.needed <= _DETOUR * problem.bound)
         }
-        tubes = {n: min(radii[n], job.radius(free_time=False)) for n, job in slow.items()}
+        tubes = {n: min(radii[n], problem.radius(free_time=False)) for n, problem in slow.items()}
         return best | _quicker(self._along(slow, tubes, shortest=False), best)
 
-    def _released(self, given: dict[int, tuple[Job, Attempt]]) -> Attempts:
+    def _released(self, given: dict[int, tuple[FitProblem, Attempt]]) -> Attempts:
         """What shortest motions with accelerations of zero at both ends become once they are free.
 
         Found from the path itself the one with free ones may be the longer one: it begins farther away, since
@@ -298,53 +309,57 @@ class Strategy:
         return self._attempts(
             {
                 n: AttemptRequest(
-                    job=job,
+                    problem=problem,
                     mesh=attempt.request.mesh,
-                    duration=attempt.point.duration,
+                    duration=attempt.solution.duration,
                     limited=True,
                     free_time=True,
-                    begin=attempt.point.coefficients,
+                    begin=attempt.solution.coefficients,
                 )
-                for n, (job, attempt) in given.items()
+                for n, (problem, attempt) in given.items()
             }
         )
 
     def _within_limits(
-        self, jobs: dict[int, Job], attempts: Attempts, radii: dict[int, float]
+        self, problems: dict[int, FitProblem], attempts: Attempts, radii: dict[int, float]
     ) -> dict[int, Fit]:
         """Fits from motions in just the time that their limits allow."""
         best = {n: own for n, own in attempts.items() if own is not None}
-        best |= self._slowed({n: jobs[n] for n in best if jobs[n].at_speed}, best)
+        best |= self._slowed({n: problems[n] for n in best if problems[n].at_speed}, best)
         fits = {n: _beyond() for n, own in attempts.items() if own is None}
         for n, own in best.items():
-            job = jobs[n]
-            if not job.at_speed:
-                fits[n] = _success(job, own, radii[n], stretch=True)
+            problem = problems[n]
+            if not problem.at_speed:
+                fits[n] = _success(problem, own, radii[n], stretch=True)
             elif own.peaks.stretch <= 1:
-                fits[n] = _success(job, own, radii[n])
+                fits[n] = _success(problem, own, radii[n])
             else:
-                fits[n] = _too_tight(job, own, own.trajectory.duration, None)
+                fits[n] = _too_tight(problem, own, own.trajectory.duration, None)
         return fits
 
-    def _slowed(self, jobs: dict[int, Job], attempts: dict[int, Attempt]) -> dict[int, Attempt]:
+    def _slowed(self, problems: dict[int, FitProblem], attempts: dict[int, Attempt]) -> dict[int, Attempt]:
         """Motions with rates at the ends in so much more time that they keep all limits.
 
         Scaling the time would change these rates: the curve is fitted again where it is too quick.
         """
-        best = {n: attempts[n] for n in jobs}
+        best = {n: attempts[n] for n in problems}
         durations = {n: own.trajectory.duration for n, own in best.items()}
-        open_ = dict(jobs)
+        open_ = dict(problems)
         for look in range(_LOOKS):
-            open_ = {n: job for n, job in open_.items() if not (best[n].peaks.stretch <= 1 and best[n].sound)}
+            open_ = {
+                n: problem
+                for n, problem in open_.items()
+                if not (best[n].peaks.stretch <= 1 and best[n].sound)
+            }
             requests = {}
-            for n, job in open_.items():
+            for n, problem in open_.items():
                 stretch = best[n].peaks.stretch
                 tighter = min(_TIGHTER[0] + 2 * max(0.0, stretch - 1), _TIGHTER[1])
                 # Tighter limits alone take longer by as much.
                 durations[n] *= float(np.clip(stretch, 1 + tighter, _MOST_LONGER)) ** (2**look)
                 requests[n] = AttemptRequest(
-                    job=job,
-                    mesh=job.mesh(job.quickest(), best[n].radius, 1, graded=True),
+                    problem=problem,
+                    mesh=problem.mesh(problem.quickest(), best[n].radius, 1, graded=True),
                     duration=durations[n],
                     limited=True,
                     free_time=False,
@@ -352,7 +367,7 @@ class Strategy:
                 )
             made = {n: own for n, own in self._attempts(requests).items() if own is not None}
             best |= made
-            open_ = {n: jobs[n] for n in made}
+            open_ = {n: problems[n] for n in made}
         return best
 
     def _climb(self, ladders: dict[int, Ladder]) -> Attempts:
@@ -369,17 +384,17 @@ class Strategy:
             return dict(zip(requests, make_attempts(list(requests.values())), strict=True))
 
 
-def hurried(job: Job, attempt: Attempt, duration: float) -> Attempt:
+def time_scaled(problem: FitProblem, attempt: Attempt, duration: float) -> Attempt:
     """The same motion in another duration."""
     curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
     for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
         breaks[-1] = duration  # to the last bit
-    return replace(attempt, trajectory=curve, peaks=peaks(curve, job.spacecraft))
+    return replace(attempt, trajectory=curve, peaks=peaks(curve, problem.spacecraft))
 
 
-def _stretches(job: Job) -> bool:
+def _stretches(problem: FitProblem) -> bool:
     """Whether a motion without limits is asked for, whose time is stretched to them."""
-    return job.settings.duration == STRETCHED and not job.at_speed
+    return problem.settings.duration == STRETCHED and not problem.at_speed
 
 
 def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
@@ -405,7 +420,7 @@ def _better(fit: Fit, other: Fit) -> Fit:
     return min(fit, other, key=key)
 
 
-def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
+def _success(problem: FitProblem, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
     """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
     curve = attempt.trajectory
     if stretch:
@@ -420,7 +435,7 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
         message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
         return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
     nearest = attempt.peaks.names[attempt.peaks.binding]
-    share = excess(curve.duration, job.bound)
+    share = excess(curve.duration, problem.bound)
     above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
     message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > radius:
@@ -428,16 +443,16 @@ def _success(job: Job, attempt: Attempt, radius: float, *, stretch: bool = False
         how = wide if np.isfinite(attempt.radius) else "only a first guess"
         note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
         message = f"{message}; {note}"
-    origin = Origin(job=job, attempt=attempt, stretched=stretch)
+    origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
 
 
-def _too_tight(job: Job, closest: Attempt, duration: float, needed: float | None) -> Fit:
+def _too_tight(problem: FitProblem, closest: Attempt, duration: float, needed: float | None) -> Fit:
     """The fit that breaks a limit, and in what time it would not."""
     enough = None
     if needed is not None:
-        enough = Needed(duration=needed, moving=job.horizon > 0, scalable=True)
-    else_try = "lower the rates at start and end" if job.at_speed else 'set it to "minimum"'
+        enough = Needed(duration=needed, moving=problem.horizon > 0, scalable=True)
+    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
         status=Status.LIMITS_TOO_TIGHT,

@@ -22,7 +22,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import end_derivatives, energy
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
-from jaxplan.trajectory.paper.segments import Nodes, assembled, node_indices, split
+from jaxplan.trajectory.paper.segments import PathNodes, assembled, node_indices, split
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
@@ -30,7 +30,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeldChain:
+class ActiveChain:
     """The segments of the platform or of the joints.
 
     Attributes:
@@ -49,7 +49,7 @@ class HeldChain:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Held:
+class PaperActiveSet:
     """What is held of a fit.
 
     Attributes:
@@ -61,14 +61,14 @@ class Held:
     """
 
     fractions: np.ndarray
-    joints: HeldChain
-    platform: HeldChain
+    joints: ActiveChain
+    platform: ActiveChain
     order: int = field(metadata={"static": True})
     stretched: bool = field(metadata={"static": True})
 
 
 def refit(
-    held: Held,
+    held: PaperActiveSet,
     path: Path,
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
@@ -150,7 +150,7 @@ def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, lim
 
 
 def _chain(
-    held: HeldChain,
+    held: ActiveChain,
     times: Array,
     node_rows: Array,
     node_values: Array,
@@ -208,7 +208,7 @@ _BINDS = 1e-9  # of a limit
 
 @shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Origin:
+class PaperFitRecord:
     """How a fit came about.
 
     Attributes:
@@ -218,17 +218,17 @@ class Origin:
             where the time was stretched to the limits.
     """
 
-    nodes: Nodes
+    nodes: PathNodes
     trajectory: Trajectory
     limits: tuple[np.ndarray, np.ndarray] | None
 
-    def hold(self) -> Held:
+    def hold(self) -> PaperActiveSet:
         """What is held of it; where a limit is just met at a join it counts as binding."""
         curve = self.trajectory
         order = curve.coefficients.shape[1] - 1
         ends = split(len(self.nodes.turns), len(curve.coefficients), order)
         platform, joints = (None, None) if self.limits is None else self.limits
-        return Held(
+        return PaperActiveSet(
             fractions=padded(self.nodes.fractions, FEWEST_NODES),
             joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
             platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
@@ -244,7 +244,7 @@ def _active_chain(
     coefficients: np.ndarray,
     limits: np.ndarray | None,
     far: int,
-) -> HeldChain:
+) -> ActiveChain:
     """What is held of a chain whose segments are joined to the next one at their end ``far``."""
     nodes = node_indices(ends, order - 2)
     sides = np.zeros((len(ends) - 1, 2, coefficients.shape[2]))
@@ -255,4 +255,4 @@ def _active_chain(
         sides = np.where(np.abs(reached) >= limits * (1 - _BINDS), np.sign(reached), 0.0)
         sides[-1 if far else 0] = 0.0  # the closing segment
     present = np.arange(order - 2) <= np.diff(ends)[:, None]
-    return HeldChain(ends=ends, nodes=nodes, present=present, sides=sides)
+    return ActiveChain(ends=ends, nodes=nodes, present=present, sides=sides)

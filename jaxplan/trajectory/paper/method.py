@@ -16,10 +16,10 @@ from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
-from jaxplan.trajectory.paper.derivative import Origin
+from jaxplan.trajectory.paper.derivative import PaperFitRecord
 from jaxplan.trajectory.paper.segments import (
     ChainRequest,
-    Nodes,
+    PathNodes,
     charts_suffice,
     fewest_segments,
     is_full,
@@ -66,15 +66,15 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     """
     strategy = _Strategy(Seconds(len(queries)) if seconds is None else seconds)
     begun = [_begin(query) for query in queries]
-    tasks = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
     numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
     found = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
-    for number, own in strategy.fits(tasks).items():
+    for number, own in strategy.fits(problems).items():
         found[number] = own.at_given_nodes(numbers[number])
     return [found[number] for number in range(len(queries))]
 
 
-def _begin(query: FitQuery) -> "Fit | tuple[_Task, np.ndarray]":
+def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
     spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
     path = checked(query.path, spacecraft, settings, node_fractions)
@@ -87,7 +87,7 @@ def _begin(query: FitQuery) -> "Fit | tuple[_Task, np.ndarray]":
         trajectory = at_rest(query, path, settings.order, "paper", len(own))
         return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
     fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
-    nodes = Nodes(
+    nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.asarray(fractions, float),
@@ -95,14 +95,14 @@ def _begin(query: FitQuery) -> "Fit | tuple[_Task, np.ndarray]":
         start=start,
         end=end,
     )
-    task = _Task(
+    problem = PaperProblem(
         nodes=nodes, spacecraft=spacecraft, settings=settings, at_speed=at_speed, moving=query.horizon > 0
     )
-    return task, own
+    return problem, own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Task:
+class PaperProblem:
     """What all attempts of a fit share.
 
     Attributes:
@@ -113,7 +113,7 @@ class _Task:
         moving: whether goal or zones are others after another time.
     """
 
-    nodes: Nodes
+    nodes: PathNodes
     spacecraft: Spacecraft
     settings: TrajectorySettings
     at_speed: bool
@@ -162,12 +162,12 @@ class _Task:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Attempt:
+class PaperAttempt:
     """A trajectory with its peaks, and how it came about."""
 
     trajectory: Trajectory
     peaks: Peaks
-    origin: Origin
+    origin: PaperFitRecord
 
     @property
     def kept(self) -> bool:
@@ -179,7 +179,7 @@ class _Attempt:
         """Whether it does not swing between its nodes."""
         return self.peaks.stretch <= _CALM and self.peaks.in_range
 
-    def better_than(self, other: "_Attempt | None") -> bool:
+    def better_than(self, other: "PaperAttempt | None") -> bool:
         """Whether its joints keep their range where the other's do not, or else it needs less time."""
         if other is None or self.peaks.in_range != other.peaks.in_range:
             return other is None or self.peaks.in_range
@@ -196,24 +196,26 @@ class _Strategy:
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
-    def fits(self, tasks: dict[int, _Task]) -> dict[int, Fit]:
+    def fits(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
         """The fits at the durations that the settings ask for."""
-        stretched = {n: task for n, task in tasks.items() if task.stretches}
-        timed = {n: task for n, task in tasks.items() if n not in stretched}
+        stretched = {n: problem for n, problem in problems.items() if problem.stretches}
+        timed = {n: problem for n, problem in problems.items() if n not in stretched}
         durations = {
-            n: task.nominal_duration if task.settings.duration == STRETCHED else float(task.settings.duration)
-            for n, task in timed.items()
+            n: problem.nominal_duration
+            if problem.settings.duration == STRETCHED
+            else float(problem.settings.duration)
+            for n, problem in timed.items()
         }
-        at_speed = {n: task for n, task in timed.items() if task.settings.duration == STRETCHED}
+        at_speed = {n: problem for n, problem in timed.items() if problem.settings.duration == STRETCHED}
         needed = self._needed_durations(at_speed, durations)
         durations |= {n: own for n, own in needed.items() if own is not None}
         return self._stretched(stretched) | self._timed(timed, durations)
 
-    def _timed(self, tasks: dict[int, _Task], durations: dict[int, float]) -> dict[int, Fit]:
+    def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
         """The fits at given durations."""
-        attempts = self._best_at(tasks, durations)
+        attempts = self._best_at(problems, durations)
         good = {n: own for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
-        left = {n: task for n, task in tasks.items() if n not in good}
+        left = {n: problem for n, problem in problems.items() if n not in good}
         first = {
             n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * own.peaks.stretch)
             for n in left
@@ -222,16 +224,18 @@ class _Strategy:
         fits = {n: _success(own.trajectory, own) for n, own in good.items()}
         return fits | {n: _failure(left[n], durations[n], attempts[n], needed[n]) for n in left}
 
-    def _best_at(self, tasks: dict[int, _Task], durations: dict[int, float]) -> "dict[int, _Attempt | None]":
+    def _best_at(
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
+    ) -> "dict[int, PaperAttempt | None]":
         """The attempts with the fewest segments that keep all limits; or those nearest to it.
 
         More segments are tried for as long as they help.
         """
-        best: dict[int, _Attempt | None] = dict.fromkeys(tasks)
-        counts = {n: task.segment_counts() for n, task in tasks.items()}
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
         while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
             counts = {n: counts[n] for n in tries}
-            made = self._attempts(tasks, durations, tries, limited=True)
+            made = self._attempts(problems, durations, tries, limited=True)
             for n, own in made.items():
                 if own is None:
                     continue
@@ -242,16 +246,16 @@ class _Strategy:
         return best
 
     def _needed_durations(
-        self, tasks: dict[int, _Task], durations: dict[int, float]
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> dict[int, float | None]:
         """Durations, from the given ones on, at which fits keep all limits; None where the looks run out.
 
         A curve's own stretch is not enough, since the fit at the longer time is another curve.
         """
-        found: dict[int, float | None] = dict.fromkeys(tasks)
-        durations = {n: durations[n] for n in tasks}
+        found: dict[int, float | None] = dict.fromkeys(problems)
+        durations = {n: durations[n] for n in problems}
         for look in range(_LOOKS):
-            for n, own in self._best_at({n: tasks[n] for n in durations}, durations).items():
+            for n, own in self._best_at({n: problems[n] for n in durations}, durations).items():
                 stretch = 2.0 if own is None else own.peaks.stretch
                 if stretch <= 1:
                     found[n] = durations.pop(n)
@@ -259,17 +263,17 @@ class _Strategy:
                     durations[n] *= stretch * _LONGER ** (2**look)
         return found
 
-    def _stretched(self, tasks: dict[int, _Task]) -> dict[int, Fit]:
+    def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
         """The quickest of the fits at the nominal durations without limits, scaled in time to the limits."""
-        best: dict[int, _Attempt | None] = dict.fromkeys(tasks)
-        durations = {n: task.nominal_duration for n, task in tasks.items()}
-        counts = {n: task.segment_counts() for n, task in tasks.items()}
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        durations = {n: problem.nominal_duration for n, problem in problems.items()}
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
         while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
             counts = {n: counts[n] for n in tries}
-            for n, own in self._attempts(tasks, durations, tries, limited=False).items():
+            for n, own in self._attempts(problems, durations, tries, limited=False).items():
                 if own is not None and own.better_than(best[n]):
                     best[n] = own
-                if (quickest := best[n]) is not None and quickest.calm and not tasks[n].is_full(tries[n]):
+                if (quickest := best[n]) is not None and quickest.calm and not problems[n].is_full(tries[n]):
                     del counts[n]
         message = "with any number of segments a quadratic program has no solution: change trajectory.order"
         none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
@@ -279,47 +283,56 @@ class _Strategy:
         }
 
     def _attempts(
-        self, tasks: dict[int, _Task], durations: dict[int, float], counts: dict[int, int], *, limited: bool
-    ) -> "dict[int, _Attempt | None]":
+        self,
+        problems: dict[int, PaperProblem],
+        durations: dict[int, float],
+        counts: dict[int, int],
+        *,
+        limited: bool,
+    ) -> "dict[int, PaperAttempt | None]":
         """Trajectories with so many segments, and their peaks; with limits at their joins or without."""
         requests = [
             ChainRequest(
-                nodes=tasks[n].nodes,
+                nodes=problems[n].nodes,
                 duration=durations[n],
                 segments=count,
-                settings=tasks[n].settings,
-                limits=tasks[n].at_joins if limited else None,
+                settings=problems[n].settings,
+                limits=problems[n].at_joins if limited else None,
             )
             for n, count in counts.items()
         ]
         with self.seconds.shared(list(counts)):
             planned = dict(zip(counts, plan_chains(requests), strict=True))
             curves = {n: curve for n, curve in planned.items() if curve is not None}
-            peaks = all_peaks([(curve, tasks[n].spacecraft) for n, curve in curves.items()])
-        found: dict[int, _Attempt | None] = dict.fromkeys(counts)
+            peaks = all_peaks([(curve, problems[n].spacecraft) for n, curve in curves.items()])
+        found: dict[int, PaperAttempt | None] = dict.fromkeys(counts)
         for (
             (n, curve),
             own,
         ) in zip(curves.items(), peaks, strict=True):
             if np.isfinite(own.stretch):
-                origin = Origin(
-                    nodes=tasks[n].nodes, trajectory=curve, limits=tasks[n].at_joins if limited else None
+                origin = PaperFitRecord(
+                    nodes=problems[n].nodes,
+                    trajectory=curve,
+                    limits=problems[n].at_joins if limited else None,
                 )
-                found[n] = _Attempt(trajectory=curve, peaks=own, origin=origin)
+                found[n] = PaperAttempt(trajectory=curve, peaks=own, origin=origin)
         return found
 
 
-def _success(trajectory: Trajectory, attempt: _Attempt) -> Fit:
+def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
     """The fit that keeps all limits."""
     message = within_limits(trajectory, attempt.peaks)
     return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
 
 
-def _failure(task: _Task, duration: float, attempt: _Attempt | None, needed: float | None) -> Fit:
+def _failure(
+    problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
+) -> Fit:
     """The fit that breaks a limit or has no curve, and in what time it would not."""
     # "stretched" knows no rates at the ends, nor what moves.
     enough = (
-        Needed(duration=needed, moving=task.moving, scalable=not (task.at_speed or task.moving))
+        Needed(duration=needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
         if needed
         else None
     )

@@ -31,7 +31,7 @@ _OSQP_SETTINGS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Program:
+class SegmentQP:
     """The data of one program, or of several with the same matrices.
 
     Attributes:
@@ -54,7 +54,7 @@ class Program:
         return self.equalities.shape, self.limits.shape, self.values.shape
 
 
-def solve_all(programs: Sequence[Program]) -> list[np.ndarray | None]:
+def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
     """The optima of programs of one kind, checked.
 
     Args:
@@ -78,7 +78,7 @@ def solve_all(programs: Sequence[Program]) -> list[np.ndarray | None]:
     return [own if good else None for own, good in zip(x, solved, strict=True)]
 
 
-def _hold_limits(program: Program, x: np.ndarray) -> bool:
+def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
     """Replace the columns of an answer (p, d) that are beyond a limit; whether that was possible."""
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))
@@ -111,7 +111,7 @@ def _minimisers(
     return solution[:, :unknowns], solution[:, unknowns:]
 
 
-def _active_sides(program: Program, column: int) -> np.ndarray | None:
+def _active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
     """For one column, which limits are active: (g,) of -1, 0 and 1; None if there is no solution.
 
     An answer that OSQP calls inaccurate still tells; if it tells wrong, the caller's check fails.

@@ -255,7 +255,7 @@ _assemble = partial(jax.jit, static_argnames="order")(assembled)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Nodes:
+class PathNodes:
     """What a trajectory must pass, without its duration.
 
     Attributes:
@@ -293,7 +293,7 @@ class ChainRequest:
             for none.
     """
 
-    nodes: Nodes
+    nodes: PathNodes
     duration: float
     segments: int
     settings: TrajectorySettings
@@ -391,7 +391,7 @@ class Chain:
         half = self._segments.length[self._open[0]] / 2
         return np.array([[half], [half**2]])
 
-    def next_request(self) -> qp.Program | None:
+    def next_request(self) -> qp.SegmentQP | None:
         """The program of the next segment; None at the end of the chain."""
         if not self._open or self.failed:
             return None
@@ -405,7 +405,7 @@ class Chain:
         if closing:
             rows.append(self._far_rows)
             values.append(self._last * to_x)
-        return qp.Program(
+        return qp.SegmentQP(
             objective=segments.objective[k],
             equalities=np.concatenate(rows),
             values=np.concatenate(values),
