@@ -9,7 +9,8 @@ import numpy as np
 from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM
-from jaxplan.trajectory import program, sqp
+from jaxplan.runtime.batching import padded_count
+from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import (
@@ -28,20 +29,11 @@ from jaxplan.trajectory.derivative import (
     filled,
     gather_inputs,
     linearised,
-    padded_size,
 )
 from jaxplan.trajectory.discretisation import DiscreteProblem, end_margins
 from jaxplan.trajectory.iterates import Iterates, Stack
 from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
-
-_LEAST = (64, 16, 16)  # padded numbers of linear rows, loads and zones
-
-_WORTH = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
-_LOOKS = 20  # at which rows bind
-_PULLING = 1e-9  # of the largest multiplier: a row that pulls by more does not bind
-_LEFT, _STEPS = 1e-10, 12  # of the residual where a root is found, and steps on the way to it
-_ROUNDED = 1e-8  # what rounding may leave of it, where little moves
 
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
 
@@ -80,7 +72,10 @@ class FitRecord:
                 "another trajectory.duration_s, above all a longer one"
             )
         first = sqp.InitialGuess(
-            discrete=discrete, coefficients=solution.coefficients, duration=solution.duration, ftol=_WORTH
+            discrete=discrete,
+            coefficients=solution.coefficients,
+            duration=solution.duration,
+            ftol=options.ACTIVE_SET.ftol,
         )
         (solution,) = sqp.improve([first])
         stack = Stack.of([discrete])  # of one
@@ -92,7 +87,7 @@ class FitRecord:
         multipliers = proposal.multipliers
         binding = {name: own > 0 for name, own in multipliers.items()}
         crowded = False
-        for _ in range(_LOOKS):
+        for _ in range(options.ACTIVE_SET.looks):
             held = self._held(at, rows, binding, multipliers, float(objective.share[0]))
             root = self._root(held)
             if root is not None:
@@ -100,7 +95,7 @@ class FitRecord:
                 at = stack.iterates(coefficients[None], at.duration)
                 rows = {block.name: block for block in constraint_blocks(stack, at)}
                 multipliers = _named(rows, binding, held, found)
-                least = -_PULLING * np.max(found, initial=1.0)
+                least = -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
                 after = {
                     name: next_rows(rows[name], own, multipliers[name], least)
                     for name, own in binding.items()
@@ -135,17 +130,17 @@ class FitRecord:
                 held, path, problem.spacecraft, settings, problem.cones, problem.rates, solution.duration
             )
             best, least = z, np.inf
-            for _ in range(_STEPS):
+            for _ in range(options.ACTIVE_SET.steps):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
                 if not (np.all(np.isfinite(left)) and np.all(np.isfinite(matrix))):
                     break
                 most = float(np.max(np.abs(left)))
                 if most < least:
                     best, least = z, most
-                if least <= _LEFT:
+                if least <= options.ACTIVE_SET.residual:
                     break
                 z = z - np.linalg.solve(matrix, left)
-        if not least <= _ROUNDED:
+        if not least <= options.ACTIVE_SET.rounded:
             return None
         x = best[: held.x.size].reshape(held.x.shape)
         return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
@@ -253,7 +248,9 @@ def _gathered(
             loads.append((place, SIGNS[sign], np.full(len(place), system.names.index(name)), axis))
             multipliers[1].append(given[name][0][index])
     flat = [np.concatenate(own) for own in multipliers]
-    counts = [padded_size(len(own), least) for own, least in zip(flat, _LEAST, strict=True)]
+    # Where none binds there is padding, too, so that what is held of several plans can be stacked.
+    least = options.ACTIVE_SET.padding
+    counts = [padded_count(max(len(own), 1), size) for own, size in zip(flat, least, strict=True)]
     if not len(flat[1]):
         counts[1] = 0  # loads are seldom near, and their slopes are dear
     if not len(system.cones.axis):
@@ -301,9 +298,6 @@ def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.nda
     return np.round((along - angles) / (2 * np.pi))
 
 
-_TOUCHING = 1e-6  # slack of a row that may bind
-
-
 def next_rows(
     block: ConstraintBlock, binding: np.ndarray, multipliers: np.ndarray, least: float
 ) -> np.ndarray:
@@ -313,7 +307,9 @@ def next_rows(
     """
     pulling = binding & (multipliers < least)
     slack = block.slack
-    broken = ~binding & block.chosen(slack < -program.BROKEN * block.tolerance, slack, np.zeros(1, int))
+    broken = ~binding & block.chosen(
+        slack < -options.PROGRAM.broken * block.tolerance, slack, np.zeros(1, int)
+    )
     if not block.linear:
         worst = np.arange(slack.shape[1]).reshape(-1, *[1] * (slack.ndim - 2))
         if np.any(pulling):
@@ -331,7 +327,10 @@ def independent(
     """
     from scipy.optimize import nnls
 
-    touching = {name: np.nonzero(binding[name] | (f.slack < _TOUCHING)) for name, f in blocks.items()}
+    touching = {
+        name: np.nonzero(binding[name] | (f.slack < options.ACTIVE_SET.touching))
+        for name, f in blocks.items()
+    }
     free = quadratic.free[0]
     slopes = [blocks[name].slopes(index).full @ free for name, index in touching.items()]
     gradient = (free.T @ quadratic.gradient[0]).T

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.trajectory import sqp
-from jaxplan.trajectory.chart import REACH, farthest, fitting
+from jaxplan.trajectory import options, sqp
+from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.discretisation import DiscreteProblem, build, wanted_margins
 from jaxplan.trajectory.iterates import TUBE, SQPSolution
@@ -14,15 +14,6 @@ from jaxplan.trajectory.peaks import Peaks, all_peaks
 from jaxplan.trajectory.problem import FitProblem, Mesh, System
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
-
-_TUBE_BROKEN = 1e-6  # rad
-_DEEP = float(np.deg2rad(0.3))
-_ROUNDING = 1e-9  # rad
-_KEPT = 0.3  # of the wanted margins, which a sound curve has
-_MENDED = 1e-3  # of a limit, beyond which a curve is not what a given duration needs
-_HOPELESS = 1.05  # of the duration is missing: not for want of intervals
-_WIDER = 3.0  # tube, before there is none
-_NEARLY = 1.01  # of the duration keeps all limits: what happens between the places is still to be mended
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +71,7 @@ class Attempt:
     @property
     def sound(self) -> bool:
         """Whether nothing is broken but perhaps limits of rates and loads."""
-        return self.clear and self.peaks.in_range and self.tube <= _TUBE_BROKEN
+        return self.clear and self.peaks.in_range and self.tube <= options.ACCEPTANCE.tube_broken
 
     @property
     def kept(self) -> bool:
@@ -95,13 +86,13 @@ class Attempt:
     @property
     def too_deep(self) -> bool:
         """Whether a zone is broken so deep that it is not for want of intervals."""
-        return self.breach is not None and self.breach[1] > _DEEP
+        return self.breach is not None and self.breach[1] > options.ACCEPTANCE.deep
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
         """Attempts are compared by it; the larger the better."""
-        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= _NEARLY
-        return inside, nearly, self.tube <= _TUBE_BROKEN, -self.peaks.stretch
+        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= options.ACCEPTANCE.nearly
+        return inside, nearly, self.tube <= options.ACCEPTANCE.tube_broken, -self.peaks.stretch
 
 
 def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
@@ -125,7 +116,7 @@ def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
                 solution=solution,
                 trajectory=curve,
                 peaks=own,
-                clear=bool(np.all(solution.margins >= _KEPT * discrete.wanted)),
+                clear=bool(np.all(solution.margins >= options.ACCEPTANCE.kept_margin * discrete.wanted)),
                 breach=_breach(solution.margins, requests[number].problem),
                 tube=float(solution.violations[TUBE]),
             )
@@ -136,7 +127,7 @@ def _first_curve(request: AttemptRequest) -> sqp.InitialGuess | None:
     """The problem of a request with the curve to begin with; None if the nodes leave every chart."""
     problem, mesh = request.problem, request.mesh
     chart, b = fitting(problem.attitudes, mesh.places)
-    if not farthest(chart, b, mesh.places) <= REACH:
+    if not farthest(chart, b, mesh.places) <= options.CHART.reach:
         return None
     system = System(
         chart=chart,
@@ -172,7 +163,7 @@ def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]
     first = [
         begin
         if begin.discrete.free_time or problem.at_speed
-        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MENDED)
+        else replace(begin, max_violation=0.0 if begin.discrete.limited else options.ACCEPTANCE.mended)
         for problem, begin in zip(problems, begins, strict=True)
     ]
     solutions = sqp.improve(first)
@@ -193,7 +184,7 @@ def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]
         ]
     )
     slow = [
-        replace(first[number], coefficients=solution.coefficients, max_violation=_MENDED)
+        replace(first[number], coefficients=solution.coefficients, max_violation=options.ACCEPTANCE.mended)
         for number, solution in zip(hasty, slower, strict=True)
     ]
     for number, solution in zip(hasty, sqp.improve(slow), strict=True):
@@ -232,7 +223,7 @@ def _breach(margins: np.ndarray, problem: FitProblem) -> tuple[str, float] | Non
 
     Axes of the body go by the name of the body, what terminals carry by theirs.
     """
-    if np.all(margins >= -_ROUNDING):
+    if np.all(margins >= -options.ACCEPTANCE.rounding):
         return None
     _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
     names, cones = problem.spacecraft.device_names, problem.cones
@@ -321,7 +312,7 @@ class Ladder:
             self.best = last
         if last.sound and (last.kept or not self._timed):
             self._rungs.clear()
-        if last.too_deep or (self._timed and last.peaks.stretch > _HOPELESS):
+        if last.too_deep or (self._timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
             while self._rungs and self._rungs[0][0] > 1:
                 del self._rungs[0]
 
@@ -334,6 +325,6 @@ def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
         in_time: whether there is time enough to go along the nodes.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
-    wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
+    wider = [(1, options.STRATEGY.wider * radius)] if 0 < radius < np.inf and in_time else []
     free = [(1, np.inf), (2, np.inf)] if radius > 0 else []
     return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

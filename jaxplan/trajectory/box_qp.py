@@ -5,7 +5,7 @@
 ``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a dense Cholesky
 factorisation; the matrix it factors is ``M`` plus a positive diagonal, so rows may depend on each other.
 Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
-for many programs at once, their rows one after the other, and comes out the same to the last bit as for one.
+for many programs at once, their rows one after the other.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_ITERATIONS = 60
-TOLERANCE = 1e-9  # of the residual, in the scaled form, relative to the size of d
-_USABLE = 1e-4  # such a residual is still an answer, where rounding or the iterations end it
-_INTERIOR = 0.995  # share of the way to the boundary that a step may take
-_INSIDE = 0.5  # of the size of d: how far inside the box an iteration begins
+from jaxplan.runtime.batching import parts
+from jaxplan.trajectory import options
+
 _TINY = 1e-12  # least size of d
-_ROUNDING = 1e-14  # added to the diagonal, which is of order one
-_TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 
 class BoxQP(NamedTuple):
@@ -53,7 +49,7 @@ class BoxQPSolution(NamedTuple):
 
 
 def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Solve many programs, each as if it were alone."""
+    """Solve many programs."""
     answers: dict[int, BoxQPSolution] = {}
     scaled, scales = [], {}
     for number, (matrix, linear, penalty) in enumerate(programs):
@@ -68,10 +64,10 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
         scales[number] = scale
         scaled.append(own)
     found: list[BoxQPSolution] = []
-    for first in range(0, len(scaled), _TOGETHER):
-        found += _solve(_BoxQPStack.of(scaled[first : first + _TOGETHER]))
+    for part in parts(scaled, options.BOX_QP.together):
+        found += _solve(_BoxQPStack.of(part))
     for (number, scale), answer in zip(scales.items(), found, strict=True):
-        y = answer.multipliers if answer.residual <= _USABLE else np.full_like(scale, np.nan)
+        y = answer.multipliers if answer.residual <= options.BOX_QP.usable else np.full_like(scale, np.nan)
         answers[number] = answer._replace(multipliers=y * scale)
     return [answers[number] for number in range(len(programs))]
 
@@ -150,8 +146,8 @@ def _solve(stack: _BoxQPStack) -> list[BoxQPSolution]:
     answers: dict[int, BoxQPSolution] = {}
     number, values, residual = np.arange(count), _first(stack), np.full(count, np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        for iterations in range(MOST_ITERATIONS + 1):
-            done = (residual <= TOLERANCE) | (iterations == MOST_ITERATIONS)
+        for iterations in range(options.BOX_QP.most_iterations + 1):
+            done = (residual <= options.BOX_QP.tolerance) | (iterations == options.BOX_QP.most_iterations)
             ahead, left = values, np.full(len(number), np.nan)
             if not done.all():
                 ahead, left = _iterate(stack, values)
@@ -173,7 +169,7 @@ def _first(stack: _BoxQPStack) -> np.ndarray:
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
-    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
+    inside, d, top = stack.spread(options.BOX_QP.inside * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
@@ -186,7 +182,7 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
     first, count = stack.first, stack.count
     gap, gradient = stack.gap(values), stack.gradient(values)
     ratio = multipliers / room
-    diagonal = ratio[0] + ratio[1] + _ROUNDING
+    diagonal = ratio[0] + ratio[1] + options.BOX_QP.regularisation
     factors, broken = [], np.zeros(len(first), bool)
     for own, (m, rows) in enumerate(zip(stack.matrices, stack.parts, strict=True)):
         bent = m.copy()
@@ -213,7 +209,7 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
     reached = values + length(step, 1.0) * step
     target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    ahead = values + length(step, _INTERIOR) * step
+    ahead = values + length(step, options.BOX_QP.interior) * step
     ahead[1] = stack.top - ahead[0]
     gradient = stack.gradient(ahead)
     steep = np.sqrt(np.add.reduceat(gradient * gradient, first) / count) / stack.size

@@ -13,18 +13,15 @@ Rows of the platform's loads and of margins are linearised at places close to ea
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from jaxplan.trajectory import options
 from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, Stack, stacked, taken
 from jaxplan.trajectory.motion import Motion
-
-# Rows with less slack than this are in a program from the start: shares of a limit or of a tube, and angles.
-NEAR_SHARE = 0.15
-NEAR_ANGLE = float(np.deg2rad(1.0))
 
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
@@ -151,7 +148,7 @@ class JointDerivativeBlock(_Linear):
     differences: np.ndarray  # (G, n - d, n)
     scale: np.ndarray  # (G, joints) 1 / (limit * duration^power)
     kind: int = LIMIT
-    tolerance: float = 2 * NEAR_SHARE
+    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
 
     @property
     def time(self) -> float:
@@ -185,7 +182,7 @@ class JointRangeBlock(_Linear):
     limits: np.ndarray  # (G, joints)
     name: str = "range"
     kind: int = LIMIT
-    tolerance: float = NEAR_ANGLE
+    tolerance: float = field(default_factory=lambda: options.ROWS.near_angle)
     time: float = 0.0
 
     @cached_property
@@ -213,7 +210,7 @@ class TubeBlock(_Linear):
     radius: np.ndarray  # (G, A)
     name: str = "tube"
     kind: int = TUBE
-    tolerance: float = 2 * NEAR_SHARE
+    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
     time: float = 0.0
 
     @cached_property
@@ -245,10 +242,6 @@ def _of_axis(axis: np.ndarray, factor: np.ndarray, basis: np.ndarray, axes: int)
     return RowJacobian(own, basis[:, None])
 
 
-_FAR_SHARE = 0.5  # of a limit is left at every place: then no step reaches it
-_STRIDE = 4  # of places next to each other one in four is held, and those that are extreme
-
-
 @dataclass(frozen=True, eq=False)
 class LoadBlock:
     """One of the platform's loads at the places: rows (G, S, 2, 3)."""
@@ -260,7 +253,7 @@ class LoadBlock:
     scale: np.ndarray  # (G, 3) 1 / (limit * duration^power)
     rows: np.ndarray  # (G, 4, S, n) of the basis
     kind: int = LIMIT
-    tolerance: float = NEAR_SHARE
+    tolerance: float = field(default_factory=lambda: options.ROWS.near_share)
     linear: bool = False
 
     @property
@@ -276,7 +269,7 @@ class LoadBlock:
     @cached_property
     def may_bind(self) -> np.ndarray:
         """Which curves a step may take to a row's bound."""
-        return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
+        return ~np.all(self.slack > options.ROWS.far_share, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
         """(S, 3, 4, 3) slopes of the shares."""
@@ -316,7 +309,7 @@ class MarginBlock:
     slack: np.ndarray  # beyond what is wanted
     name: str = "zone"
     kind: int = ZONE
-    tolerance: float = NEAR_ANGLE
+    tolerance: float = field(default_factory=lambda: options.ROWS.near_angle)
     time: float = 0.0
     linear: bool = False
 
@@ -348,7 +341,7 @@ class MarginBlock:
 def _telling(slack: np.ndarray) -> np.ndarray:
     """Along the places, the second axis, each fourth one and the local minima of the slack."""
     kept = np.zeros(slack.shape, dtype=bool)
-    kept[:, ::_STRIDE] = True
+    kept[:, :: options.ROWS.stride] = True
     with np.errstate(invalid="ignore"):
         kept[:, 1:-1] |= (slack[:, 1:-1] <= slack[:, :-2]) & (slack[:, 1:-1] <= slack[:, 2:])
     return kept

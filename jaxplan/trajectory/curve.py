@@ -27,10 +27,11 @@ from jaxplan.display import shown
 from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
+from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory.basis import derivative_matrix, legendre
 
-# Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
-_CHUNKS = (8, 128, 1024, 16384)
+# Times are padded to few numbers, so that one compiled kernel serves many trajectories.
+_FEWEST_TIMES, _MOST_TIMES = 128, 16384  # in one call; more would not be quicker
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -251,24 +252,27 @@ class Trajectory:
         if outside.size:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
-        chunk = next((size for size in _CHUNKS if size >= flat.size), _CHUNKS[-1])
-        padded = np.zeros(max(1, -(-flat.size // chunk)) * chunk)
-        padded[: flat.size] = flat
-        breaks, parts = self.joint_breaks, []
+        filled = np.zeros(max(flat.size, 1))
+        filled[: flat.size] = flat
+        breaks, found = self.joint_breaks, []
         with jax.enable_x64(True):
-            for part in padded.reshape(-1, chunk):
+            for first in range(0, len(filled), _MOST_TIMES):
+                own_times = filled[first : first + _MOST_TIMES]
+                part = np.zeros(padded_count(len(own_times), _FEWEST_TIMES))
+                part[: len(own_times)] = own_times
                 on = np.searchsorted(self.breaks[:-1], part, side="right") - 1
                 own = jax.tree.map(lambda array, on=on: np.asarray(array)[on], self.platform_pieces)
                 values = _platform_kernel(own, part)
                 on = np.searchsorted(breaks[:-1], part, side="right") - 1
                 values |= _joint_kernel(self.joint_coefficients[on], breaks[on], breaks[on + 1], part)
-                parts.append({name: np.asarray(array) for name, array in values.items()})
+                count = len(own_times)
+                found.append({name: np.asarray(array)[:count] for name, array in values.items()})
 
         def joined(name: str) -> np.ndarray:
-            array = np.concatenate([part[name] for part in parts])[: flat.size]
+            array = np.concatenate([part[name] for part in found])[: flat.size]
             return array.reshape(*times.shape, *array.shape[1:])
 
-        return Samples(**{name: joined(name) for name in parts[0]})
+        return Samples(**{name: joined(name) for name in found[0]})
 
     def scaled(self, factor: float) -> Self:
         """The same motion, slower by a factor: rates fall by it, accelerations by its square.

@@ -42,11 +42,10 @@ from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.trajectory import options
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.discretisation import CLEARANCE, OF_ENDS
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.motion import loads_at
-from jaxplan.trajectory.problem import TUBE_RADIUS
 from jaxplan.trajectory.splines import SMOOTHNESS
 
 Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
@@ -170,13 +169,6 @@ class ActiveSet:
     stretched: bool = field(metadata={"static": True})
 
 
-def padded_size(count: int, least: int) -> int:
-    """What so many rows are padded to: ``least``, 4 times that, 16 times, ...; few sizes stack in batches."""
-    while least < count:
-        least *= 4
-    return least
-
-
 def filled(array: np.ndarray, size: int) -> np.ndarray:
     """An array with zeros added to its first axis."""
     return np.concatenate([array, np.zeros((size - len(array), *array.shape[1:]), array.dtype)])
@@ -240,7 +232,7 @@ def gather_inputs(
     weights = jnp.stack(
         [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
     )
-    radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
+    radius = held.widened * (options.ROWS.tube_radius if settings.node_tube is None else settings.node_tube)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     platform, of_joints = timed_limits(craft)
     scales = [limit.bound * duration**limit.quantity.power for limit in of_joints]
@@ -248,7 +240,9 @@ def gather_inputs(
     sights, at_ends = cones.sights(craft.mounts, craft.fixed_boresights), jnp.array([0, -1])
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends]), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
-    wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), OF_ENDS * jnp.maximum(left, 0))
+    wanted = jnp.minimum(
+        jnp.minimum(options.ROWS.clearance, room(cones)), options.ROWS.share_of_ends * jnp.maximum(left, 0)
+    )
     return FitInputs(
         attitude=first,
         turn=turn,
@@ -268,10 +262,6 @@ def gather_inputs(
 
 def _positive(length: Array) -> Traced:
     return jnp.where(length > 0, length, 1)
-
-
-_STEPS, _LEFT = 5, 1e-9  # at most so many of Newton's steps, to such a residual, before the last one
-_SLACK = 1e-13  # of the matrix, where rows that bind depend on each other
 
 
 def refit(
@@ -336,7 +326,9 @@ def _root(held: ActiveSet, inputs: FitInputs) -> tuple[Traced, tuple[Traced, Tra
 
     def far(at: tuple[Any, ...]) -> Traced:
         count, _, left, _ = at
-        return (count < _STEPS) & ~jnp.all(jnp.abs(left) <= _LEFT)
+        return (count < options.ACTIVE_SET.refit_steps) & ~jnp.all(
+            jnp.abs(left) <= options.ACTIVE_SET.refit_residual
+        )
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
         count, z, _, _ = at
@@ -446,5 +438,5 @@ def _matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         bend = _each(jax.jacfwd(jax.jacfwd(_zone_row, 2), 2), inputs, zones, zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
     jacobian = _rows(held, inputs, c)[1].reshape(len(y), x.size) * on[:, None]
-    corner = jnp.diag(jnp.where(on, -_SLACK, 1.0))
+    corner = jnp.diag(jnp.where(on, -options.ACTIVE_SET.regularisation, 1.0))
     return jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])

@@ -7,14 +7,11 @@ import numpy as np
 
 from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
 from jaxplan.model.limits import highest_derivative
+from jaxplan.runtime.batching import padded_count
+from jaxplan.trajectory import options
 from jaxplan.trajectory.problem import Mesh, System
 from jaxplan.trajectory.schedule import along
 from jaxplan.trajectory.splines import CurveSpace, Ends
-
-TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more members are alike
-CLEARANCE = float(np.deg2rad(0.3))  # wanted beyond zones, so that nothing happens between the places
-OF_ENDS = 0.5  # at most this share of the margin that start or goal leave
-_SMOOTHING = 1e-9  # of the third derivative, beside the distance from the path
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +27,11 @@ class Tube:
     rows: np.ndarray
     values: np.ndarray
     radius: np.ndarray
+
+    @property
+    def padded_nodes(self) -> int:
+        """What the number of nodes is padded to in a stack, so that more problems are alike."""
+        return padded_count(len(self.rows), options.MESH.tube_nodes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +73,7 @@ class DiscreteProblem:
             bool(system.cones.paths),
             system.cones.inner,
             len(system.cones.carried),
-            None if self.tube is None else -(-len(self.tube.rows) // TUBE_NODES),
+            None if self.tube is None else self.tube.padded_nodes,
             bool(np.any(self.space.by_time)),
             self.limited,
             self.free_time,
@@ -146,7 +148,7 @@ def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: 
     start = space.fixed + duration * space.by_time
     design = rows @ space.free
     bending = space.free.T @ space.energies[3] @ space.free
-    weight = _SMOOTHING * len(bending) / np.trace(bending)
+    weight = options.MESH.smoothing * len(bending) / np.trace(bending)
     pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
     return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
@@ -155,7 +157,9 @@ def wanted_margins(system: System, attitudes: np.ndarray, joints: np.ndarray) ->
     """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
     least = np.maximum(np.min(end_margins(system, attitudes, joints), axis=0), 0)
     # The room is for rows of an entry beside which another one holds at both ends.
-    return np.minimum(np.minimum(CLEARANCE, room(system.cones)), OF_ENDS * least)
+    return np.minimum(
+        np.minimum(options.ROWS.clearance, room(system.cones)), options.ROWS.share_of_ends * least
+    )
 
 
 def end_margins(system: System, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:

@@ -7,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.model.limits import time_factor
-from jaxplan.trajectory.discretisation import TUBE_NODES, DiscreteProblem, Tube
+from jaxplan.trajectory import options
+from jaxplan.trajectory.discretisation import DiscreteProblem, Tube
 from jaxplan.trajectory.motion import Motion, evaluate
 from jaxplan.trajectory.problem import System
-
-_BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
-
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of rows
 
@@ -56,7 +54,7 @@ class Iterates:
     @property
     def is_sound(self) -> np.ndarray:
         """(G,) whether nothing is broken."""
-        return np.all(self.violations <= _BROKEN, axis=1)
+        return np.all(self.violations <= options.ROWS.broken, axis=1)
 
     def one(self, number: int, steps: int) -> SQPSolution:
         """One of them, after so many steps."""
@@ -216,10 +214,10 @@ def _most(values: np.ndarray) -> np.ndarray:
 
 
 def _padded(tube: Tube | None, size: int, axes: int) -> Tube:
-    """A tube of as many nodes as `TUBE_NODES` allows; those beyond its own have no row and much room."""
+    """A tube padded to one of few numbers of nodes; those beyond its own have no row and much room."""
     if tube is None:
         return Tube(np.zeros((0, size)), np.zeros((0, axes)), np.ones(axes))
-    extra = -len(tube.rows) % TUBE_NODES
+    extra = tube.padded_nodes - len(tube.rows)
     return Tube(
         np.pad(tube.rows, ((0, extra), (0, 0))), np.pad(tube.values, ((0, extra), (0, 0))), tube.radius
     )

@@ -27,6 +27,7 @@ from jaxplan.model.constraints import (
     scores,
 )
 from jaxplan.model.limits import Kinematics, highest_derivative, values
+from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory.curve import chart_motion
 from jaxplan.trajectory.problem import System
 
@@ -67,7 +68,7 @@ class Motion:
         if curve not in self._load_slopes:
             system = self.systems[curve]
             turn, inertia, names = system.chart.turn, system.inertia, system.names
-            (self._load_slopes[curve],) = by_chunks(
+            (self._load_slopes[curve],) = padded_call(
                 lambda places, own: (load_slopes(turn, places, own, inertia, names=names),),
                 self.places[curve],
                 self.curves[curve],
@@ -243,7 +244,7 @@ def evaluate(systems: Sequence[System], places: np.ndarray, curves: np.ndarray) 
     """
     found = []
     for system, *own in zip(systems, places, curves, strict=True):
-        attitude, tangent, loads = by_chunks(
+        attitude, tangent, loads = padded_call(
             lambda part, curve, system=system: motion_at(  # type: ignore[misc]
                 system.chart.attitude, system.chart.turn, part, curve, system.inertia, names=system.names
             ),
@@ -276,24 +277,19 @@ def _pointing(
     return body, cosines, margins
 
 
-_CHUNK = 256  # places that a kernel looks at in one call
+_FEWEST_PLACES = 256  # that a kernel looks at in one call; 8 on each of 32 intervals
 
 
-def by_chunks(
+def padded_call(
     kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], places: np.ndarray, curves: np.ndarray
 ) -> list[np.ndarray]:
-    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled once for every S."""
-    extra = -len(places) % _CHUNK
-    curves = curves[:, :, :3]
+    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled for few S."""
+    count, curves = len(places), curves[:, :, :3]
+    extra = padded_count(count, _FEWEST_PLACES) - count
     if extra:
         places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
-    parts = [slice(first, first + _CHUNK) for first in range(0, len(places), _CHUNK)]
     with jax.enable_x64(True):
-        found = [[np.asarray(array) for array in kernel(places[part], curves[:, part])] for part in parts]
-    if len(found) == 1 and not extra:
-        return found[0]
-    count = len(places) - extra
-    return [np.concatenate(arrays)[:count] for arrays in zip(*found, strict=True)]
+        return [np.asarray(array)[:count] for array in kernel(places, curves)]
 
 
 def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:

@@ -21,7 +21,6 @@ says of a chart (equations 25 to 29), without attitudes and not for derivatives.
 All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -34,6 +33,7 @@ from jaxplan.geometry.vectors import dot
 from jaxplan.model import limits
 from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import grouped, in_groups
 from jaxplan.trajectory.basis import derivative_matrix
 from jaxplan.trajectory.curve import Trajectory
 
@@ -88,7 +88,7 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 
 
 def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
-    """`peaks` of many trajectories; each has those that it has alone, to the last bit."""
+    """`peaks` of many trajectories."""
     limited = [timed_limits(craft) for _, craft in curves]
     names = [tuple(limit.quantity.name for limit in platform) for platform, _ in limited]
     platform = all_largest(platform_loads([(*own, its) for own, its in zip(curves, names, strict=True)]))
@@ -150,19 +150,21 @@ def joint_loads(trajectory: Trajectory) -> np.ndarray:
 
 def _at_points(asked: Sequence[Asked], points: Sequence[int]) -> tuple[list[np.ndarray], list[bool]]:
     """`platform_loads` at so many points of each piece, and whether these tell what is between them."""
-    alike: dict[tuple[int, int, tuple[str, ...]], list[int]] = defaultdict(list)
-    for number, ((curve, _, names), each) in enumerate(zip(asked, points, strict=True)):
-        alike[each, curve.coefficients.shape[1], names].append(number)
-    found: dict[int, np.ndarray] = {}
-    told: dict[int, bool] = {}
-    for (each, _, names), numbers in alike.items():
-        several = [asked[number][:2] for number in numbers]
+
+    def of_group(group: Sequence[tuple[Asked, int]]) -> list[tuple[np.ndarray, bool]]:
+        (_, _, names), each = group[0]
+        several = [own[:2] for own, _ in group]
         ends = np.cumsum([0, *(len(curve.coefficients) for curve, _ in several)])
         values = _of_alike(several, names, each)
-        found.update(zip(numbers, (values[slice(*own)] for own in pairwise(ends.tolist())), strict=True))
-        told.update(zip(numbers, are_resolved(values, ends[:-1]).tolist(), strict=True))
-    every = range(len(asked))
-    return [found[number] for number in every], [told[number] for number in every]
+        told = are_resolved(values, ends[:-1]).tolist()
+        return [(values[slice(*own)], one) for own, one in zip(pairwise(ends.tolist()), told, strict=True)]
+
+    answers = in_groups(
+        list(zip(asked, points, strict=True)),
+        lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2]),
+        of_group,
+    )
+    return [values for values, _ in answers], [told for _, told in answers]
 
 
 def _of_alike(
@@ -209,7 +211,6 @@ def _loads(
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
     """(N, orders, points, d) polynomials and derivatives by time, of pieces (N, size, d)."""
     count, size, axes = coefficients.shape
-    # A product a piece, so that none depends on how many there are.
     with np.errstate(invalid="ignore", over="ignore"):
         curves = (_rows(size, points, orders) @ coefficients).reshape(count, orders, points, axes)
         scale = np.divide(2, lengths, out=np.zeros(count), where=lengths > 0)  # a piece of no length rests
@@ -269,27 +270,24 @@ def largest(values: np.ndarray) -> np.ndarray:
 
 def all_largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """`largest` of many; those with as many points and quantities are looked at together, some at a time."""
-    found: dict[int, np.ndarray] = {}
-    alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for number, own in enumerate(values):
-        if np.isfinite(own).all():
-            alike[own.shape[1:]].append(number)
-        else:
-            found[number] = np.full(own.shape[2], np.nan)
-    for (points, quantities), numbers in alike.items():
+    found = [np.full(own.shape[2], np.nan) for own in values]
+    finite = [number for number, own in enumerate(values) if np.isfinite(own).all()]
+    for group in grouped(finite, lambda number: values[number].shape[1:]):
+        numbers = [finite[place] for place in group]
+        points, quantities = values[numbers[0]].shape[1:]
         pieces = np.cumsum([len(values[number]) for number in numbers])
         part = (pieces - 1) // max(1, _ELEMENTS // (_FINE * points * max(1, quantities)))
         for one in np.unique(part):
             some = [number for number, its in zip(numbers, part, strict=True) if its == one]
-            found.update(zip(some, _largest_of([values[number] for number in some]), strict=True))
-    return [found[number] for number in range(len(values))]
+            for number, own in zip(some, _largest_of([values[number] for number in some]), strict=True):
+                found[number] = own
+    return found
 
 
 def _largest_of(values: Sequence[np.ndarray]) -> np.ndarray:
     """(T, Q) `largest` of values (N, G, Q) that are finite, with the same G and Q."""
     to_series, to_fine = chebyshev(values[0].shape[1])
     counts = np.array([len(own) for own in values])
-    # A product a piece, so that none depends on how many there are.
     series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
     heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
     highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)

@@ -9,7 +9,7 @@ from jaxplan.model.constraints import Constraints, Sights
 from jaxplan.model.limits import Kinematics, Limit, limits, timed_limits
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound
 from jaxplan.trajectory.splines import Basis
@@ -73,15 +73,6 @@ class System:
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
 
-# About the nodes, unless the settings have one; a shortest motion has none.
-TUBE_RADIUS = float(np.deg2rad(1.0))
-
-_INTERVALS = 32  # of a spline, or a multiple of it
-_NODES_EACH = 1.5  # intervals for a node that is passed exactly
-_NODES_IN_TUBE = 2 / 3  # likewise for one in a tube
-_POINTS, _FEW_POINTS, _MANY = 8, 4, 128  # places on each interval, and on each of many
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
     """Where a spline has its breaks, and where it passes the nodes.
@@ -138,7 +129,7 @@ class FitProblem:
         """Of the tube, rad."""
         if self.settings.node_tube is not None:
             return float(self.settings.node_tube)
-        return np.inf if free_time else TUBE_RADIUS
+        return np.inf if free_time else options.ROWS.tube_radius
 
     @cached_property
     def bound(self) -> float:
@@ -190,15 +181,23 @@ class FitProblem:
             places = self.fractions
         else:
             places = shares if self.at_speed else profile.places(shares)
-        each = _NODES_EACH if radius == 0 else _NODES_IN_TUBE if np.isfinite(radius) else 0.0
-        intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
+        each = (
+            options.MESH.intervals_per_node
+            if radius == 0
+            else options.MESH.intervals_per_tube
+            if np.isfinite(radius)
+            else 0.0
+        )
+        intervals = (
+            finer * options.MESH.intervals * max(1, int(np.ceil(each * count / options.MESH.intervals)))
+        )
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
         elif graded and not self.at_speed:
             basis = Basis.on(profile.breaks(intervals))
         else:
             basis = Basis.even(intervals)
-        points = _POINTS if intervals < _MANY else _FEW_POINTS
+        points = options.MESH.points if intervals < options.MESH.many else options.MESH.few_points
         return Mesh(places=places, basis=basis, points=points, radius=radius)
 
 

@@ -19,15 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxplan.trajectory import options
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, Step, lowest, numbers
 from jaxplan.trajectory.iterates import taken
-
-_ROUNDS = 6
-_ALL_AT_ONCE = 2  # rounds, after which all rows that are broken are added
-BROKEN = 1e-3  # of what counts as near: a row that a step breaks by more is added
-_KEPT = 0.1  # likewise: a row that a step leaves more slack is taken out again
-_BINDING = 1e-6  # of the largest multiplier
 
 Multipliers = dict[str, np.ndarray]  # by block, of every row
 
@@ -91,7 +86,7 @@ def propose(
         if block.name in held:  # in a group another entry may hold now
             mask |= (held[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
-    for round_ in range(_ROUNDS):
+    for round_ in range(options.PROGRAM.rounds):
         rows = ActiveRows.of(blocks, chosen, which)
         changes, stretches, multipliers = solve_duals(quadratic, inverse, alone, rows, penalty)
         step = Step(which, changes, taken(quadratic.rows, which) @ changes[:, None], stretches)
@@ -107,10 +102,13 @@ def propose(
             slack = taken(block.slack, own.which) - block.change(own)
             if block.time:
                 slack -= (block.time * own.stretch).reshape(-1, *[1] * (slack.ndim - 1))
-            broken = block.chosen(slack < -BROKEN * block.tolerance, slack, own.which) & ~mask[own.which]
-            if block.linear and round_ < _ALL_AT_ONCE:
+            broken = (
+                block.chosen(slack < -options.PROGRAM.broken * block.tolerance, slack, own.which)
+                & ~mask[own.which]
+            )
+            if block.linear and round_ < options.PROGRAM.all_at_once:
                 broken &= lowest(np.where(broken, slack, np.inf))
-            mask[own.which] = (mask[own.which] & (slack < _KEPT * block.tolerance)) | broken
+            mask[own.which] = (mask[own.which] & (slack < options.PROGRAM.kept * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own.which), -1), axis=1)
         which = which[added]
         if not len(which):
@@ -158,12 +156,7 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
     for own in multipliers.values():
         largest = np.maximum(largest, np.max(own.reshape(count, -1), axis=1, initial=0))
     for own in multipliers.values():
-        own[~(own > _BINDING * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
-
-
-_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
-_SHORTEST_STEP = -0.5  # of the duration, taken off at once: it stays positive
-_NO_SLOPE = 1e-9  # rows with smaller ones are beyond what a program may change
+        own[~(own > options.PROGRAM.binding * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +297,9 @@ def solve_duals(
         pull = dual.basis.T @ (y[dual.of, None] * dual.axes)
         changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ pull)
         if quadratic.duration_hessian is not None:
-            stretches[own] = max(float(-(1 + dual.time @ y) / quadratic.duration_hessian), _SHORTEST_STEP)
+            stretches[own] = max(
+                float(-(1 + dual.time @ y) / quadratic.duration_hessian), options.PROGRAM.shortest_step
+            )
             changes[own] += stretches[own] * quadratic.by_time[curve]
         multipliers[span[0] + dual.kept] = y
     return changes, stretches, multipliers
@@ -339,10 +334,10 @@ def _dual(
         none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
         return DualProgram(BoxQP(none[0], slack, limit), np.zeros(0, int), *none[1:], of, time)
     along = basis @ quadratic.free[curve]
-    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(along), axis=1) > _NO_SLOPE
+    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(along), axis=1) > options.PROGRAM.no_slope
     kept = np.arange(end - begin) if np.all(sloping) else np.unique(of[sloping])
-    if len(kept) > _MOST_ROWS:  # those with the least slack
-        kept = np.sort(kept[np.argsort(slack[kept], kind="stable")[:_MOST_ROWS]])
+    if len(kept) > options.PROGRAM.most_rows:  # those with the least slack
+        kept = np.sort(kept[np.argsort(slack[kept], kind="stable")[: options.PROGRAM.most_rows]])
     if len(kept) < end - begin:
         stays = np.isin(of, kept)
         axes, basis, along = axes[stays], basis[stays], along[stays]

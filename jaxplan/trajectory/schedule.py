@@ -22,8 +22,10 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import padded_count
+from jaxplan.trajectory import options
 
-FEWEST_NODES = 32  # smallest padded number; each next one is four times as large
+FEWEST_NODES = 32  # smallest number that nodes are padded to
 
 _LEAST_SHARE = 0.1  # of the mean edge's time
 _SAME_NODE = 1e-10  # rad, or matrix element
@@ -103,22 +105,15 @@ def edge_turns(attitudes: np.ndarray) -> np.ndarray:
     return np.asarray(so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:]))
 
 
-def padded(array: np.ndarray, size: int) -> np.ndarray:
+def padded(array: np.ndarray, least: int) -> np.ndarray:
     """An array brought to one of few lengths by repeating its last entry, so that kernels are compiled once.
 
     Args:
         array: (k, ...).
-        size: the least length; each next one is four times as large.
+        least: the smallest length, see `padded_count`.
     """
-    while size < len(array):
-        size *= 4
-    return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
-
-
-_CALM_FLANK = 1 / 3  # of the duration, where there is time enough; near the least acceleration energy
-_STEEP_FLANK, _STEEP_RISES = 0.1, 2.0  # of the duration and of the quickest rise, where there is not
-_FLANK_BREAKS = 9  # intervals that cover a flank and a little more
-_FLANK_STEP = 0.25  # of the flank, one interval
+    extra = padded_count(len(array), least) - len(array)
+    return np.concatenate([array, np.repeat(array[-1:], extra, axis=0)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,8 +141,12 @@ class TrapezoidalProfile:
     @classmethod
     def within(cls, duration: float, length: float, rise: float) -> "TrapezoidalProfile":
         """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
-        steepest = max(_STEEP_RISES * rise, _STEEP_FLANK * duration)
-        flank = np.clip(duration - 2 * length, min(steepest, _CALM_FLANK * duration), _CALM_FLANK * duration)
+        steepest = max(options.MESH.steep_rises * rise, options.MESH.steep_flank * duration)
+        flank = np.clip(
+            duration - 2 * length,
+            min(steepest, options.MESH.calm_flank * duration),
+            options.MESH.calm_flank * duration,
+        )
         if duration > length + rise:
             flank = min(flank, duration - length)
         return cls(length=length, duration=duration, flank=float(flank))
@@ -174,10 +173,12 @@ class TrapezoidalProfile:
         """Breaks (intervals + 1,) in [0, 1], close together about the flanks."""
         flank = self.flank / self.duration
         if 2 * flank < 0.9:
-            near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))
+            near = np.arange(options.MESH.flank_breaks + 1) * min(
+                options.MESH.flank_step * flank, 1 / (3 * options.MESH.flank_breaks)
+            )
         else:  # no cruise: the acceleration changes its sign in the middle
             return np.linspace(0, 1, intervals + 1)
-        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_BREAKS)
+        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * options.MESH.flank_breaks)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
 
 

@@ -7,32 +7,19 @@ an answer. Steps that do not lower the merit (objective and penalties at the tru
 members are worked on together, each until it is done.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxplan.runtime.batching import in_groups
+from jaxplan.trajectory import options
 from jaxplan.trajectory.constraints import constraint_blocks
 from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, SQPSolution, Stack
 from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticObjective, promised, propose
 from jaxplan.trajectory.splines import weighted
-
-_TOGETHER = 32  # members of a stack; with more, memory is what takes the time
-_ENOUGH_STEPS, _MOST_STEPS = 16, 64  # beyond those that are enough only while the duration still falls
-_FALLING = 0.05  # of the duration, in a step
-_DEARER, _GROWTH = 1, 30.0  # how often the penalties grow where something stays broken, and by what
-_SMALL = 1e-3  # weight of the energy beside the duration
-_HASTE = 12.0  # of the duration: alone it would fall by 1 / 12 in a step
-_SETTLED = 1e-4  # of the merit, between steps, or the ftol of a step where that is less
-_DAMPING = 8.0
-_FIRST_DAMPING = 1e-2
-_NO_DAMPING = 1e-6
-_WORTH = 1e-3  # of the energy, of a step that is ftol its while
-_MOST_FAILED = 2  # steps in a row that lower no merit, once it is dear to break rows: nothing better is near
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +41,7 @@ class InitialGuess:
     duration: float
     target_duration: float = 0.0
     max_violation: float = np.inf
-    ftol: float = _WORTH
+    ftol: float = field(default_factory=lambda: options.SQP.ftol)
 
 
 def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
@@ -66,15 +53,7 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     Returns:
         Of each the point of the lowest merit; broken rows show in its violations.
     """
-    alike: dict[Any, list[int]] = defaultdict(list)
-    for number, begin in enumerate(begins):
-        alike[begin.discrete.kind].append(number)
-    answers: dict[int, SQPSolution] = {}
-    for numbers in alike.values():
-        for first in range(0, len(numbers), _TOGETHER):
-            part = numbers[first : first + _TOGETHER]
-            answers.update(zip(part, _improved([begins[number] for number in part]), strict=True))
-    return [answers[number] for number in range(len(begins))]
+    return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=options.SQP.together)
 
 
 def penalties(free_time: bool) -> np.ndarray:
@@ -115,20 +94,20 @@ class Objective:
         """Objectives and penalties (G, 3) by kind of row: (G,)."""
         value = self.energy(at)
         if self._free_time:
-            value = _SMALL * value + at.duration / self._duration
+            value = options.SQP.energy_weight * value + at.duration / self._duration
         broken = penalty * np.maximum(at.violations, 0.0)
         return np.asarray(value + (broken[:, LIMIT] + broken[:, ZONE] + broken[:, TUBE]))
 
     def quadratic(self, at: Iterates, damping: np.ndarray) -> QuadraticObjective:
         """The objectives about curves, where the duration counts as a share of its own."""
         stack = self._stack
-        form = self._form(at.duration) * (_SMALL if self._free_time else 1.0)
+        form = self._form(at.duration) * (options.SQP.energy_weight if self._free_time else 1.0)
         return QuadraticObjective(
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=form @ at.coefficients,
-            duration_hessian=_HASTE if self._free_time else None,
+            duration_hessian=options.SQP.duration_hessian if self._free_time else None,
             rows=stack.rows,
         )
 
@@ -211,22 +190,24 @@ class SQPState:
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
         value = self.objective.merit(ahead, self.penalty)
-        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.ftol) * self.value
+        close = np.abs(self.value - value) <= np.minimum(options.SQP.settled, self.ftol) * self.value
         gained = self.objective.energy(self.at) - self.objective.energy(ahead)
         little = self.at.is_sound & (gained <= self.ftol * self.value)
         better = value < self.value
-        self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
+        self.falling = better & (ahead.duration <= (1 - options.SQP.falling) * self.at.duration)
         self.at = Iterates.chosen(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
-        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
-        wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
+        calmer = np.where(self.damping > options.SQP.no_damping, self.damping / options.SQP.damping, 0.0)
+        wilder = np.maximum(options.SQP.damping * self.damping, options.SQP.first_damping)
         self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
         self.failed = np.where(better, 0, self.failed + 1)
         short = better & (self.at.duration <= self.target_duration)
-        done = short | (close & (self.at.is_sound | (self.penalty_updates == _DEARER)))
+        done = short | (close & (self.at.is_sound | (self.penalty_updates == options.SQP.penalty_updates)))
         if not free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            done |= (self.failed == _MOST_FAILED) & (self.penalty_updates == _DEARER)
+            done |= (self.failed == options.SQP.most_failed) & (
+                self.penalty_updates == options.SQP.penalty_updates
+            )
             self._stop(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done
@@ -244,7 +225,7 @@ class SQPState:
         if not np.any(which):
             return
         self.penalty_updates[which] += 1
-        self.penalty[which] *= _GROWTH
+        self.penalty[which] *= options.SQP.penalty_growth
         self.value = np.where(which, self.objective.merit(self.at, self.penalty), self.value)
         self.damping[which] = 0.0
 
@@ -254,11 +235,11 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     search = SQPState.of(begins)
     answers: dict[int, SQPSolution] = {}
     done = ~(search.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
-    for steps in range(_MOST_STEPS + 1):
+    for steps in range(options.SQP.most_steps + 1):
         if steps > 0:
             done = search.step()
-            if steps >= _ENOUGH_STEPS:
-                done |= ~search.falling | (steps == _MOST_STEPS)
+            if steps >= options.SQP.enough_steps:
+                done |= ~search.falling | (steps == options.SQP.most_steps)
         for own in np.flatnonzero(done).tolist():
             answers[int(search.number[own])] = search.at.one(own, steps)
         if np.all(done):

@@ -20,7 +20,7 @@ from jaxplan.model.scenario import MINIMUM, STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import (
     Attempt,
@@ -29,23 +29,11 @@ from jaxplan.trajectory.attempts import (
     make_attempts,
     rungs,
 )
-from jaxplan.trajectory.chart import REACH
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
-
-_BEGIN = 1.01  # of the duration of a trapezoid, whose accelerations jump
-_TIGHTER = (1e-3, 1e-2)  # shares of the limits left to what is between places, first and then
-_LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
-_LOOKS = 8
-_SLOW = 2.0  # times the bound: beyond, corners of the path may be what takes long, and a tube keeps them
-_DETOUR = 1.1  # of the bound, beyond which a motion is ftol a second look
-_HURRY = 0.97  # of the time along the nodes, below which they are only a first guess
-_LEISURE = 1.15  # of that time; with less, breaks lie close about the flanks
-_MOST_LONGER = 1.1  # from one duration to the next
-_ROUNDING = 1e-9  # of a rate, beyond its limit
 
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
 
@@ -95,7 +83,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     rates = np.stack([np.append(boundary(own, 3)[0], boundary(other, joints)[0]) for own, other in ends])
     limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
     worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
-    if not np.abs(rates[worst]) <= (1 + _ROUNDING) * limits[worst[1]]:
+    if not np.abs(rates[worst]) <= (1 + options.ACCEPTANCE.rate_rounding) * limits[worst[1]]:
         raise ValueError(
             f"a rate at the {('start', 'end')[worst[0]]} is {rates[worst]:g} rad/s: "
             f"must be at most {limits[worst[1]]:g}"
@@ -212,12 +200,18 @@ class Strategy:
         }
         open_ = {n: problem for n, problem in problems.items() if problem.at_speed}
         found |= dict.fromkeys(open_)
-        longer = {n: max(_BEGIN * quickest[n].trajectory.duration, _LONGER * durations[n]) for n in open_}
-        for look in range(_LOOKS):
+        longer = {
+            n: max(
+                options.STRATEGY.begin * quickest[n].trajectory.duration,
+                options.STRATEGY.longer * durations[n],
+            )
+            for n in open_
+        }
+        for look in range(options.STRATEGY.looks):
             attempts = self._in_time(open_, longer, dict.fromkeys(open_, np.inf))
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
             open_ = {n: problem for n, problem in open_.items() if found[n] is None}
-            longer = {n: longer[n] * _LONGER ** (2**look) for n in open_}
+            longer = {n: longer[n] * options.STRATEGY.longer ** (2**look) for n in open_}
         return found
 
     def _in_time(
@@ -231,12 +225,12 @@ class Strategy:
             ladders[n] = Ladder(
                 problem,
                 TrapezoidalProfile.within(durations[n], full_speed.length, problem.rise),
-                rungs(radii[n], in_time=problem.at_speed or hurry >= _HURRY),
+                rungs(radii[n], in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
                 duration=durations[n],
-                graded=hurry < _LEISURE,
+                graded=hurry < options.STRATEGY.leisure,
                 limited=True,
                 free_time=False,
-                tighter=_TIGHTER,
+                tighter=options.STRATEGY.tighter,
             )
         return self._climb(ladders)
 
@@ -256,7 +250,7 @@ class Strategy:
                     problem,
                     profiles[n],
                     rungs(radii[n]),
-                    duration=_BEGIN * profiles[n].duration,
+                    duration=options.STRATEGY.begin * profiles[n].duration,
                     limited=shortest,
                     free_time=shortest,
                 )
@@ -278,7 +272,7 @@ class Strategy:
             for n, problem in problems.items()
             if (own := best[n]) is not None
             and own.sound
-            and own.needed > _SLOW * problem.bound
+            and own.needed > options.STRATEGY.slow * problem.bound
             and problem.settings.node_tube is None
         }
         guided = self._along(slow, dict.fromkeys(slow, np.inf), shortest=False)
@@ -295,7 +289,7 @@ class Strategy:
             for n, problem in problems.items()
             if (own := best[n]) is not None
             and not problem.at_speed
-            and not (own.sound and own.needed <= _DETOUR * problem.bound)
+            and not (own.sound and own.needed <= options.STRATEGY.detour * problem.bound)
         }
         tubes = {n: min(radii[n], problem.radius(free_time=False)) for n, problem in slow.items()}
         return best | _quicker(self._along(slow, tubes, shortest=False), best)
@@ -345,7 +339,7 @@ class Strategy:
         best = {n: attempts[n] for n in problems}
         durations = {n: own.trajectory.duration for n, own in best.items()}
         open_ = dict(problems)
-        for look in range(_LOOKS):
+        for look in range(options.STRATEGY.looks):
             open_ = {
                 n: problem
                 for n, problem in open_.items()
@@ -354,9 +348,13 @@ class Strategy:
             requests = {}
             for n, problem in open_.items():
                 stretch = best[n].peaks.stretch
-                tighter = min(_TIGHTER[0] + 2 * max(0.0, stretch - 1), _TIGHTER[1])
+                tighter = min(
+                    options.STRATEGY.tighter[0] + 2 * max(0.0, stretch - 1), options.STRATEGY.tighter[1]
+                )
                 # Tighter limits alone take longer by as much.
-                durations[n] *= float(np.clip(stretch, 1 + tighter, _MOST_LONGER)) ** (2**look)
+                durations[n] *= float(np.clip(stretch, 1 + tighter, options.STRATEGY.most_longer)) ** (
+                    2**look
+                )
                 requests[n] = AttemptRequest(
                     problem=problem,
                     mesh=problem.mesh(problem.quickest(), best[n].radius, 1, graded=True),
@@ -464,7 +462,7 @@ def _too_tight(problem: FitProblem, closest: Attempt, duration: float, needed: f
 def _beyond() -> Fit:
     """No chart holds the path."""
     message = (
-        f"the nodes lie more than {np.rad2deg(REACH):.0f} deg off the steady rotation from start to goal: "
-        'set trajectory.method to "paper"'
+        f"the nodes lie more than {np.rad2deg(options.CHART.reach):.0f} deg off the steady rotation "
+        'from start to goal: set trajectory.method to "paper"'
     )
     return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)

@@ -127,7 +127,7 @@ def shortest_duration(
     return float(max(by_rate, np.sqrt(np.max(np.abs(accelerations) / acceleration_limits))))
 
 
-_FEWEST_SEGMENTS = 4  # smallest padded number; each next one is four times as large
+_FEWEST_SEGMENTS = 16  # smallest number that segments are padded to
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
