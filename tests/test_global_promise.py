@@ -41,7 +41,7 @@ def program(search):
     """Objectives, rows and their program's answer at the curves of a search."""
     quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
     rows = list(constraint_blocks(search.stack, search.at))
-    return quadratic, rows, propose(quadratic, rows, search.penalty, search.held)
+    return quadratic, rows, propose(quadratic, rows, search.penalty, search.multipliers)
 
 
 def lowered(quadratic, change):
@@ -84,7 +84,7 @@ def test_where_the_last_multipliers_promise_little_the_next_program_does_little(
         _, _, proposal = program(search)
         quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
         rows = list(constraint_blocks(search.stack, search.at))
-        before = promised(quadratic, rows, search.held, np.arange(len(search.value)))
+        before = promised(quadratic, rows, search.multipliers, np.arange(len(search.value)))
         after = search.objective.energy(search.at) - lowered(quadratic, proposal.coefficients)
         stops = search.at.is_sound & (before <= 1e-3 * search.value)
         stopped += np.sum(stops)

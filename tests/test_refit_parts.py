@@ -25,7 +25,7 @@ from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.derivative import gather_inputs
-from jaxplan.trajectory.paper import segments as counting
+from jaxplan.trajectory.paper import segments
 from jaxplan.trajectory.paper.derivative import PaperFitRecord, nominal_duration, refit
 from jaxplan.trajectory.paper.segments import ChainRequest, PathNodes, plan_chains
 from jaxplan.trajectory.peaks import SAFETY
@@ -95,7 +95,7 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
     for fractions in cases:
         limits = rng.uniform(0.5, 2.0, (2, moves.shape[1]))
         limits[deciding] /= 100
-        expected = counting.shortest_duration(moves, fractions, *limits)
+        expected = segments.shortest_duration(moves, fractions, *limits)
         last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
         with jax.enable_x64(True):
             for own in (np.arange(len(fractions)), last):

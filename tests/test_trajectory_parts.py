@@ -14,8 +14,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.trajectory import basis, peaks, schedule
-from jaxplan.trajectory.paper import qp
-from jaxplan.trajectory.paper import segments as counting
+from jaxplan.trajectory.paper import qp, segments
 from jaxplan.trajectory.paper.segments import assemble
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
@@ -140,21 +139,21 @@ def test_a_nan_in_a_program_gives_no_solution(field):
 def test_the_counting_rule_is_that_of_trying_all_numbers(order):
     for intervals in range(1, 80):
         fits = [s for s in range(1, intervals + 1) if (order - 4) + (s - 1) * (order - 3) >= intervals]
-        assert counting.fewest_segments(intervals, order) == fits[0]
-        for segments in fits[:4]:
-            joints, platform = counting.split(intervals, segments, order)
+        assert segments.fewest_segments(intervals, order) == fits[0]
+        for count in fits[:4]:
+            joints, platform = segments.split(intervals, count, order)
             for ends, closing in ((joints, -1), (platform, 0)):
                 sizes = np.diff(ends)
-                assert (ends[0], ends[-1], len(sizes), sizes.min() > 0) == (0, intervals, segments, True)
+                assert (ends[0], ends[-1], len(sizes), sizes.min() > 0) == (0, intervals, count, True)
                 assert sizes[closing] <= order - 4
                 assert sizes.max() <= order - 3
 
 
 def test_platform_and_joints_share_the_equal_split_where_they_can():
-    joints, platform = counting.split(17, 3, 12)
+    joints, platform = segments.split(17, 3, 12)
     np.testing.assert_array_equal(joints, [0, 6, 11, 17])
     np.testing.assert_array_equal(platform, joints)
-    joints, platform = counting.split(26, 3, 12)
+    joints, platform = segments.split(26, 3, 12)
     np.testing.assert_array_equal(np.diff(joints), [9, 9, 8])
     np.testing.assert_array_equal(np.diff(platform), [8, 9, 9])
 
@@ -162,9 +161,9 @@ def test_platform_and_joints_share_the_equal_split_where_they_can():
 def test_segments_that_turn_too_far_for_one_chart_are_told():
     path = turning(list(range(0, 181, 20)))
     turns = np.tile(np.deg2rad([0, 0, 20.0]), (path.edges, 1))
-    assert counting.charts_suffice(turns, np.array([0, 5, 9]))
-    assert not counting.charts_suffice(turns, np.array([0, 1, 9]))
-    assert counting.charts_suffice(np.array([[0, 0, 3.0]]), np.array([0, 1]))
+    assert segments.charts_suffice(turns, np.array([0, 5, 9]))
+    assert not segments.charts_suffice(turns, np.array([0, 1, 9]))
+    assert segments.charts_suffice(np.array([[0, 0, 3.0]]), np.array([0, 1]))
 
 
 def test_shares_of_time_follow_costs_but_for_the_least():
@@ -177,8 +176,8 @@ def test_shares_of_time_follow_costs_but_for_the_least():
 def test_shortest_duration_is_the_one_of_the_differences():
     """One axis with steps 1, 1, -1 in thirds of T: rates 3 / T, accelerations up to 6 / T over T / 3."""
     moves, fractions = np.array([[1.0], [1.0], [-1.0]]), np.linspace(0, 1, 4)
-    by_rate = counting.shortest_duration(moves, fractions, np.array([0.1]), np.array([1e9]))
-    by_acceleration = counting.shortest_duration(moves, fractions, np.array([1e9]), np.array([0.5]))
+    by_rate = segments.shortest_duration(moves, fractions, np.array([0.1]), np.array([1e9]))
+    by_acceleration = segments.shortest_duration(moves, fractions, np.array([1e9]), np.array([0.5]))
     assert by_rate == pytest.approx(30, rel=1e-12)
     assert by_acceleration == pytest.approx(np.sqrt(18 / 0.5), rel=1e-12)
 

@@ -1,4 +1,10 @@
-"""From a fit that was made to what is held of it: above all which rows bind, to the last of them."""
+"""The active set of a spline fit that was made: which rows bind at its optimum.
+
+The fit is improved beyond what a plan needs; its program's multipliers tell which rows bind. That set is tried
+by looking for a root of the optimality conditions (`derivative`): rows whose multipliers have the wrong sign
+are dropped and broken ones added, until the set stays as it is. Where rows depend on each other, nonnegative
+least squares finds those that suffice.
+"""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -56,7 +62,7 @@ class FitRecord:
     stretched: bool
 
     def hold(self) -> ActiveSet:
-        """What is held of it.
+        """The active set, with all else that derivatives hold fixed.
 
         Raises:
             ValueError: if it is not an optimum in a given time or without limits, or if no set of rows is
@@ -146,12 +152,12 @@ class FitRecord:
         return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
 
     def _widened(self) -> float:
-        """Of the tube that was asked for, the one that was kept; one where there is none, or no width."""
+        """Ratio of the tube radius that was used to the one asked for; 1 where there is no tube, or no width."""
         asked, kept = self.problem.radius(free_time=False), self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, at: Iterates) -> np.ndarray:
-        """(k, A) ``x`` of a curve."""
+        """Free coefficients ``x`` (k, A) of a curve."""
         space = self.attempt.discrete.space
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
@@ -301,7 +307,7 @@ def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.nda
 def next_rows(
     block: ConstraintBlock, binding: np.ndarray, multipliers: np.ndarray, least: float
 ) -> np.ndarray:
-    """Which rows of a block (of one curve) to try next: without those that pull, with those that are broken.
+    """The next active set of a block: rows with multipliers of the wrong sign dropped, broken ones added.
 
     Of rows at places only the worst of each zone or load, since those beside it mean the same.
     """

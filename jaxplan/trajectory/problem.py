@@ -17,7 +17,7 @@ from jaxplan.trajectory.splines import Basis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class System:
-    """What does not change while a curve is looked for.
+    """A spacecraft in its chart, with its limits and constraints: all that does not change in a search.
 
     Attributes:
         chart: of the platform.
@@ -39,27 +39,27 @@ class System:
 
     @property
     def joint_limits(self) -> tuple[Limit, ...]:
-        """Of rates and accelerations of the joints."""
+        """Limits of rates and accelerations of the joints."""
         return self._timed[1]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """(Q,) of the platform's loads: of the quantities that are limited."""
+        """Names (Q,) of the platform's quantities that are limited."""
         return tuple(limit.quantity.name for limit in self._timed[0])
 
     @cached_property
     def limits(self) -> np.ndarray:
-        """(Q, 3) of the platform's loads, in time."""
+        """Limits (Q, 3) of the platform's quantities, in time."""
         return self.share * np.stack([limit.bound for limit in self._timed[0]])
 
     @cached_property
     def powers(self) -> np.ndarray:
-        """(Q,) of 1 / duration in the platform's loads."""
+        """Powers (Q,) of 1 / duration in the platform's quantities."""
         return np.array([limit.quantity.power for limit in self._timed[0]])
 
     @property
     def inertia(self) -> np.ndarray:
-        """(3, 3) kg m^2, body axes; where none is given, none is needed."""
+        """Inertia (3, 3) kg m^2, body axes; where none is given, none is needed."""
         given = self.spacecraft.inertia
         return np.eye(3) if given is None else np.asarray(given, float)
 
@@ -92,7 +92,19 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitProblem:
-    """What all attempts share."""
+    """What is fitted: the nodes of a path with all that is asked of the curve; all attempts share it.
+
+    Attributes:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        joints: (m + 1, 2n) rad.
+        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+        fractions: (m + 1,) times of the nodes over the duration, None for those of the profile.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+        spacecraft: its limits.
+        cones: the pointing constraints.
+        settings: of step 3.
+        horizon: s, when axes that move are taken to be where they are at the end.
+    """
 
     attitudes: np.ndarray
     joints: np.ndarray
@@ -121,12 +133,12 @@ class FitProblem:
 
     @property
     def weights(self) -> tuple[float, float, float]:
-        """Of rate, acceleration and jerk."""
+        """Weights of rate, acceleration and jerk."""
         settings = self.settings
         return settings.rate_weight, settings.acceleration_weight, settings.jerk_weight
 
     def radius(self, free_time: bool) -> float:
-        """Of the tube, rad."""
+        """Radius of the tube about the nodes, rad."""
         if self.settings.node_tube is not None:
             return float(self.settings.node_tube)
         return np.inf if free_time else options.ROWS.tube_radius

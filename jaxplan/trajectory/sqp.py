@@ -2,9 +2,9 @@
 
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
-subject to limits, zones and tubes (`blocks`), each elastic with an exact penalty, so that every program has
+subject to limits, zones and tubes (`constraint_blocks`), each elastic with an exact penalty, so that every program has
 an answer. Steps that do not lower the merit (objective and penalties at the true curve) are damped. Alike
-members are worked on together, each until it is done.
+problems are worked on together, each until it is done.
 """
 
 from collections.abc import Sequence
@@ -51,13 +51,13 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         begins: where to begin, and with what.
 
     Returns:
-        Of each the point of the lowest merit; broken rows show in its violations.
+        For each the curve of the lowest merit; broken rows show in its violations.
     """
     return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=options.SQP.together)
 
 
 def penalties(free_time: bool) -> np.ndarray:
-    """By kind of row, larger than any multiplier of a problem that has a solution."""
+    """Penalties by kind of row, larger than any multiplier of a problem that has a solution."""
     table = {LIMIT: 1e1, ZONE: 2e1, TUBE: 1e1} if free_time else {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
     return np.array([table[kind] for kind in range(len(table))])
 
@@ -86,7 +86,7 @@ class Objective:
         return np.asarray(form / self.share[:, None, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
-        """(G,) as shares of the first curves'."""
+        """Energies (G,) as shares of the first curves'."""
         product = at.coefficients * (self._form(at.duration) @ at.coefficients)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
@@ -128,7 +128,7 @@ class SQPState:
     failed: np.ndarray
     penalty_updates: np.ndarray
     falling: np.ndarray
-    held: Multipliers
+    multipliers: Multipliers
 
     @classmethod
     def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
@@ -153,7 +153,7 @@ class SQPState:
             failed=np.zeros(count, dtype=int),
             penalty_updates=np.zeros(count, dtype=int),
             falling=np.zeros(count, dtype=bool),
-            held={},
+            multipliers={},
         )
 
     def some(self, which: np.ndarray) -> "SQPState":
@@ -174,7 +174,7 @@ class SQPState:
             stack=stack,
             objective=self.objective.some(stack, which),
             at=self.at.some(which),
-            held={name: own[which] for name, own in self.held.items()},
+            multipliers={name: own[which] for name, own in self.multipliers.items()},
             **{name: getattr(self, name)[which] for name in names},
         )
 
@@ -183,9 +183,9 @@ class SQPState:
         free_time = self.stack.members[0].free_time
         quadratic = self.objective.quadratic(self.at, self.damping)
         proposal: QPSolution = propose(
-            quadratic, list(constraint_blocks(self.stack, self.at)), self.penalty, self.held
+            quadratic, list(constraint_blocks(self.stack, self.at)), self.penalty, self.multipliers
         )
-        self.held = proposal.multipliers
+        self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
@@ -218,7 +218,9 @@ class SQPState:
         if len(which):
             quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
             rows = list(constraint_blocks(self.stack, self.at))
-            done[which] = promised(quadratic, rows, self.held, which) <= self.ftol[which] * self.value[which]
+            done[which] = (
+                promised(quadratic, rows, self.multipliers, which) <= self.ftol[which] * self.value[which]
+            )
 
     def _increase_penalty(self, which: np.ndarray) -> None:
         """Increase the penalties of broken rows, for those of (G,) bool."""
@@ -231,7 +233,7 @@ class SQPState:
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """`improve` for alike members."""
+    """The best curves near first ones, of alike problems."""
     search = SQPState.of(begins)
     answers: dict[int, SQPSolution] = {}
     done = ~(search.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
