@@ -14,7 +14,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import FitQuery, fit_batch
+from jaxplan.trajectory import FitQuery, fit_batch, options
 
 EACH = 5
 AGREE = 1e-6  # rad of coefficients, s of times
@@ -120,6 +120,16 @@ def test_the_same_call_gives_the_same_bytes(queries):
             np.testing.assert_array_equal(
                 getattr(one.trajectory, field.name), getattr(other.trajectory, field.name)
             )
+
+
+def test_fits_agree_in_stacks_of_few(queries, monkeypatch):
+    """Stacks are split where they are large, which here they are not."""
+    given = [*asked(queries, "global", 80.0), *asked(queries, "paper", 80.0)]
+    expected = fit_batch(given)
+    monkeypatch.setattr(options, "SQP", replace(options.SQP, together=4))
+    monkeypatch.setattr(options, "BOX_QP", replace(options.BOX_QP, together=3))
+    for one, other in zip(fit_batch(given), expected, strict=True):
+        expect_to_agree(one, other)
 
 
 def test_fits_with_other_settings_are_made_beside_each_other(queries):

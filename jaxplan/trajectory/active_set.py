@@ -1,9 +1,9 @@
 """The active set of a spline fit that was made: which rows bind at its optimum.
 
-The fit is improved beyond what a plan needs; its program's multipliers tell which rows bind. That set is tried
-by looking for a root of the optimality conditions (`derivative`): rows whose multipliers have the wrong sign
-are dropped and broken ones added, until the set stays as it is. Where rows depend on each other, nonnegative
-least squares finds those that suffice.
+The fit is improved beyond what a plan needs; its program's multipliers tell which rows bind. That set is
+tried by looking for a root of the optimality conditions (`derivative`): rows whose multipliers have the wrong
+sign are dropped and broken ones added, until the set stays as it is. Where rows depend on each other,
+nonnegative least squares finds those that suffice.
 """
 
 from contextlib import suppress
@@ -152,7 +152,7 @@ class FitRecord:
         return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
 
     def _widened(self) -> float:
-        """Ratio of the tube radius that was used to the one asked for; 1 where there is no tube, or no width."""
+        """Ratio of the tube radius that was used to the one asked for; 1 without a tube, or a width."""
         asked, kept = self.problem.radius(free_time=False), self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 

@@ -146,8 +146,8 @@ def promised(
     left = free_t @ (gradient + transposed_product(rows, y, gradient.shape))
     inverse = inverses(free_t @ quadratic.hessian[which] @ free)
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
-    by_room = np.array([np.sum(part) for part in np.split(y * rows.slack, rows.ends[:-1])])
-    return np.asarray(by_slope + by_room)
+    by_slack = np.array([np.sum(part) for part in np.split(y * rows.slack, rows.ends[:-1])])
+    return np.asarray(by_slope + by_slack)
 
 
 def _drop_small(multipliers: Multipliers, count: int) -> None:
@@ -201,7 +201,7 @@ class ActiveRows(NamedTuple):
     def of(
         cls, blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
     ) -> "ActiveRows":
-        """The rows of blocks that are chosen, bool like their rooms, for some curves."""
+        """The rows of blocks that are chosen, bool like their slacks, for some curves."""
         if not blocks:
             none, nobody = np.zeros(0), np.zeros(0, int)
             empty = np.zeros((0, 0))

@@ -2,9 +2,9 @@
 
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
-subject to limits, zones and tubes (`constraint_blocks`), each elastic with an exact penalty, so that every program has
-an answer. Steps that do not lower the merit (objective and penalties at the true curve) are damped. Alike
-problems are worked on together, each until it is done.
+subject to limits, zones and tubes (`constraint_blocks`), each elastic with an exact penalty, so that every
+program has an answer. Steps that do not lower the merit (objective and penalties at the true curve) are
+damped. Alike problems are worked on together, each until it is done.
 """
 
 from collections.abc import Sequence
