@@ -17,7 +17,7 @@ from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.motion import evaluate
 from jaxplan.trajectory.problem import System
 from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, shortest_time
-from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, Ends, weighted
+from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, weighted
 
 RNG = np.random.default_rng(3)
 UNEVEN = np.concatenate([[0.0], np.sort(RNG.uniform(0.02, 0.98, 9)), [1.0]])
@@ -115,7 +115,7 @@ def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
     basis, duration = Basis.on(UNEVEN), 17.0
     values, rates = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
     places, nodes = np.array([0.11, 0.42, 0.5, 0.93]), rng.normal(size=(4, 4))
-    space = CurveSpace.of(basis, Ends(values=values, rates=rates, rest=rest))
+    space = CurveSpace.of(basis, values, rates, rest=rest)
     for one in (space, space.through(places, nodes)):
         coefficients = one.fixed + duration * one.by_time + one.free @ rng.normal(size=(one.free.shape[1], 4))
         at_ends = basis.rows(np.array([0.0, 1.0])) @ coefficients
@@ -133,7 +133,7 @@ def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
 def test_the_energy_is_the_weighted_integral_of_squares_over_time():
     rng = np.random.default_rng(6)
     basis, duration, weights = Basis.on(UNEVEN), 17.0, (0.7, 30.0, 900.0)
-    space = CurveSpace.of(basis, Ends(values=np.zeros((2, 1)), rates=np.zeros((2, 1)), rest=True))
+    space = CurveSpace.of(basis, np.zeros((2, 1)), np.zeros((2, 1)), rest=True)
     coefficients = rng.normal(size=basis.size)
     nodes, shares = np.polynomial.legendre.leggauss(12)
     half = np.diff(UNEVEN)[:, None] / 2

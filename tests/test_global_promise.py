@@ -10,8 +10,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
 from jaxplan.trajectory import attempts, fit_batch, sqp
-from jaxplan.trajectory.constraints import constraint_blocks
-from jaxplan.trajectory.program import promised, propose
+from jaxplan.trajectory.program import decrease_bound, solve
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +38,8 @@ def searches():
 
 def program(search):
     """Objectives, rows and their program's answer at the curves of a search."""
-    quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
-    rows = list(constraint_blocks(search.stack, search.at))
-    return quadratic, rows, propose(quadratic, rows, search.penalty, search.multipliers)
+    quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+    return quadratic, solve(quadratic, search.multipliers)
 
 
 def lowered(quadratic, change):
@@ -53,9 +51,9 @@ def lowered(quadratic, change):
 def test_a_programs_own_multipliers_promise_what_it_does(searches):
     told = 0
     for search in searches:
-        quadratic, rows, proposal = program(search)
+        quadratic, proposal = program(search)
         every = np.arange(len(search.value))
-        promise = promised(quadratic, rows, proposal.multipliers, every)
+        promise = decrease_bound(quadratic, proposal.multipliers, every)
         done = lowered(quadratic, proposal.coefficients)
         # ActiveRows that are broken for their penalty, or by next to nothing, pay as well.
         sound = search.at.is_sound
@@ -68,23 +66,22 @@ def test_a_programs_own_multipliers_promise_what_it_does(searches):
 def test_no_multipliers_promise_less_than_a_program_does(searches):
     rng = np.random.default_rng(0)
     for search in searches:
-        quadratic, rows, proposal = program(search)
+        quadratic, proposal = program(search)
         done = lowered(quadratic, proposal.coefficients)
         which = np.flatnonzero(search.at.is_sound)
         for _ in range(4 if len(which) else 0):
             others = {name: own * rng.uniform(0, 2, own.shape) for name, own in proposal.multipliers.items()}
             assert np.all(
-                promised(quadratic, rows, others, which) >= done[which] - 1e-6 * search.value[which]
+                decrease_bound(quadratic, others, which) >= done[which] - 1e-6 * search.value[which]
             )
 
 
 def test_where_the_last_multipliers_promise_little_the_next_program_does_little(searches):
     stopped = 0
     for search in searches:
-        _, _, proposal = program(search)
-        quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
-        rows = list(constraint_blocks(search.stack, search.at))
-        before = promised(quadratic, rows, search.multipliers, np.arange(len(search.value)))
+        _, proposal = program(search)
+        quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+        before = decrease_bound(quadratic, search.multipliers, np.arange(len(search.value)))
         after = search.objective.energy(search.at) - lowered(quadratic, proposal.coefficients)
         stops = search.at.is_sound & (before <= 1e-3 * search.value)
         stopped += np.sum(stops)

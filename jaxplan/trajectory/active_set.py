@@ -25,7 +25,6 @@ from jaxplan.trajectory.constraints import (
     Index,
     JointDerivativeBlock,
     LoadBlock,
-    constraint_blocks,
 )
 from jaxplan.trajectory.derivative import (
     ActiveSet,
@@ -87,10 +86,10 @@ class FitRecord:
         stack = Stack.of([discrete])  # of one
         at = stack.iterates(solution.coefficients[None], np.array([solution.duration]))
         objective = sqp.Objective(stack, at)
-        rows = {block.name: block for block in constraint_blocks(stack, at)}
-        quadratic = objective.quadratic(at, np.zeros(1))
-        proposal = program.propose(quadratic, list(rows.values()), sqp.penalties(False)[None], {})
-        multipliers = proposal.multipliers
+        penalty = sqp.penalties(False)[None]
+        quadratic = objective.program(at, np.zeros(1), penalty)
+        rows = {block.name: block for block in quadratic.blocks}
+        multipliers = program.solve(quadratic, {}).multipliers
         binding = {name: own > 0 for name, own in multipliers.items()}
         crowded = False
         for _ in range(options.ACTIVE_SET.looks):
@@ -99,7 +98,8 @@ class FitRecord:
             if root is not None:
                 coefficients, found = root
                 at = stack.iterates(coefficients[None], at.duration)
-                rows = {block.name: block for block in constraint_blocks(stack, at)}
+                quadratic = objective.program(at, np.zeros(1), penalty)
+                rows = {block.name: block for block in quadratic.blocks}
                 multipliers = _named(rows, binding, held, found)
                 least = -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
                 after = {
@@ -114,7 +114,7 @@ class FitRecord:
             # Where a rate stays at its limit, rows beside each other follow from each other.
             crowded = crowded or root is None
             if crowded:
-                multipliers = independent(rows, binding, objective.quadratic(at, np.zeros(1)))
+                multipliers = independent(quadratic, binding)
                 binding = {name: own > 0 for name, own in multipliers.items()}
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
@@ -324,15 +324,14 @@ def next_rows(
     return (binding & ~pulling) | broken
 
 
-def independent(
-    blocks: dict[str, ConstraintBlock], binding: Masks, quadratic: program.QuadraticObjective
-) -> Masks:
+def independent(quadratic: program.QuadraticProgram, binding: Masks) -> Masks:
     """Multipliers of few of the rows that bind or touch, none of which follows from the others.
 
     They are those that push and hold the objective's gradient best.
     """
     from scipy.optimize import nnls
 
+    blocks = {block.name: block for block in quadratic.blocks}
     touching = {
         name: np.nonzero(binding[name] | (f.slack < options.ACTIVE_SET.touching))
         for name, f in blocks.items()

@@ -11,7 +11,7 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import options
 from jaxplan.trajectory.problem import Mesh, System
 from jaxplan.trajectory.schedule import along
-from jaxplan.trajectory.splines import CurveSpace, Ends
+from jaxplan.trajectory.splines import CurveSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def build(
     if np.any(rates[1, :3]):
         rates = rates.copy()
         rates[1, :3] = system.chart.end_turn @ rates[1, :3]
-    space = CurveSpace.of(basis, Ends(values=nodes[[0, -1]], rates=rates, rest=rest))
+    space = CurveSpace.of(basis, nodes[[0, -1]], rates, rest=rest)
     # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
     places, rows = basis.within(mesh.points, to_end=highest_derivative(system.names) > 2 or not rest)
     inner = slice(1, -1)

@@ -28,8 +28,8 @@ Multipliers = dict[str, np.ndarray]  # by block, of every row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class QuadraticObjective:
-    """The objectives at a stack of G curves.
+class QuadraticProgram:
+    """The quadratic programs at a stack of G curves.
 
     Attributes:
         free: (G, n, k) ``F``: free changes are ``F x``.
@@ -38,6 +38,8 @@ class QuadraticObjective:
         gradient: (G, n, A) ``g``.
         duration_hessian: of the duration's own term, whose slope is 1; None for a given duration.
         rows: (G, 4, S, n) of the basis at the places.
+        blocks: all rows of the constraints at the curves.
+        penalty: (G, 3) of broken rows, by kind.
     """
 
     free: np.ndarray
@@ -46,6 +48,8 @@ class QuadraticObjective:
     gradient: np.ndarray
     duration_hessian: float | None
     rows: np.ndarray
+    blocks: list[ConstraintBlock]
+    penalty: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,18 +67,14 @@ class QPSolution:
     multipliers: Multipliers
 
 
-def propose(
-    quadratic: QuadraticObjective, blocks: list[ConstraintBlock], penalty: np.ndarray, held: Multipliers
-) -> QPSolution:
+def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     """Solve the programs at a stack of curves.
 
     Args:
-        quadratic: the objectives.
-        blocks: all rows at the curves.
-        penalty: (G, 3) by kind of row.
-        held: by block, multipliers of rows to begin with beside those that are near.
+        quadratic: the programs.
+        multipliers: by block, of earlier programs; rows that bound there are in from the start.
     """
-    count = len(quadratic.gradient)
+    count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
     free_t = np.swapaxes(quadratic.free, 1, 2)
     inverse = inverses(free_t @ quadratic.hessian @ quadratic.free)
@@ -83,18 +83,18 @@ def propose(
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
     chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
     for block, mask in zip(blocks, chosen, strict=True):
-        if block.name in held:  # in a group another entry may hold now
-            mask |= (held[block.name] > 0) & np.isfinite(block.slack)
+        if block.name in multipliers:  # in a group another entry may hold now
+            mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
     for round_ in range(options.PROGRAM.rounds):
         rows = ActiveRows.of(blocks, chosen, which)
-        changes, stretches, multipliers = solve_duals(quadratic, inverse, alone, rows, penalty)
+        changes, stretches, own_multipliers = solve_duals(quadratic, inverse, alone, rows)
         step = Step(which, changes, taken(quadratic.rows, which) @ changes[:, None], stretches)
         coefficients[which], stretch[which] = changes, stretches
         added = np.zeros(len(which), dtype=bool)
-        for block, mask, part in zip(blocks, chosen, rows.blocks, strict=True):
+        for block, mask, (index, number) in zip(blocks, chosen, rows.blocks, strict=True):
             found[block.name][which] = 0.0
-            found[block.name][part.index] = multipliers[part.number]
+            found[block.name][index] = own_multipliers[number]
             looked = block.may_bind[which]
             if not np.any(looked):
                 continue
@@ -117,17 +117,14 @@ def propose(
     return QPSolution(coefficients=coefficients, stretch=stretch, multipliers=found)
 
 
-def promised(
-    quadratic: QuadraticObjective, blocks: list[ConstraintBlock], multipliers: Multipliers, which: np.ndarray
-) -> np.ndarray:
+def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which: np.ndarray) -> np.ndarray:
     """By how much programs of a given time can lower the objectives of curves that break nothing, at most.
 
     By weak duality, from any multipliers: those of the programs before tell next to exactly once steps are
     short.
 
     Args:
-        quadratic: the objectives at a stack of curves.
-        blocks: all rows at the curves.
+        quadratic: the programs at a stack of curves.
         multipliers: by block, of every row, none larger than its penalty.
         which: (g,) numbers of the curves that are asked about.
 
@@ -135,11 +132,12 @@ def promised(
         (g,).
     """
     # In a group another entry may hold now; without its multiplier the bound remains one.
+    blocks = quadratic.blocks
     pushing = [(multipliers[block.name] > 0) & np.isfinite(block.slack) for block in blocks]
     rows = ActiveRows.of(blocks, pushing, which)
     y = np.zeros(len(rows.slack))
-    for block, part in zip(blocks, rows.blocks, strict=True):
-        y[part.number] = multipliers[block.name][part.index]
+    for block, (index, number) in zip(blocks, rows.blocks, strict=True):
+        y[number] = multipliers[block.name][index]
     free = taken(quadratic.free, which)
     free_t = np.swapaxes(free, 1, 2)
     gradient = quadratic.gradient[which]
@@ -159,19 +157,6 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
         own[~(own > options.PROGRAM.binding * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class BlockRows:
-    """Where the rows of a block are among all.
-
-    Attributes:
-        index: of the block's rows.
-        number: (r,) of each among all.
-    """
-
-    index: Index
-    number: np.ndarray
-
-
 class ActiveRows(NamedTuple):
     """Rows of some curves of a stack, those of a curve together, R in all with T products.
 
@@ -184,7 +169,7 @@ class ActiveRows(NamedTuple):
         row: (T,) int, whose each product is, rising.
         axes: (T, A).
         basis: (T, n).
-        blocks: of each.
+        blocks: for each block the index of its rows, and their numbers (r,) among all.
     """
 
     which: np.ndarray
@@ -195,7 +180,7 @@ class ActiveRows(NamedTuple):
     row: np.ndarray
     axes: np.ndarray
     basis: np.ndarray
-    blocks: list[BlockRows]
+    blocks: list[tuple[Index, np.ndarray]]
 
     @classmethod
     def of(
@@ -235,7 +220,7 @@ class ActiveRows(NamedTuple):
             row=row[sort],
             axes=np.concatenate(wide)[sort],
             basis=np.concatenate(long)[sort],
-            blocks=[BlockRows(*pair) for pair in zip(indices, parts, strict=True)],
+            blocks=list(zip(indices, parts, strict=True)),
         )
 
 
@@ -260,20 +245,18 @@ class DualProgram(NamedTuple):
 
 
 def solve_duals(
-    quadratic: "QuadraticObjective",
+    quadratic: QuadraticProgram,
     inverse: np.ndarray,
     alone: np.ndarray,
     rows: ActiveRows,
-    penalty: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The best steps under some rows.
 
     Args:
-        quadratic: the objectives of a stack.
+        quadratic: the programs of a stack.
         inverse: (G, k, k) of the Hessians in the free coefficients.
         alone: (G, k, A) the steps without rows.
         rows: of some of the curves.
-        penalty: (G, 3) by kind of row.
 
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
@@ -283,7 +266,7 @@ def solve_duals(
     lasts = np.searchsorted(rows.row, rows.ends)
     spans = list(zip(begins.tolist(), rows.ends.tolist(), firsts.tolist(), lasts.tolist(), strict=True))
     duals = [
-        _dual(quadratic, curve, inverse[curve], alone[curve], rows, span, penalty[curve])
+        _dual(quadratic, curve, inverse[curve], alone[curve], rows, span)
         for curve, span in zip(rows.which.tolist(), spans, strict=True)
     ]
     answers = solve_box_qps([dual.program for dual in duals])
@@ -317,19 +300,18 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
 
 
 def _dual(
-    quadratic: "QuadraticObjective",
+    quadratic: QuadraticProgram,
     curve: int,
     inverse: np.ndarray,
     alone: np.ndarray,
     rows: ActiveRows,
     span: tuple[int, int, int, int],
-    penalty: np.ndarray,
 ) -> DualProgram:
     """The dual of one curve's program; rows and products are those within the span."""
     begin, end, first, last = span
     axes, basis = rows.axes[first:last], rows.basis[first:last]
     of, slack, time = rows.row[first:last] - begin, rows.slack[begin:end], rows.time[begin:end]
-    limit = penalty[rows.kind[begin:end]]
+    limit = quadratic.penalty[curve][rows.kind[begin:end]]
     if end == begin:
         none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
         return DualProgram(BoxQP(none[0], slack, limit), np.zeros(0, int), *none[1:], of, time)

@@ -194,21 +194,6 @@ def _legendre_fit() -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ends:
-    """What a curve must start and end with, in the chart.
-
-    Attributes:
-        values: (2, A) rad.
-        rates: (2, A) rad/s.
-        rest: whether accelerations are zero there; else they are free.
-    """
-
-    values: np.ndarray
-    rates: np.ndarray
-    rest: bool
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class CurveSpace:
     """Splines with given ends.
 
@@ -231,16 +216,23 @@ class CurveSpace:
     energies: np.ndarray
 
     @classmethod
-    def of(cls, basis: Basis, ends: Ends) -> "CurveSpace":
-        """All splines with the given ends."""
-        free, of_values, of_rates = basis.ends(ends.rest)
+    def of(cls, basis: Basis, values: np.ndarray, rates: np.ndarray, *, rest: bool) -> "CurveSpace":
+        """All splines with given ends.
+
+        Args:
+            basis: of the splines.
+            values: (2, A) rad, in the chart.
+            rates: (2, A) rad/s.
+            rest: whether accelerations are zero at both ends; else they are free.
+        """
+        free, of_values, of_rates = basis.ends(rest)
         return cls(
             basis=basis,
             free=free,
             of_values=of_values,
             of_rates=of_rates,
-            fixed=of_values @ ends.values,
-            by_time=of_rates @ ends.rates,
+            fixed=of_values @ values,
+            by_time=of_rates @ rates,
             energies=basis.energies,
         )
 

@@ -18,7 +18,7 @@ from jaxplan.trajectory import options
 from jaxplan.trajectory.constraints import constraint_blocks
 from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, SQPSolution, Stack
-from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticObjective, promised, propose
+from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
 
 
@@ -98,17 +98,19 @@ class Objective:
         broken = penalty * np.maximum(at.violations, 0.0)
         return np.asarray(value + (broken[:, LIMIT] + broken[:, ZONE] + broken[:, TUBE]))
 
-    def quadratic(self, at: Iterates, damping: np.ndarray) -> QuadraticObjective:
-        """The objectives about curves, where the duration counts as a share of its own."""
+    def program(self, at: Iterates, damping: np.ndarray, penalty: np.ndarray) -> QuadraticProgram:
+        """The programs at curves, where the duration counts as a share of its own."""
         stack = self._stack
         form = self._form(at.duration) * (options.SQP.energy_weight if self._free_time else 1.0)
-        return QuadraticObjective(
+        return QuadraticProgram(
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=form @ at.coefficients,
             duration_hessian=options.SQP.duration_hessian if self._free_time else None,
             rows=stack.rows,
+            blocks=list(constraint_blocks(stack, at)),
+            penalty=penalty,
         )
 
 
@@ -181,10 +183,8 @@ class SQPState:
     def step(self) -> np.ndarray:
         """One step of each; which of them (G,) are done."""
         free_time = self.stack.members[0].free_time
-        quadratic = self.objective.quadratic(self.at, self.damping)
-        proposal: QPSolution = propose(
-            quadratic, list(constraint_blocks(self.stack, self.at)), self.penalty, self.multipliers
-        )
+        quadratic = self.objective.program(self.at, self.damping, self.penalty)
+        proposal = solve(quadratic, self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
@@ -216,10 +216,9 @@ class SQPState:
         """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
         which = np.flatnonzero(asked & ~done)
         if len(which):
-            quadratic = self.objective.quadratic(self.at, np.zeros(len(done)))
-            rows = list(constraint_blocks(self.stack, self.at))
+            quadratic = self.objective.program(self.at, np.zeros(len(done)), self.penalty)
             done[which] = (
-                promised(quadratic, rows, self.multipliers, which) <= self.ftol[which] * self.value[which]
+                decrease_bound(quadratic, self.multipliers, which) <= self.ftol[which] * self.value[which]
             )
 
     def _increase_penalty(self, which: np.ndarray) -> None:
