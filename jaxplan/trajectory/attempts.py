@@ -6,37 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan.trajectory import options, sqp
-from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.discretisation import DiscreteProblem, build, wanted_margins
+from jaxplan.trajectory.discretisation import DiscreteProblem, discretise
 from jaxplan.trajectory.iterates import TUBE, SQPSolution
 from jaxplan.trajectory.peaks import Peaks, all_peaks
-from jaxplan.trajectory.problem import FitProblem, Mesh, System
+from jaxplan.trajectory.problem import AttemptRequest, FitProblem, Mesh
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AttemptRequest:
-    """What one attempt is to look for.
-
-    Attributes:
-        problem: what is fitted.
-        mesh: breaks of the spline, times of the nodes, and the tube about them.
-        duration: s, given or to begin with.
-        limited: whether limits are kept, or time will be stretched to them.
-        free_time: whether the shortest duration is looked for.
-        tighter: share of the platform's limits that is left; joints are held at every instant anyway.
-        begin: (n, A) coefficients of the curve to begin with; None for the one nearest to the path.
-    """
-
-    problem: FitProblem
-    mesh: Mesh
-    duration: float
-    limited: bool
-    free_time: bool
-    tighter: float = 0.0
-    begin: np.ndarray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,32 +100,11 @@ def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
 
 
 def _first_curve(request: AttemptRequest) -> sqp.InitialGuess | None:
-    """The problem of a request with the curve to begin with; None if the nodes leave every chart."""
-    problem, mesh = request.problem, request.mesh
-    chart, b = fitting(problem.attitudes, mesh.places)
-    if not farthest(chart, b, mesh.places) <= options.CHART.reach:
+    """Where the search for a request begins; None if the nodes leave every chart."""
+    found = discretise(request)
+    if found is None:
         return None
-    system = System(
-        chart=chart,
-        spacecraft=problem.spacecraft,
-        cones=problem.cones,
-        horizon=problem.horizon,
-        share=1 - request.tighter,
-    )
-    nodes = np.column_stack([b, problem.joints])
-    wanted = wanted_margins(system, problem.attitudes, problem.joints)
-    discrete, nearest = build(
-        system,
-        mesh,
-        nodes,
-        wanted,
-        rates=problem.rates,
-        rest=problem.rests,
-        duration=request.duration,
-        weights=problem.weights,
-        limited=request.limited,
-        free_time=request.free_time,
-    )
+    discrete, nearest = found
     coefficients = nearest if request.begin is None else request.begin
     return sqp.InitialGuess(discrete=discrete, coefficients=coefficients, duration=request.duration)
 

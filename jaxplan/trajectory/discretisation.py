@@ -9,7 +9,8 @@ from jaxplan.model.constraints import axes_in_body, counted, pair_margins, room
 from jaxplan.model.limits import highest_derivative
 from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import options
-from jaxplan.trajectory.problem import Mesh, System
+from jaxplan.trajectory.chart import farthest, fitting
+from jaxplan.trajectory.problem import AttemptRequest, FitProblem, Mesh, System
 from jaxplan.trajectory.schedule import along
 from jaxplan.trajectory.splines import CurveSpace
 
@@ -80,67 +81,64 @@ class DiscreteProblem:
         )
 
 
-def build(
-    system: System,
-    mesh: Mesh,
-    nodes: np.ndarray,
-    wanted: np.ndarray,
-    *,
-    rates: np.ndarray,
-    rest: bool,
-    duration: float,
-    weights: tuple[float, float, float],
-    limited: bool,
-    free_time: bool,
-) -> tuple[DiscreteProblem, np.ndarray]:
+def discretise(request: AttemptRequest) -> tuple[DiscreteProblem, np.ndarray] | None:
     """The problem for `sqp.improve`, and a curve to begin with.
 
     Args:
-        system: chart, limits and zones.
-        mesh: of the spline.
-        nodes: (m + 1, A) ``b`` and joints, rad.
-        wanted: (D, Z) rad, margins to keep.
-        rates: (2, A) rad/s at start and end, of body axes and joints.
-        rest: whether accelerations are zero at both ends.
-        duration: s, given or to begin with.
-        weights: of rate, acceleration and jerk.
-        limited: whether limits are kept, or time will be stretched to them.
-        free_time: whether the shortest duration is looked for.
+        request: what is looked for.
 
     Returns:
-        The problem, and coefficients (n, A) of the spline nearest to the path.
+        The problem, and coefficients (n, A) of the spline nearest to the path; None if the nodes leave every
+        chart.
     """
-    basis = mesh.basis
-    if np.any(rates[1, :3]):
-        rates = rates.copy()
-        rates[1, :3] = system.chart.end_turn @ rates[1, :3]
-    space = CurveSpace.of(basis, nodes[[0, -1]], rates, rest=rest)
-    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
-    places, rows = basis.within(mesh.points, to_end=highest_derivative(system.names) > 2 or not rest)
-    inner = slice(1, -1)
-    tube = None
-    if len(nodes) == 2:
-        pass  # the ends are all there is
-    elif mesh.radius == 0:
+    problem, mesh, inner = request.problem, request.mesh, slice(1, -1)
+    chart, b = fitting(problem.attitudes, mesh.places)
+    if not farthest(chart, b, mesh.places) <= options.CHART.reach:
+        return None
+    system = System(
+        chart=chart,
+        spacecraft=problem.spacecraft,
+        cones=problem.cones,
+        horizon=problem.horizon,
+        share=1 - request.tighter,
+    )
+    nodes = np.column_stack([b, problem.joints])
+    space = CurveSpace.of(mesh.basis, nodes[[0, -1]], _rates(problem, system), rest=problem.rests)
+    if mesh.radius == 0 and len(nodes) > 2:
         space = space.through(mesh.places[inner], nodes[inner])
-    elif np.isfinite(mesh.radius):
-        # Of the platform's axes a cube within the ball: what b is off bounds what the attitude is.
-        radius = np.full(nodes.shape[1], mesh.radius)
-        radius[:3] /= np.sqrt(3.0)
-        tube = Tube(basis.rows(mesh.places[inner], 1)[0], nodes[inner], radius)
-    first = _nearest(space, rows[0], along(nodes, mesh.places, places), duration)
+    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
+    to_end = highest_derivative(system.names) > 2 or not problem.rests
+    places, rows = mesh.basis.within(mesh.points, to_end=to_end)
     discrete = DiscreteProblem(
         system=system,
         space=space,
         places=places,
         rows=rows,
-        wanted=wanted,
-        tube=tube,
-        limited=limited,
-        weights=weights,
-        free_time=free_time,
+        wanted=wanted_margins(system, problem.attitudes, problem.joints),
+        tube=_tube(mesh, nodes),
+        limited=request.limited,
+        weights=problem.weights,
+        free_time=request.free_time,
     )
-    return discrete, first
+    return discrete, _nearest(space, rows[0], along(nodes, mesh.places, places), request.duration)
+
+
+def _rates(problem: FitProblem, system: System) -> np.ndarray:
+    """Rates (2, A) rad/s of the coordinates at both ends: at the goal the chart has turned."""
+    rates = problem.rates
+    if np.any(rates[1, :3]):
+        rates = rates.copy()
+        rates[1, :3] = system.chart.end_turn @ rates[1, :3]
+    return rates
+
+
+def _tube(mesh: Mesh, nodes: np.ndarray) -> Tube | None:
+    """The tube about the inner nodes, of the platform's axes a cube within the ball; None without one."""
+    if len(nodes) == 2 or not 0 < mesh.radius < np.inf:
+        return None
+    radius = np.full(nodes.shape[1], mesh.radius)
+    radius[:3] /= np.sqrt(3.0)  # what b is off bounds what the attitude is
+    return Tube(mesh.basis.rows(mesh.places[1:-1], 1)[0], nodes[1:-1], radius)
 
 
 def _nearest(space: CurveSpace, rows: np.ndarray, wanted: np.ndarray, duration: float) -> np.ndarray:

@@ -213,6 +213,29 @@ class FitProblem:
         return Mesh(places=places, basis=basis, points=points, radius=radius)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttemptRequest:
+    """What one attempt is to look for.
+
+    Attributes:
+        problem: what is fitted.
+        mesh: breaks of the spline, times of the nodes, and the tube about them.
+        duration: s, given or to begin with.
+        limited: whether limits are kept, or time will be stretched to them.
+        free_time: whether the shortest duration is looked for.
+        tighter: share of the platform's limits that is left; joints are held at every instant anyway.
+        begin: (n, A) coefficients of the curve to begin with; None for the one nearest to the path.
+    """
+
+    problem: FitProblem
+    mesh: Mesh
+    duration: float
+    limited: bool
+    free_time: bool
+    tighter: float = 0.0
+    begin: np.ndarray | None = None
+
+
 def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
     """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
 

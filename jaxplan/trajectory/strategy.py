@@ -24,14 +24,13 @@ from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import (
     Attempt,
-    AttemptRequest,
     Ladder,
     make_attempts,
     rungs,
 )
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
-from jaxplan.trajectory.problem import FitProblem
+from jaxplan.trajectory.problem import AttemptRequest, FitProblem
 from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 
