@@ -422,7 +422,7 @@ def test_rows_that_a_step_may_reach_lose_what_their_slopes_say():
     assert 0.1 < looked.mean() < 0.9
     np.testing.assert_allclose(lessened[index][looked], by_slopes[looked], rtol=1e-9)
     idle = by_slopes == 0  # what nothing moves
-    assert np.all((zones.room[1][index] >= by_slopes + zones.near)[~looked & ~idle])
+    assert np.all((zones.slack[1][index] >= by_slopes + zones.tolerance)[~looked & ~idle])
 
 
 def test_what_breaks_a_row_goes_by_the_name_of_what_it_is_fixed_to():
