@@ -22,8 +22,8 @@ from scipy import sparse
 
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, random_scenario
-from jaxplan.trajectory.global_spline import dual
-from jaxplan.trajectory.global_spline.box_qp import solve_box_qp, solve_box_qps
+from jaxplan.trajectory import program
+from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 
 try:
     import piqp
@@ -49,7 +49,7 @@ def collect(count: int) -> list[Problem]:
                 found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))
         return solve_box_qps(programs)
 
-    own, dual.solve_box_qps = dual.solve_box_qps, spy
+    own, program.solve_box_qps = program.solve_box_qps, spy
     try:
         for kind in SKY_KINDS:
             for seed in range(count):
@@ -58,12 +58,12 @@ def collect(count: int) -> list[Problem]:
                 settings = replace(scenario.trajectory, method="global", duration=duration)
                 jp.plan(replace(scenario, trajectory=settings), throw=False, progress=False)
     finally:
-        dual.solve_box_qps = own
+        program.solve_box_qps = own
     return found
 
 
 def solve_own(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    return solve_box_qp(matrix, linear, penalty).multipliers
+    return solve_box_qps([BoxQP(matrix, linear, penalty)])[0].multipliers
 
 
 def solve_piqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:

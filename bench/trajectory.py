@@ -21,8 +21,10 @@ sys.path.insert(0, str(File(__file__).parents[1] / "tests"))
 from node_paths import NAMES, load, wandering
 from scenes import make_spacecraft
 
+from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import fit_paper
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 
 def median_ms(call: Callable[[], object], repeats: int) -> float:
@@ -52,6 +54,11 @@ def fits(repeats: int) -> None:
             limit = repeats if settings.duration != 20.0 and path.edges < 100 else max(repeats // 10, 3)
             row.append(median_ms(lambda p=path, s=settings: fit_paper(p, craft, s), limit))
         print(f"{name:24s}" + "".join(f"{value:18.1f}" for value in row))
+
+
+def fit_paper(path: Path, craft: Spacecraft, settings: TrajectorySettings) -> Fit:
+    query = FitQuery(path=path, spacecraft=craft, settings=replace(settings, method="paper"))
+    return fit_batch([query])[0]
 
 
 def samples(repeats: int) -> None:

@@ -9,12 +9,13 @@ from functools import cache
 from pathlib import Path as File
 
 import numpy as np
+from fits import fit_paper
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import Fit, fit_paper
+from jaxplan.trajectory import Fit
 
 NAMES = [f"{kind}_c{case}" for kind in ("rrt", "astar") for case in (1, 2, 3, 4)]
 ZIG_ZAG = [name for name in NAMES if name.startswith("astar")]

@@ -1,11 +1,11 @@
-"""Rates in charts at many points: those of the formulas in JAX, and each as if it were alone."""
+"""Rates in charts at many points: those of the formulas in JAX."""
 
 import jax
 import numpy as np
 import pytest
 
-from jaxplan.trajectory.chart_rates import rates
-from jaxplan.trajectory.pieces import chart_motion
+from jaxplan.trajectory.curve import chart_motion
+from jaxplan.trajectory.peaks import rates
 
 COUNT = 64
 
@@ -33,14 +33,3 @@ def test_rates_are_those_of_the_chart_and_its_derivative(departure):
         np.testing.assert_allclose(own.T, other, rtol=0, atol=2e-13)
     for own, other in zip(rates(rate.T, tau, np.swapaxes(b[:3], 1, 2)), found[:2], strict=True):
         np.testing.assert_allclose(own, other, rtol=0, atol=1e-14)
-
-
-def test_each_point_is_told_as_if_it_were_alone():
-    rate, tau, b = points(0.5)
-    for orders in (3, 4):
-        together = rates(rate.T, tau, np.swapaxes(b[:orders], 1, 2))
-        for number in (0, 1, 30, COUNT - 1):
-            own = slice(number, number + 1)
-            alone = rates(rate[own].T, tau[own], np.swapaxes(b[:orders, own], 1, 2))
-            for all_of, one in zip(together, alone, strict=True):
-                np.testing.assert_array_equal(all_of[:, own], one)

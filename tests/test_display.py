@@ -34,8 +34,8 @@ from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
 from jaxplan.table4 import PAPER_KINDS, printed_rows
 from jaxplan.trajectory import FitQuery
-from jaxplan.trajectory.global_spline import held as global_spline
-from jaxplan.trajectory.paper import refit as paper
+from jaxplan.trajectory import derivative as global_spline
+from jaxplan.trajectory.paper import derivative as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
 
@@ -122,7 +122,7 @@ def annotated(thing):
 
 def public_dataclasses():
     """The dataclasses among what is public, and those that these and public functions take, hold or give."""
-    kept = [State, global_spline.Held, paper.Held]  # in fields that take anything
+    kept = [State, global_spline.ActiveSet, paper.PaperActiveSet]  # in fields that take anything
     found, waiting, seen = set(), [*public(), *kept], set()
     while waiting:
         thing = waiting.pop()
@@ -316,13 +316,15 @@ def test_the_results_looked_at_are_of_every_kind(results):
         "Asked",
         "Call",
         "Held",
-        "HeldChain",
-        "LinearRows",
-        "LoadRows",
+        "ActiveSet",
+        "PaperActiveSet",
+        "ActiveChain",
+        "BindingLinear",
+        "BindingLoads",
         "Sights",
         "State",
         "Stop",
-        "ZoneRows",
+        "BindingMargins",
     }
     assert {cls.__name__ for cls in set(CLASSES) - {type(thing) for thing in results}} <= inner
 

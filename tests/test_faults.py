@@ -13,7 +13,7 @@ from jaxplan.planner import goals
 from jaxplan.scenario import with_settings
 from jaxplan.search import mha
 from jaxplan.search.tree import make_root, trace
-from jaxplan.trajectory.global_spline import box_qp, dual
+from jaxplan.trajectory import box_qp, program
 from jaxplan.trajectory.paper import qp
 
 RNG = np.random.default_rng(21)
@@ -41,9 +41,9 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
 
     def garbage(programs):
         asked.extend(len(linear) for _, linear, _ in programs)
-        return [box_qp.Answer(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
+        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
 
-    monkeypatch.setattr(dual, "solve_box_qps", garbage)
+    monkeypatch.setattr(program, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):
         plan = planned()
     assert asked
@@ -102,14 +102,14 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
     monkeypatch.setattr(qp, "_active_sides", garbage)
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        given = qp.Program(
+        given = qp.SegmentQP(
             objective=np.eye(8),
             equalities=rng.standard_normal((2, 8)),
             values=rng.standard_normal((2, 1)),
             limited=rng.standard_normal((4, 8)),
             limits=np.full((4, 1), 0.05),
         )
-        answer = qp.solve(given)
+        (answer,) = qp.solve_all([given])
         if answer is not None:
             assert np.all(np.abs(given.limited @ answer) <= given.limits + 1e-9)
             assert np.allclose(given.equalities @ answer, given.values, atol=1e-9)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from dense import assert_kept, end_states, jumps, node_errors, shares
+from fits import fit_global, fit_paper
 from manoeuvres import judge
 from node_paths import NAMES, load, wandering
 from relays import avoids, look, make_relay, sees
@@ -22,7 +23,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepOut, tabulate
 from jaxplan.planner.check import prove
-from jaxplan.trajectory import duration_bound, fit_global, fit_paper
+from jaxplan.trajectory import duration_bound
 
 CRAFT = make_spacecraft()
 numbers = pytest.mark.parametrize("number", [1, 2, 3, 4])

@@ -9,10 +9,8 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.chain import wanted_fit
-from jaxplan.trajectory import fit_batch
-from jaxplan.trajectory.global_spline import job, sqp
-from jaxplan.trajectory.global_spline.families import families
-from jaxplan.trajectory.global_spline.program import promised, propose
+from jaxplan.trajectory import attempts, fit_batch, sqp
+from jaxplan.trajectory.program import decrease_bound, solve
 
 
 @pytest.fixture(scope="module")
@@ -26,13 +24,13 @@ def searches():
             queries.append(wanted_fit(replace(plan.scenario, trajectory=settings), plan.path, plan.goal))
     begins, improve = [], sqp.improve
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job.sqp, "improve", lambda several: begins.extend(several) or improve(several))
+        patch.setattr(attempts.sqp, "improve", lambda several: begins.extend(several) or improve(several))
         fit_batch(queries)
-    given = [begin for begin in begins if not begin.task.free_time]
+    given = [begin for begin in begins if not begin.discrete.free_time]
     alike = {}
     for begin in given:
-        alike.setdefault(begin.task.kind, []).append(begin)
-    found = [sqp._Search.of(several) for several in alike.values() if len(several) > 1]
+        alike.setdefault(begin.discrete.kind, []).append(begin)
+    found = [sqp.SQPState.of(several) for several in alike.values() if len(several) > 1]
     for search in found:
         search.step()
     return found
@@ -40,9 +38,8 @@ def searches():
 
 def program(search):
     """Objectives, rows and their program's answer at the curves of a search."""
-    quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
-    rows = list(families(search.stack, search.at))
-    return quadratic, rows, propose(quadratic, rows, search.penalty, search.held)
+    quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+    return quadratic, solve(quadratic, search.multipliers)
 
 
 def lowered(quadratic, change):
@@ -54,11 +51,11 @@ def lowered(quadratic, change):
 def test_a_programs_own_multipliers_promise_what_it_does(searches):
     told = 0
     for search in searches:
-        quadratic, rows, proposal = program(search)
+        quadratic, proposal = program(search)
         every = np.arange(len(search.value))
-        promise = promised(quadratic, rows, proposal.multipliers, every)
+        promise = decrease_bound(quadratic, proposal.multipliers, every)
         done = lowered(quadratic, proposal.coefficients)
-        # Rows that are broken for their penalty, or by next to nothing, pay as well.
+        # ActiveRows that are broken for their penalty, or by next to nothing, pay as well.
         sound = search.at.is_sound
         assert np.all(promise >= done - 1e-9 * search.value)
         np.testing.assert_allclose(promise[sound], done[sound], rtol=1e-4, atol=1e-6)
@@ -69,23 +66,22 @@ def test_a_programs_own_multipliers_promise_what_it_does(searches):
 def test_no_multipliers_promise_less_than_a_program_does(searches):
     rng = np.random.default_rng(0)
     for search in searches:
-        quadratic, rows, proposal = program(search)
+        quadratic, proposal = program(search)
         done = lowered(quadratic, proposal.coefficients)
         which = np.flatnonzero(search.at.is_sound)
         for _ in range(4 if len(which) else 0):
             others = {name: own * rng.uniform(0, 2, own.shape) for name, own in proposal.multipliers.items()}
             assert np.all(
-                promised(quadratic, rows, others, which) >= done[which] - 1e-6 * search.value[which]
+                decrease_bound(quadratic, others, which) >= done[which] - 1e-6 * search.value[which]
             )
 
 
 def test_where_the_last_multipliers_promise_little_the_next_program_does_little(searches):
     stopped = 0
     for search in searches:
-        _, _, proposal = program(search)
-        quadratic = search.objective.quadratic(search.at, np.zeros(len(search.value)))
-        rows = list(families(search.stack, search.at))
-        before = promised(quadratic, rows, search.held, np.arange(len(search.value)))
+        _, proposal = program(search)
+        quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+        before = decrease_bound(quadratic, search.multipliers, np.arange(len(search.value)))
         after = search.objective.energy(search.at) - lowered(quadratic, proposal.coefficients)
         stops = search.at.is_sound & (before <= 1e-3 * search.value)
         stopped += np.sum(stops)
@@ -97,15 +93,15 @@ def test_the_less_a_step_must_be_worth_the_nearer_a_fit_ends_to_its_optimum(sear
     nearer = 0
     for search in searches:
         ends = {}
-        for worth in (1e-3, 1e-6):
+        for ftol in (1e-3, 1e-6):
             begins = [
-                sqp.Begin(task=task, coefficients=own, duration=duration, worth=worth)
-                for task, own, duration in zip(
-                    search.stack.tasks, search.at.coefficients, search.at.duration, strict=True
+                sqp.InitialGuess(discrete=discrete, coefficients=own, duration=duration, ftol=ftol)
+                for discrete, own, duration in zip(
+                    search.stack.members, search.at.coefficients, search.at.duration, strict=True
                 )
             ]
-            ends[worth] = np.stack([point.coefficients for point in sqp.improve(begins)])
-        rough, exact = (search.stack.points(ends[worth], search.at.duration) for worth in (1e-3, 1e-6))
+            ends[ftol] = np.stack([solution.coefficients for solution in sqp.improve(begins)])
+        rough, exact = (search.stack.iterates(ends[ftol], search.at.duration) for ftol in (1e-3, 1e-6))
         clean = rough.is_sound & exact.is_sound
         more = search.objective.energy(rough) - search.objective.energy(exact)
         assert np.all(more[clean] >= -1e-6 * search.value[clean])

@@ -1,4 +1,4 @@
-"""Rows of the method "global": the room that they tell of, and how a step and time change it."""
+"""ActiveRows of the method "global": the room that they tell of, and how a step and time change it."""
 
 from dataclasses import replace
 
@@ -8,13 +8,18 @@ from node_paths import wandering
 from scenes import make_spacecraft
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.global_spline.bases import Basis
-from jaxplan.trajectory.global_spline.chart import fitting
-from jaxplan.trajectory.global_spline.linear_rows import Joints, Nodes, Ranges
-from jaxplan.trajectory.global_spline.motion import evaluate
-from jaxplan.trajectory.global_spline.place_rows import Loads, Zones
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import Step
+from jaxplan.trajectory.chart import fitting
+from jaxplan.trajectory.constraints import (
+    JointDerivativeBlock,
+    JointRangeBlock,
+    LoadBlock,
+    MarginBlock,
+    Step,
+    TubeBlock,
+)
+from jaxplan.trajectory.motion import evaluate
+from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.splines import Basis
 
 RNG = np.random.default_rng(8)
 BASIS = Basis.even(6)
@@ -44,13 +49,15 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
     # Of two curves the second is looked at; the first has other limits.
     both = np.stack([other, coefficients])
 
-    def family(c):
+    def block(c):
         if sort == "tube":
-            return Nodes(c, two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]])
+            return TubeBlock(c, two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]])
         if sort == "ranges":
-            return Ranges(c, two(limits) * [[2], [1]])
+            return JointRangeBlock(c, two(limits) * [[2], [1]])
         power = 1 if sort == "rates" else 2
-        return Joints(c, sort, power, two(basis.differences[power]), two(1 / limits) * [[2], [1]])
+        return JointDerivativeBlock(
+            c, sort, power, two(basis.differences[power]), two(1 / limits) * [[2], [1]]
+        )
 
     def room(c):
         """By how much values may grow, and fall, before they are at a bound."""
@@ -62,17 +69,17 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
         shares = basis.differences[1 if sort == "rates" else 2] @ c[:, 3:] / limits
         return np.stack([1 - shares, 1 + shares])
 
-    own = family(both)
+    own = block(both)
     assert own.time == {"rates": -1.0, "accelerations": -2.0}.get(sort, 0.0)
     lessened = own.change(step(1, change))
-    assert np.allclose(own.room[1], room(coefficients), rtol=0, atol=1e-12)
-    assert np.allclose(own.room[1] - lessened[0], room(coefficients + change), rtol=0, atol=1e-12)
-    index = every(1, own.room.shape[1:])
+    assert np.allclose(own.slack[1], room(coefficients), rtol=0, atol=1e-12)
+    assert np.allclose(own.slack[1] - lessened[0], room(coefficients + change), rtol=0, atol=1e-12)
+    index = every(1, own.slack.shape[1:])
     by_slopes = np.einsum("ran,na->r", own.slopes(index).full, change)
     assert np.allclose(by_slopes, lessened[0][index[1:]], rtol=0, atol=1e-12)
 
 
-def problem():
+def system():
     """Three terminals and a camera among zones, with limits of everything."""
     craft = replace(
         make_spacecraft(3, 1),
@@ -89,10 +96,10 @@ def problem():
         [kind(name=f"{i}", direction=axes[i], half_angle=1.0, devices=craft.device_names) for i in numbers]
         for kind, numbers in ((KeepOut, (0, 1)), (KeepIn, (2, 3)))
     )
-    return Problem(chart=chart, spacecraft=craft, cones=tabulate(out, inside, craft.device_names))
+    return System(chart=chart, spacecraft=craft, cones=tabulate(out, inside, craft.device_names))
 
 
-PROBLEM = problem()
+PROBLEM = system()
 COEFFICIENTS, CHANGE = RNG.normal(size=(2, BASIS.size, 9))
 
 
@@ -121,8 +128,8 @@ def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
         shares = motion(coefficients).loads[1, :, load] / limit
         return np.stack([1 - shares, 1 + shares], axis=1)
 
-    own = Loads(name, power, motion(COEFFICIENTS), load, two(1 / limit) * [[2], [1]], two(ROWS))
-    np.testing.assert_allclose(own.room[1], room(COEFFICIENTS), rtol=1e-12)
+    own = LoadBlock(name, power, motion(COEFFICIENTS), load, two(1 / limit) * [[2], [1]], two(ROWS))
+    np.testing.assert_allclose(own.slack[1], room(COEFFICIENTS), rtol=1e-12)
     lessened = own.change(step(1, CHANGE))[0]
     found = differences(room)
     np.testing.assert_allclose(lessened, found, atol=1e-6 * np.abs(found).max())
@@ -131,12 +138,12 @@ def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
     np.testing.assert_allclose(by_slopes, lessened[index[1:]], rtol=1e-9)
     # At the limit the share falls with the power of the duration.
     longer = replace(own, scale=own.scale / (1 + STEP) ** power)
-    gained = (longer.room - own.room) / STEP / (1 - own.room)
+    gained = (longer.slack - own.slack) / STEP / (1 - own.slack)
     np.testing.assert_allclose(-own.time, gained, rtol=1e-3)
     # Of two curves one is far from its limit all along.
-    assert np.all(own.in_reach)
-    far = replace(own, scale=own.scale * np.array([[0.4 / np.abs(1 - own.room[0]).max()], [1]]))
-    np.testing.assert_array_equal(far.in_reach, [False, True])
+    assert np.all(own.may_bind)
+    far = replace(own, scale=own.scale * np.array([[0.4 / np.abs(1 - own.slack[0]).max()], [1]]))
+    np.testing.assert_array_equal(far.may_bind, [False, True])
 
 
 def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_they_are_near():
@@ -146,7 +153,7 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         margins = motion(coefficients).margins
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
-    own = Zones(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
+    own = MarginBlock(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
     # Of all axes, of each joint alone, and next to nothing.
     for change in (
         0.1 * CHANGE,
@@ -157,18 +164,18 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         looked = lessened != 0
         assert 0.01 < looked.mean() < 0.9
         np.testing.assert_allclose(lessened[looked], found[looked], rtol=1e-5, atol=1e-7)
-        assert np.all(own.room[1] >= found + own.near, where=~looked & (found != 0))
+        assert np.all(own.slack[1] >= found + own.tolerance, where=~looked & (found != 0))
         index = np.nonzero(looked)
         by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, change)
         np.testing.assert_allclose(by_slopes, lessened[looked], rtol=1e-9)
-    unbound = replace(own, room=own.room * np.array([1, np.inf])[:, None, None, None])
-    np.testing.assert_array_equal(unbound.in_reach, [True, False])
+    unbound = replace(own, slack=own.slack * np.array([1, np.inf])[:, None, None, None])
+    np.testing.assert_array_equal(unbound.may_bind, [True, False])
     assert own.time == 0.0  # an angle does not change with time
 
 
 def test_of_places_next_to_each_other_one_in_four_is_held_and_the_last_and_those_with_the_least_room():
     room = RNG.normal(size=(23, 2, 3))
-    own = Loads("rate", 1, motion(COEFFICIENTS), 0, np.ones((2, 3)), two(ROWS))
+    own = LoadBlock("rate", 1, motion(COEFFICIENTS), 0, np.ones((2, 3)), two(ROWS))
     chosen = own.chosen(np.ones((1, *room.shape), dtype=bool), room[None], np.array([1]))[0]
     for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
         least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]

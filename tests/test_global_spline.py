@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from dense import assert_kept, attitudes_at, end_states, instants, jumps, node_errors
+from fits import fit_global
 from manoeuvres import spin_of
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
 from scenes import make_spacecraft
@@ -16,7 +17,6 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
-from jaxplan.trajectory import fit_global
 
 CRAFT = make_spacecraft()
 EXACT = TrajectorySettings(duration=80.0, node_tube=0.0)

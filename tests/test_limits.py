@@ -10,7 +10,8 @@ import pytest
 from manoeuvres import attitudes_of, craft, joints_of, manoeuvre, spin_of
 
 from jaxplan.model.limits import QUANTITIES, Kinematics, highest_derivative, limits, time_factor, values
-from jaxplan.trajectory import measures, scaling
+from jaxplan.trajectory import measures
+from jaxplan.trajectory.peaks import peaks as peaks_of
 
 INERTIA = np.array([[12.0, 0.5, -0.3], [0.5, 8.0, 0.2], [-0.3, 0.2, 15.0]])
 OPTIONAL = {
@@ -194,7 +195,7 @@ def test_a_motion_scaled_to_its_limits_just_keeps_the_one_that_binds(binding):
         own = replace(wide, terminals=tuple(replace(one, **narrow) for one in wide.terminals))
     else:
         own = replace(wide, **narrow)
-    peaks = scaling.peaks(trajectory, own)
+    peaks = peaks_of(trajectory, own)
     slow = trajectory.scaled(peaks.stretch)
     both_sides = [np.linspace(0, slow.duration, 20_001), slow.breaks, np.nextafter(slow.breaks[1:], 0)]
     motion = slow.sample(np.concatenate(both_sides)).kinematics(INERTIA)  # the jerk jumps at breaks

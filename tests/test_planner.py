@@ -557,13 +557,16 @@ def test_what_is_not_proved_is_never_ok(monkeypatch):
     scenario = jp.paper_case(3)
     attempts = []
 
-    def straight_on(query):
-        path = query.path
-        attempts.append(path)
-        ends = replace(
-            path, attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.array([1.0])
-        )
-        return real(replace(query, path=ends))
+    def straight_on(queries, seconds):
+        paths = [query.path for query in queries]
+        attempts.extend(paths)
+        ends = [
+            replace(
+                path, attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.ones(1)
+            )
+            for path in paths
+        ]
+        return real([replace(query, path=own) for query, own in zip(queries, ends, strict=True)], seconds)
 
     real = METHODS["paper"]
     monkeypatch.setitem(METHODS, "paper", straight_on)

@@ -23,16 +23,14 @@ from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
-from jaxplan.trajectory.asking import alone
 from jaxplan.trajectory.basis import end_derivatives
-from jaxplan.trajectory.global_spline.curve_space import weighted
-from jaxplan.trajectory.global_spline.inputs import gather_inputs
-from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
-from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.paper.refit import nominal_duration, refit
-from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.paper import segments
+from jaxplan.trajectory.paper.derivative import PaperFitRecord, nominal_duration, refit
+from jaxplan.trajectory.paper.segments import ChainRequest, PathNodes, plan_chains
+from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.splines import weighted
 
 FITS = {
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),
@@ -49,35 +47,37 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
     plan = FITS[name]()
     craft, settings = plan.scenario.spacecraft, plan.scenario.trajectory
     origin = fit(plan.scenario, plan.path, plan.goal).origin
-    held, job, task = origin.hold(), origin.job, origin.attempt.task
-    duration = origin.attempt.point.duration
+    held, problem, discrete = origin.hold(), origin.problem, origin.attempt.discrete
+    duration = origin.attempt.solution.duration
     path = Path(
-        attitudes=padded(job.attitudes, FEWEST_NODES),
-        joints=padded(job.joints, FEWEST_NODES),
+        attitudes=padded(problem.attitudes, FEWEST_NODES),
+        joints=padded(problem.joints, FEWEST_NODES),
         edge_costs=np.zeros(0),
     )
     with jax.enable_x64(True):
         inputs = jax.tree.map(
-            np.asarray, gather_inputs(held, path, craft, settings, job.cones, job.rates, duration)
+            np.asarray, gather_inputs(held, path, craft, settings, problem.cones, problem.rates, duration)
         )
-    problem, space, places = task.problem, task.space, origin.attempt.request.places
-    chart, count = problem.chart, len(places)
+    system, space, places = discrete.system, discrete.space, origin.attempt.request.mesh.places
+    chart, count = system.chart, len(places)
     expected = {
         "attitude": chart.attitude,
         "turn": chart.turn,
         "offset": space.fixed + duration * space.by_time,
-        "limits": problem.limits * duration ** problem.powers[:, None],
-        "wanted": task.wanted,
-        "inertia": problem.inertia,
+        "limits": system.limits * duration ** system.powers[:, None],
+        "wanted": discrete.wanted,
+        "inertia": system.inertia,
     }
     for part, own in expected.items():
         np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
-    nodes = np.concatenate([chart.coordinates(job.attitudes, places), job.joints], axis=1)
+    nodes = np.concatenate([chart.coordinates(problem.attitudes, places), problem.joints], axis=1)
     np.testing.assert_allclose(inputs.nodes[:count], nodes, atol=1e-12)
-    energy = weighted(space.energies[None], np.array([duration]), np.array([task.weights]))[0]
+    energy = weighted(space.energies[None], np.array([duration]), np.array([discrete.weights]))[0]
     np.testing.assert_allclose(inputs.energy / inputs.energy.max(), energy / energy.max(), atol=1e-13)
     rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
-    radius = [] if task.tube is None else task.tube.radius  # there is none where nodes are passed exactly
+    radius = (
+        [] if discrete.tube is None else discrete.tube.radius
+    )  # there is none where nodes are passed exactly
     scales = np.concatenate([*rates, craft.joint_limits, radius])
     np.testing.assert_allclose(inputs.scales[: len(scales)], scales, rtol=1e-12)
 
@@ -90,12 +90,12 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
     rng, found = np.random.default_rng(0), quick_jit(nominal_duration)
     even = np.linspace(0, 1, len(moves) + 1)
     shares = rng.dirichlet(np.full(len(moves), 5.0), 8)
-    cases = [even**1.5, 1 - (1 - even) ** 1.5]  # in haste at the start, and at the end
+    cases = [even**1.5, 1 - (1 - even) ** 1.5]  # in duration_hessian at the start, and at the end
     cases += [np.concatenate([[0], np.cumsum(share)]) for share in shares]
     for fractions in cases:
         limits = rng.uniform(0.5, 2.0, (2, moves.shape[1]))
         limits[deciding] /= 100
-        expected = counting.shortest_duration(moves, fractions, *limits)
+        expected = segments.shortest_duration(moves, fractions, *limits)
         last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
         with jax.enable_x64(True):
             for own in (np.arange(len(fractions)), last):
@@ -110,7 +110,7 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(2, 9)) * np.array([0.002] * 3 + [0.001] * 6)
     at_ends = [tuple(np.stack([part, 0 * part]) for part in np.split(end, [3])) for end in ends]
-    nodes = Nodes(
+    nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.linspace(0, 1, len(path.attitudes)),
@@ -127,15 +127,21 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
         ]
         return replace(craft, rate_limit=limits[0], acceleration_limit=limits[1], terminals=tuple(terminals))
 
+    def planned(duration, at_joins):
+        request = ChainRequest(
+            nodes=nodes, duration=duration, segments=count, settings=settings, limits=at_joins
+        )
+        return plan_chains([request])[0]
+
     def anew(limits, duration):
         own = with_limits(limits)
         platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
         at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
-        curve = alone(fit_nodes(nodes, duration, count, settings, at_joins))
-        return curve, Origin(nodes=nodes, trajectory=curve, limits=at_joins).hold()
+        curve = planned(duration, at_joins)
+        return curve, PaperFitRecord(nodes=nodes, trajectory=curve, limits=at_joins).hold()
 
     # Limits a little below what the largest would be at the joins without.
-    free = alone(fit_nodes(nodes, 80.0, count, settings, None))
+    free = planned(80.0, None)
     rows = end_derivatives(settings.order)
     platform = rows[0] @ free.coefficients[1:], np.diff(free.breaks)[1:, None] / 2
     joints = rows[1] @ free.joint_coefficients[:-1], np.diff(free.joint_breaks)[:-1, None] / 2

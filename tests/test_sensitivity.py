@@ -7,6 +7,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
+from fits import fit_global
 from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
 from quick import quick_jit
 from scenes import make_scenario
@@ -16,7 +17,6 @@ from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.planner.chain import fit
 from jaxplan.sensitivity import follow, hold, replan
-from jaxplan.trajectory import fit_global
 
 STEP = 5e-6  # twice that is within what the rows that bind allow
 
@@ -171,9 +171,9 @@ def test_what_has_no_derivative_is_refused_with_a_reason():
     # So may one without limits, which to be stretched to them has derivatives.
     origin = fit(scenario, slowed.path, slowed.goal).origin
     origin.hold()
-    job = replace(origin.job, settings=slowed.scenario.trajectory)
+    problem = replace(origin.problem, settings=slowed.scenario.trajectory)
     with pytest.raises(ValueError, match=re.escape(said)):
-        replace(origin, job=job, stretched=False).hold()
+        replace(origin, problem=problem, stretched=False).hold()
     speed = replace(scenario.start, angular_velocity=np.array([0.004, -0.003, 0.002]))
     at_speed = replace(scenario, start=speed)  # "stretched"
     with pytest.raises(ValueError, match="shortest motion has no derivatives"):

@@ -6,14 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_paper
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
 from quick import quick_jit
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import Trajectory, curve, evaluate, fit_paper
-from jaxplan.trajectory.paper import assembly, chain
+from jaxplan.trajectory import Trajectory, curve, evaluate
+from jaxplan.trajectory.paper import segments
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
 ZIG_ZAGS = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in ZIG_ZAG for s in (None, 3)])
@@ -65,13 +66,13 @@ def test_curve_and_two_derivatives_are_continuous(name, segments):
 @pytest.mark.parametrize(("name", "jump_deg_s"), zip(ZIG_ZAG, [0.31, 0.11, 0.54, 0.20], strict=True))
 def test_the_printed_sign_of_w_breaks_continuity(name, jump_deg_s, monkeypatch):
     """Equation (36) as printed, without the transpose: the errata's jumps of the angular velocity show."""
-    assemble = chain.assemble
+    assemble = segments.assemble
 
     def as_printed(**nodes):
         joints, platform, charts = assemble(**nodes)
         return joints, platform, replace(charts, end_turn=np.swapaxes(charts.end_turn, -1, -2))
 
-    monkeypatch.setattr(chain, "assemble", as_printed)
+    monkeypatch.setattr(segments, "assemble", as_printed)
     fit = fit_paper(load(name), make_spacecraft(), TrajectorySettings(duration=80.0, segments=3))
     assert np.rad2deg(largest_jumps(fit.trajectory)[1]) == pytest.approx(jump_deg_s, abs=0.005)
 
@@ -212,14 +213,14 @@ def test_results_do_not_depend_on_the_precision_of_the_caller():
 
 
 def test_a_second_trajectory_of_the_same_sizes_compiles_nothing():
-    kernels = (assembly._assemble, curve._platform_kernel, curve._joint_kernel)
+    kernels = (segments._assemble, curve._platform_kernel, curve._joint_kernel)
     counts = []
-    for edges, segments, duration, times in (
+    for edges, count, duration, times in (
         (14, 3, "stretched", 5),
         (17, 4, "stretched", 7),
         (20, 3, 400.0, 8),
     ):
-        settings = TrajectorySettings(segments=segments, duration=duration)
+        settings = TrajectorySettings(segments=count, duration=duration)
         trajectory = fit_paper(wandering(edges, 1, seed=edges), make_spacecraft(1), settings).trajectory
         trajectory.sample(np.linspace(0, trajectory.duration, times))
         counts.append([kernel._cache_size() for kernel in kernels])

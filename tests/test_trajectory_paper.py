@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fits import fit_paper
 from node_paths import NAMES, ZIG_ZAG, fit_stored, load, wandering
 from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
@@ -12,8 +13,8 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.trajectory import Samples, Trajectory, fit_paper
-from jaxplan.trajectory.paper import chain
+from jaxplan.trajectory import Samples, Trajectory
+from jaxplan.trajectory.paper import qp
 
 INERTIA = np.array([[120.0, 5.0, -3.0], [5.0, 90.0, 2.0], [-3.0, 2.0, 60.0]])
 
@@ -278,7 +279,7 @@ def test_limits_hold_at_joins_where_they_bind():
 
 
 def test_programs_without_solution_are_infeasible(monkeypatch):
-    monkeypatch.setattr(chain.qp, "solve_all", lambda programs: [None] * len(programs))
+    monkeypatch.setattr(qp, "solve_all", lambda programs: [None] * len(programs))
     for duration in (80.0, "stretched"):
         fit = fit_paper(load("rrt_c1"), make_spacecraft(), TrajectorySettings(duration=duration))
         assert fit.status is Status.INFEASIBLE

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_global
 from node_paths import fit_stored, load, turning
 from numpy.polynomial import legendre as reference
 from scenes import make_spacecraft
@@ -12,9 +13,9 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import basis, fit_global, maxima, scaling, schedule
-from jaxplan.trajectory.paper import counting, qp
-from jaxplan.trajectory.paper.assembly import assemble
+from jaxplan.trajectory import basis, peaks, schedule
+from jaxplan.trajectory.paper import qp, segments
+from jaxplan.trajectory.paper.segments import assemble
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
 
@@ -49,7 +50,11 @@ def test_the_basis_follows_the_precision_of_its_input():
     assert basis.legendre(jnp.ones(3, jnp.float32), 12).dtype == jnp.float32
 
 
-def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
+def solve(program: qp.SegmentQP) -> np.ndarray | None:
+    return qp.solve_all([program])[0]
+
+
+def join_program(limit: float) -> tuple[qp.SegmentQP, np.ndarray]:
     """A segment of zig-zag nodes, limited at its join to a share of what it takes there if free; and that."""
     path = load("astar_c3")
     joints, _, _ = assemble(
@@ -63,18 +68,18 @@ def join_program(limit: float) -> tuple[qp.Program, np.ndarray]:
         acceleration_weight=3.0,
     )
     ends = basis.end_derivatives(12)
-    program = qp.Program(
+    program = qp.SegmentQP(
         objective=joints.objective[0],
         equalities=np.concatenate([joints.node_rows[0, joints.present[0]], ends[0]]),
         values=np.concatenate([joints.node_values[0, joints.present[0]], np.zeros((2, 6))]),
         limited=ends[1],
         limits=np.full((2, 6), np.inf),
     )
-    free = np.abs(ends[1] @ qp.solve(program))
-    return qp.Program(**{**vars(program), "limits": limit * np.tile(free.max(axis=1)[:, None], 6)}), free
+    free = np.abs(ends[1] @ solve(program))
+    return qp.SegmentQP(**{**vars(program), "limits": limit * np.tile(free.max(axis=1)[:, None], 6)}), free
 
 
-def optimum(program: qp.Program, column: int) -> np.ndarray:
+def optimum(program: qp.SegmentQP, column: int) -> np.ndarray:
     """The same optimum by SLSQP within the solutions of the equalities."""
     start = np.linalg.lstsq(program.equalities, program.values[:, column], rcond=None)[0]
     free = null_space(program.equalities)
@@ -102,7 +107,7 @@ def optimum(program: qp.Program, column: int) -> np.ndarray:
 @pytest.mark.parametrize("limit", [10.0, 0.9, 0.5, 0.2, 0.05])
 def test_optimum_is_that_of_an_independent_solver(limit):
     program, free = join_program(limit)
-    x = qp.solve(program)
+    x = solve(program)
     assert np.any(free > program.limits) == (limit < 1)  # a limit binds, or none does
     assert np.all(np.abs(program.equalities @ x - program.values) <= 1e-12)
     assert np.all(np.abs(program.limited @ x) <= program.limits * (1 + 1e-12))
@@ -117,9 +122,9 @@ def test_programs_without_solution_have_none():
     program, _ = join_program(0.9)
     full = {**vars(program), "equalities": np.concatenate([program.equalities, program.limited])}
     pinned = np.concatenate([program.values, 2 * program.limits])  # what is limited must be twice the limit
-    assert qp.solve(qp.Program(**{**full, "values": pinned})) is None
+    assert solve(qp.SegmentQP(**{**full, "values": pinned})) is None
     values = np.concatenate([program.values, 0.5 * program.limits])
-    assert qp.solve(qp.Program(**{**full, "values": values})) is not None
+    assert solve(qp.SegmentQP(**{**full, "values": values})) is not None
 
 
 @pytest.mark.parametrize("field", ["objective", "equalities", "values"])
@@ -127,28 +132,28 @@ def test_a_nan_in_a_program_gives_no_solution(field):
     program, _ = join_program(10.0)
     spoilt = np.array(getattr(program, field))
     spoilt[2, 3] = np.nan
-    assert qp.solve(qp.Program(**{**vars(program), field: spoilt})) is None
+    assert solve(qp.SegmentQP(**{**vars(program), field: spoilt})) is None
 
 
 @ORDERS
 def test_the_counting_rule_is_that_of_trying_all_numbers(order):
     for intervals in range(1, 80):
         fits = [s for s in range(1, intervals + 1) if (order - 4) + (s - 1) * (order - 3) >= intervals]
-        assert counting.fewest_segments(intervals, order) == fits[0]
-        for segments in fits[:4]:
-            joints, platform = counting.split(intervals, segments, order)
+        assert segments.fewest_segments(intervals, order) == fits[0]
+        for count in fits[:4]:
+            joints, platform = segments.split(intervals, count, order)
             for ends, closing in ((joints, -1), (platform, 0)):
                 sizes = np.diff(ends)
-                assert (ends[0], ends[-1], len(sizes), sizes.min() > 0) == (0, intervals, segments, True)
+                assert (ends[0], ends[-1], len(sizes), sizes.min() > 0) == (0, intervals, count, True)
                 assert sizes[closing] <= order - 4
                 assert sizes.max() <= order - 3
 
 
 def test_platform_and_joints_share_the_equal_split_where_they_can():
-    joints, platform = counting.split(17, 3, 12)
+    joints, platform = segments.split(17, 3, 12)
     np.testing.assert_array_equal(joints, [0, 6, 11, 17])
     np.testing.assert_array_equal(platform, joints)
-    joints, platform = counting.split(26, 3, 12)
+    joints, platform = segments.split(26, 3, 12)
     np.testing.assert_array_equal(np.diff(joints), [9, 9, 8])
     np.testing.assert_array_equal(np.diff(platform), [8, 9, 9])
 
@@ -156,9 +161,9 @@ def test_platform_and_joints_share_the_equal_split_where_they_can():
 def test_segments_that_turn_too_far_for_one_chart_are_told():
     path = turning(list(range(0, 181, 20)))
     turns = np.tile(np.deg2rad([0, 0, 20.0]), (path.edges, 1))
-    assert counting.charts_suffice(turns, np.array([0, 5, 9]))
-    assert not counting.charts_suffice(turns, np.array([0, 1, 9]))
-    assert counting.charts_suffice(np.array([[0, 0, 3.0]]), np.array([0, 1]))
+    assert segments.charts_suffice(turns, np.array([0, 5, 9]))
+    assert not segments.charts_suffice(turns, np.array([0, 1, 9]))
+    assert segments.charts_suffice(np.array([[0, 0, 3.0]]), np.array([0, 1]))
 
 
 def test_shares_of_time_follow_costs_but_for_the_least():
@@ -171,8 +176,8 @@ def test_shares_of_time_follow_costs_but_for_the_least():
 def test_shortest_duration_is_the_one_of_the_differences():
     """One axis with steps 1, 1, -1 in thirds of T: rates 3 / T, accelerations up to 6 / T over T / 3."""
     moves, fractions = np.array([[1.0], [1.0], [-1.0]]), np.linspace(0, 1, 4)
-    by_rate = counting.shortest_duration(moves, fractions, np.array([0.1]), np.array([1e9]))
-    by_acceleration = counting.shortest_duration(moves, fractions, np.array([1e9]), np.array([0.5]))
+    by_rate = segments.shortest_duration(moves, fractions, np.array([0.1]), np.array([1e9]))
+    by_acceleration = segments.shortest_duration(moves, fractions, np.array([1e9]), np.array([0.5]))
     assert by_rate == pytest.approx(30, rel=1e-12)
     assert by_acceleration == pytest.approx(np.sqrt(18 / 0.5), rel=1e-12)
 
@@ -183,7 +188,7 @@ def smooth(x: np.ndarray, k: int) -> np.ndarray:
 
 def test_peaks_between_the_points_are_found():
     x = np.cos(np.pi * np.arange(65) / 64)
-    found = maxima.largest(np.stack([smooth(x, k) for k in range(3)]))
+    found = peaks.largest(np.stack([smooth(x, k) for k in range(3)]))
     grid = np.linspace(-1, 1, 2001)
     for quantity in range(4):
         best = 0.0
@@ -210,7 +215,7 @@ def test_of_two_pieces_whose_peaks_are_all_but_equal_the_higher_one_is_found():
     series /= np.abs(np.cos(np.outer(theta, k)) @ series).max(axis=1, keepdims=True)
     series[rng.integers(0, 2, 200), :, np.arange(200)] *= 1 + 1e-4
     values = np.cos(np.pi * np.outer(k, k) / 12) @ series
-    np.testing.assert_allclose(maxima.largest(values), 1 + 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(peaks.largest(values), 1 + 1e-4, rtol=1e-6)
 
 
 def test_points_that_do_not_tell_what_is_between_them_are_found():
@@ -219,11 +224,11 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
         return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
 
     of_two = np.concatenate([values(13, 0.5), values(13, 9.0)])
-    np.testing.assert_array_equal(maxima.are_resolved(of_two, np.array([0, 3])), [True, False])
+    np.testing.assert_array_equal(peaks.are_resolved(of_two, np.array([0, 3])), [True, False])
     odd = np.sin(9 * np.cos(np.pi * np.arange(13) / 12))[None, :, None]  # its last term is zero
-    assert not maxima.are_resolved(odd, np.zeros(1, int))
-    assert maxima.are_resolved(values(37, 9.0), np.zeros(1, int))
-    few, many = (maxima.largest(values(points, 0.5)) for points in (13, 37))
+    assert not peaks.are_resolved(odd, np.zeros(1, int))
+    assert peaks.are_resolved(values(37, 9.0), np.zeros(1, int))
+    few, many = (peaks.largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
 
 
@@ -232,7 +237,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
     plan = fit_global(load("rrt_c1"), craft, TrajectorySettings(duration=80.0)).trajectory
     for factor in (1.0, 200.0, 1000.0):  # of the chart's rate: up to thirty turns in a piece
         curve = replace(plan, chart_rate=factor * plan.chart_rate)
-        found = scaling.peaks(curve, craft).ratios[:6]
+        found = peaks.peaks(curve, craft).ratios[:6]
         samples = curve.sample(np.linspace(0, curve.duration, 200_000))
         seen = [np.abs(samples.angular_velocity), np.abs(samples.angular_acceleration)]
         limits = np.repeat([craft.rate_limit, craft.acceleration_limit], 3)
@@ -245,7 +250,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
 def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
-    assert np.all(np.isnan(maxima.largest(values)))
+    assert np.all(np.isnan(peaks.largest(values)))
 
 
 def test_a_joint_beyond_its_range_between_nodes_is_told():
@@ -254,4 +259,4 @@ def test_a_joint_beyond_its_range_between_nodes_is_told():
     for margin, inside in ((1e-6, True), (-1e-6, False)):
         craft = make_spacecraft()
         terminals = tuple(replace(t, yaw_limit=3.0, pitch_limit=reached + margin) for t in craft.terminals)
-        assert scaling.peaks(fit.trajectory, replace(craft, terminals=terminals)).in_range == inside
+        assert peaks.peaks(fit.trajectory, replace(craft, terminals=terminals)).in_range == inside

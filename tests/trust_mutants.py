@@ -34,14 +34,14 @@ PARTS = {
     "limits": (["model/limits.py"], ["test_limits.py"]),
     "kernels": (["search/kernels.py"], ["test_expansion.py", "test_smoothing.py"]),
     "rows": (
-        ["trajectory/global_spline/place_rows.py", "trajectory/global_spline/linear_rows.py"],
+        ["trajectory/constraints.py"],
         ["test_global_rows.py", "test_global_parts.py", "test_global_spline.py"],
     ),
     "spline": (
-        ["trajectory/global_spline/bases.py", "trajectory/global_spline/curve_space.py"],
+        ["trajectory/splines.py"],
         ["test_global_parts.py", "test_global_spline.py"],
     ),
-    "paper": (["trajectory/paper/assembly.py"], ["test_trajectory_paper.py"]),
+    "paper": (["trajectory/paper/segments.py"], ["test_trajectory_paper.py"]),
     "certificate": (
         [f"certificate/{name}.py" for name in ("bounds", "errors", "jets", "limits", "margins", "motion")],
         [
@@ -51,7 +51,7 @@ PARTS = {
     ),
     "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
     "refit": (
-        [f"trajectory/{name}.py" for name in ("paper/refit", "global_spline/refit", "global_spline/inputs")],
+        ["trajectory/paper/derivative.py", "trajectory/derivative.py"],
         ["test_refit_parts.py", "test_sensitivity.py"],
     ),
 }

@@ -1,7 +1,6 @@
 """What the certificate is asked: about one trajectory, about many, and about every margin of one."""
 
-from collections import defaultdict
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from jaxplan.certificate.cases import Case, negligible, prove_alike
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion
 from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report, every_sight
+from jaxplan.runtime.batching import grouped
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
@@ -64,18 +64,18 @@ def certify(
 def certify_batch(claims: Sequence[Claim]) -> list[Report]:
     """What `certify` says of each of many trajectories, in less time."""
     reports: dict[int, Report] = {}
-    alike: dict[Hashable, list[tuple[int, Case]]] = defaultdict(list)
+    cases: list[tuple[int, Case]] = []
     with np.errstate(all="ignore"):  # NaN and infinities are found by their values
         for number, claim in enumerate(claims):
             case = Case.of(claim)
             if isinstance(case, Report):
                 reports[number] = case
             else:
-                alike[case.kind(number)].append((number, case))
-        for stack in alike.values():
-            for part in _parts(stack):
-                numbers, cases = zip(*part, strict=True)
-                reports.update(zip(numbers, prove_alike(cases), strict=True))
+                cases.append((number, case))
+        for group in grouped(cases, lambda pair: pair[1].kind(pair[0])):
+            for part in _parts([cases[place] for place in group]):
+                numbers, alike = zip(*part, strict=True)
+                reports.update(zip(numbers, prove_alike(alike), strict=True))
     return [reports[number] for number in range(len(claims))]
 
 

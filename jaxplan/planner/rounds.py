@@ -72,7 +72,7 @@ def _fit_trajectories(open_: Sequence[Attempts]) -> None:
     """Step 3 of all that need it, together."""
     waiting = _in_need(open_, FitQuery)
     with shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
-        found = fit_batch([query for _, query in waiting], seconds.spent)
+        found = fit_batch([query for _, query in waiting], seconds)
     for (attempts, _), fitted in zip(waiting, found, strict=True):
         attempts.accept_fit(fitted)
 

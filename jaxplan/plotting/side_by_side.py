@@ -127,8 +127,9 @@ def segments(
         ValueError: if there are no trajectories, or another number of axes is given.
 
     Example:
-        >>> fits = {f"{n} segments": fit_paper(path, craft, replace(settings, segments=n)) for n in (4, 5, 6)}
-        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits.items()}, craft)
+        >>> tries = [replace(query, settings=replace(settings, segments=n)) for n in (4, 5, 6)]
+        >>> fits = zip(("4 segments", "5 segments", "6 segments"), fit_batch(tries))
+        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits}, craft)
     """
     expect_trajectories(trajectories, spacecraft)
     sampled = _sampled(trajectories)

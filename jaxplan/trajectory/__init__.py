@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from jaxplan.trajectory.asking import together
-from jaxplan.trajectory.bound import duration_bound, excess
+from jaxplan.runtime.batching import Seconds, grouped
+from jaxplan.runtime.threads import one_thread
+from jaxplan.trajectory import derivative, strategy
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
-from jaxplan.trajectory.global_spline import fit_global, global_steps, refit_global
-from jaxplan.trajectory.paper import fit_paper, paper_steps, refit_paper
+from jaxplan.trajectory.paper import derivative as paper_derivative
+from jaxplan.trajectory.paper import method as paper
+from jaxplan.trajectory.schedule import duration_bound, excess
 
-METHODS = {"global": global_steps, "paper": paper_steps}  # as generators, see `asking`
+METHODS = {"global": strategy.fit, "paper": paper.fit}  # of many queries, with the seconds that each takes
 REFITS = {
-    "global": refit_global,
-    "paper": refit_paper,
-}  # the same near a fit, as functions that differentiate
+    "global": derivative.refit,
+    "paper": paper_derivative.refit,
+}  # the same near a fit, to be differentiated
 
 __all__ = [
     "METHODS",
@@ -28,23 +28,27 @@ __all__ = [
     "evaluate",
     "excess",
     "fit_batch",
-    "fit_global",
-    "fit_paper",
 ]
 
 
-def fit_batch(queries: Sequence[FitQuery], spent: np.ndarray | None = None) -> list[Fit]:
+def fit_batch(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
     """Fit many trajectories together, each by the method of its settings.
 
     Args:
         queries: what is asked; they need not be alike.
-        spent: (n,) to which the seconds of each fit are added, without those of compiling: of what is done
-            together an equal share.
+        seconds: of the fits, to which the time of each is added: of what is done together an equal share.
 
     Returns:
-        The fits in the same order: those of the method one by one, on the CPU to the last bit.
+        The fits in the same order.
 
     Raises:
-        ValueError: as the methods do, before anything is fitted.
+        ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    return together([METHODS[query.settings.method](query) for query in queries], spent)
+    fits: dict[int, Fit] = {}
+    with one_thread():
+        for numbers in grouped(queries, lambda query: query.settings.method):
+            own, method = Seconds(len(numbers)), METHODS[queries[numbers[0]].settings.method]
+            fits.update(zip(numbers, method([queries[n] for n in numbers], own), strict=True))
+            if seconds is not None:
+                seconds.spent[numbers] += own.spent
+    return [fits[n] for n in range(len(queries))]

@@ -8,6 +8,9 @@ constant rate ``Omega`` (equation 25, corrected as in the errata's derivation):
 
 ``b`` and the joints are polynomials in the Legendre basis of ``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in
 [-1, 1]. Angular velocity and acceleration are in body axes.
+
+In the formulas of a piece ``tau = t - t_a``, ``W = U^T``, and ``D`` is the right Jacobian of `so3`. Nothing
+divides by ``Omega`` or ``eta``: values and derivatives are right at zero.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,14 +22,119 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
-from jaxplan.trajectory import pieces
+from jaxplan.runtime.batching import padded_count
+from jaxplan.trajectory.basis import derivative_matrix, legendre
 
-# Times are padded to a few sizes, so that one compiled kernel serves many trajectories.
-_CHUNKS = (8, 128, 1024, 16384)
+# Times are padded to few numbers, so that one compiled kernel serves many trajectories.
+_FEWEST_TIMES, _MOST_TIMES = 128, 16384  # in one call; more would not be quicker
+
+
+@shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """A piece of the platform's motion, or several along leading axes.
+
+    Attributes:
+        start: (...) s.
+        end: (...) s.
+        chart_attitude: (..., 3, 3) ``R_a``, body to inertial.
+        chart_start: (...) s, ``t_a``.
+        chart_rate: (..., 3) rad/s, ``Omega``.
+        coefficients: (..., l + 1, 3) of ``b``, rad.
+    """
+
+    start: ArrayLike
+    end: ArrayLike
+    chart_attitude: ArrayLike
+    chart_start: ArrayLike
+    chart_rate: ArrayLike
+    coefficients: ArrayLike
+
+
+def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: ArrayLike) -> tuple[Array, ...]:
+    """A curve and its first three time derivatives.
+
+    Args:
+        coefficients: (..., l + 1, d) in the Legendre basis of ``x = 2 (t - start) / (end - start) - 1``.
+        start: (...) s.
+        end: (...) s; on a piece of no length the curve rests at its left end.
+        t: (...) s.
+
+    Returns:
+        Four arrays (..., d): value, 1/s, 1/s^2, 1/s^3.
+    """
+    c, start, t = jnp.asarray(coefficients), jnp.asarray(start), jnp.asarray(t)
+    order = c.shape[-2] - 1
+    length = jnp.asarray(end) - start
+    scale = jnp.where(length > 0, 2 / jnp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
+    values = legendre((t - start) * scale[..., 0] - 1, order)
+    powers = [np.linalg.matrix_power(derivative_matrix(order), power) for power in range(4)]
+    rows = values @ jnp.asarray(np.concatenate(powers, axis=1), c.dtype)
+    curves = jnp.einsum("...rk,...kd->...rd", rows.reshape(*values.shape[:-1], 4, order + 1), c)
+    return tuple(curves[..., power, :] * scale**power for power in range(4))
+
+
+def chart_motion(
+    rate: Array, tau: Array, b: Array, b_rate: Array, b_acceleration: Array
+) -> tuple[Array, ...]:
+    """Rotation, angular velocity and angular acceleration in a chart (equations 25 to 29).
+
+    Args:
+        rate: (..., 3) rad/s, ``Omega``.
+        tau: (..., 1) s since the chart's start.
+        b: (..., 3) rad.
+        b_rate: (..., 3) rad/s.
+        b_acceleration: (..., 3) rad/s^2.
+
+    Returns:
+        ``gamma`` (..., 3, 3), and (..., 3) rad/s and (..., 3) rad/s^2 in body axes.
+    """
+    eta, eta_rate = b - tau * rate, b_rate - rate
+    half = so3.exp(tau * rate / 2)  # U
+    gamma = half @ so3.exp(eta) @ half
+    tangent = so3.right_jacobian(eta)  # D
+    bend = _apply(so3.right_jacobian_rate(eta, eta_rate), eta_rate) + _apply(tangent, b_acceleration)
+    turned = _apply_transposed(gamma, rate) / 2  # gamma^T Omega / 2
+    own = _apply_transposed(half, _apply(tangent, eta_rate))  # W D eta'
+    velocity = turned + rate / 2 + own  # (29), first line
+    # (29), second line, where the second factor Omega / 2 must be a matrix: a cross product
+    acceleration = jnp.cross(turned, velocity) + jnp.cross(own, rate) / 2 + _apply_transposed(half, bend)
+    return gamma, velocity, acceleration
+
+
+def platform(piece: Piece, t: ArrayLike) -> tuple[Array, Array, Array, Array]:
+    """Attitude, angular velocity, angular acceleration and angular jerk on a piece.
+
+    The jerk is the exact derivative of (29), by forward mode along the known derivatives of ``b``.
+
+    Args:
+        piece: one or several, with leading axes (...).
+        t: (...) s.
+
+    Returns:
+        (..., 3, 3) body to inertial, then (..., 3) in rad/s, rad/s^2 and rad/s^3, body axes.
+    """
+    tau = (jnp.asarray(t) - jnp.asarray(piece.chart_start))[..., None]
+    rate = jnp.asarray(piece.chart_rate)
+    b, *derivatives = polynomial(piece.coefficients, piece.start, piece.end, t)
+    point = (rate, tau, b, derivatives[0], derivatives[1])
+    direction = (jnp.zeros_like(rate), jnp.ones_like(tau), *derivatives)
+    (gamma, velocity, acceleration), (_, _, jerk) = jax.jvp(chart_motion, point, direction)
+    return jnp.asarray(piece.chart_attitude) @ gamma, velocity, acceleration, jerk
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    return jnp.einsum("...ij,...j->...i", matrix, vector)
+
+
+def _apply_transposed(matrix: Array, vector: Array) -> Array:
+    return jnp.einsum("...ij,...i->...j", matrix, vector)
 
 
 @shown(
@@ -111,9 +219,9 @@ class Trajectory:
         return float(self.breaks[-1])
 
     @property
-    def platform_pieces(self) -> pieces.Piece:
+    def platform_pieces(self) -> Piece:
         """The platform's pieces, stacked."""
-        return pieces.Piece(
+        return Piece(
             start=self.breaks[:-1],
             end=self.breaks[1:],
             chart_attitude=self.chart_attitude,
@@ -144,24 +252,27 @@ class Trajectory:
         if outside.size:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
-        chunk = next((size for size in _CHUNKS if size >= flat.size), _CHUNKS[-1])
-        padded = np.zeros(max(1, -(-flat.size // chunk)) * chunk)
-        padded[: flat.size] = flat
-        breaks, parts = self.joint_breaks, []
+        filled = np.zeros(max(flat.size, 1))
+        filled[: flat.size] = flat
+        breaks, found = self.joint_breaks, []
         with jax.enable_x64(True):
-            for part in padded.reshape(-1, chunk):
+            for first in range(0, len(filled), _MOST_TIMES):
+                own_times = filled[first : first + _MOST_TIMES]
+                part = np.zeros(padded_count(len(own_times), _FEWEST_TIMES))
+                part[: len(own_times)] = own_times
                 on = np.searchsorted(self.breaks[:-1], part, side="right") - 1
                 own = jax.tree.map(lambda array, on=on: np.asarray(array)[on], self.platform_pieces)
                 values = _platform_kernel(own, part)
                 on = np.searchsorted(breaks[:-1], part, side="right") - 1
                 values |= _joint_kernel(self.joint_coefficients[on], breaks[on], breaks[on + 1], part)
-                parts.append({name: np.asarray(array) for name, array in values.items()})
+                count = len(own_times)
+                found.append({name: np.asarray(array)[:count] for name, array in values.items()})
 
         def joined(name: str) -> np.ndarray:
-            array = np.concatenate([part[name] for part in parts])[: flat.size]
+            array = np.concatenate([part[name] for part in found])[: flat.size]
             return array.reshape(*times.shape, *array.shape[1:])
 
-        return Samples(**{name: joined(name) for name in parts[0]})
+        return Samples(**{name: joined(name) for name in found[0]})
 
     def scaled(self, factor: float) -> Self:
         """The same motion, slower by a factor: rates fall by it, accelerations by its square.
@@ -210,14 +321,14 @@ def _begun(starts: ArrayLike, t: Array) -> Array:
     return jnp.maximum(jnp.searchsorted(jnp.asarray(starts), t, side="right") - 1, 0)
 
 
-def _platform_at(piece: pieces.Piece, t: ArrayLike) -> dict[str, Array]:
+def _platform_at(piece: Piece, t: ArrayLike) -> dict[str, Array]:
     names = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
-    return dict(zip(names, pieces.platform(piece, t), strict=True))
+    return dict(zip(names, platform(piece, t), strict=True))
 
 
 def _joints_at(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: ArrayLike) -> dict[str, Array]:
     names = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
-    return dict(zip(names, pieces.polynomial(coefficients, start, end, t), strict=True))
+    return dict(zip(names, polynomial(coefficients, start, end, t), strict=True))
 
 
 # Compiled apart, since the platform's kernel, by far the larger, does not depend on the number of joints.

@@ -1,7 +1,7 @@
 """The result of step 3, and what its methods share: checks, the trajectory that rests, words for limits."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -14,7 +14,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.scaling import Peaks
+from jaxplan.trajectory.peaks import Peaks
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
@@ -44,6 +44,13 @@ class Fit:
     note: str = ""
     origin: Any = None
     needed_duration: float | None = None
+
+    def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
+        """The fit with the times of all given nodes (m + 1,), from their numbers among those it passes."""
+        curve = self.trajectory
+        if curve is None:
+            return self
+        return replace(self, trajectory=replace(curve, node_times=curve.node_times[numbers]))
 
 
 @shown(

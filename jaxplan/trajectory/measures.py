@@ -18,7 +18,7 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
-from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory.peaks import SAFETY
 
 Quantity = Callable[[Samples], Array]
 

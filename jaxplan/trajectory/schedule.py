@@ -1,16 +1,31 @@
-"""What both methods know of a path's nodes: which are distinct, when each is passed, how far it turns.
+"""Times: of a path's nodes, of the motion along it, and the least that any motion takes.
 
-Time is shared out by the cost of the edges, which is the time that each takes at full speed; equal costs
-give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that two near
-nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as one.
+Time of a path is shared out by the cost of the edges, which is the time that each takes at full speed; equal
+costs give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that two
+near nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as one.
+
+For the spline fit a path is measured by the time that each edge takes at full speed. It is gone along with a
+trapezoid of the rate: the faster, the steeper its flanks. In a shortest motion the slowest joint does nothing
+else, so near its flanks the breaks lie close, and few suffice between them.
+
+The bound of the duration is what the slowest axis needs by itself. A joint within its limits of rate and
+acceleration cannot be quicker than a trapezoid of its rate. Of the platform every body axis has these limits,
+so the length of its angular velocity is at most sqrt(3) times the limit, and grows at most sqrt(3) times as
+fast as one axis may; along the shortest rotation it is a trapezoid again. Zones, torque, and that
+accelerations must be continuous, only add to it.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxplan import so3
 from jaxplan.model.path import Path
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import padded_count
+from jaxplan.trajectory import options
 
-FEWEST_NODES = 32  # smallest padded number; each next one is four times as large
+FEWEST_NODES = 32  # smallest number that nodes are padded to
 
 _LEAST_SHARE = 0.1  # of the mean edge's time
 _SAME_NODE = 1e-10  # rad, or matrix element
@@ -90,13 +105,163 @@ def edge_turns(attitudes: np.ndarray) -> np.ndarray:
     return np.asarray(so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:]))
 
 
-def padded(array: np.ndarray, size: int) -> np.ndarray:
+def padded(array: np.ndarray, least: int) -> np.ndarray:
     """An array brought to one of few lengths by repeating its last entry, so that kernels are compiled once.
 
     Args:
         array: (k, ...).
-        size: the least length; each next one is four times as large.
+        least: the smallest length, see `padded_count`.
     """
-    while size < len(array):
-        size *= 4
-    return np.concatenate([array, np.repeat(array[-1:], size - len(array), axis=0)])
+    extra = padded_count(len(array), least) - len(array)
+    return np.concatenate([array, np.repeat(array[-1:], extra, axis=0)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrapezoidalProfile:
+    """A trapezoid of the rate along a path.
+
+    Attributes:
+        length: s at full speed.
+        duration: s.
+        flank: s, of each of the two.
+    """
+
+    length: float
+    duration: float
+    flank: float
+
+    @classmethod
+    def quickest(cls, length: float, rise: float) -> "TrapezoidalProfile":
+        """With full speed, which is reached in ``rise`` seconds, or with as much as there is room for."""
+        if length >= rise:
+            return cls(length=length, duration=length + rise, flank=rise)
+        duration = 2 * np.sqrt(length * rise)
+        return cls(length=length, duration=duration, flank=duration / 2)
+
+    @classmethod
+    def within(cls, duration: float, length: float, rise: float) -> "TrapezoidalProfile":
+        """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
+        steepest = max(options.MESH.steep_rises * rise, options.MESH.steep_flank * duration)
+        flank = np.clip(
+            duration - 2 * length,
+            min(steepest, options.MESH.calm_flank * duration),
+            options.MESH.calm_flank * duration,
+        )
+        if duration > length + rise:
+            flank = min(flank, duration - length)
+        return cls(length=length, duration=duration, flank=float(flank))
+
+    def progress(self, places: np.ndarray) -> np.ndarray:
+        """Share of the path gone at places (S,) in [0, 1] of the duration."""
+        flank = self.flank / self.duration
+        speed = 1 / (1 - flank)
+        rising = speed * places**2 / (2 * flank)
+        falling = 1 - speed * (1 - places) ** 2 / (2 * flank)
+        cruising = speed * (places - flank / 2)
+        return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
+
+    def places(self, shares: np.ndarray) -> np.ndarray:
+        """Where shares (m + 1,) of the path are gone: the inverse of `progress`."""
+        flank = self.flank / self.duration
+        speed = 1 / (1 - flank)
+        low = np.sqrt(np.maximum(2 * flank * shares / speed, 0))
+        high = 1 - np.sqrt(np.maximum(2 * flank * (1 - shares) / speed, 0))
+        middle = shares / speed + flank / 2
+        return np.where(low < flank, low, np.where(high > 1 - flank, high, middle))
+
+    def breaks(self, intervals: int) -> np.ndarray:
+        """Breaks (intervals + 1,) in [0, 1], close together about the flanks."""
+        flank = self.flank / self.duration
+        if 2 * flank < 0.9:
+            near = np.arange(options.MESH.flank_breaks + 1) * min(
+                options.MESH.flank_step * flank, 1 / (3 * options.MESH.flank_breaks)
+            )
+        else:  # no cruise: the acceleration changes its sign in the middle
+            return np.linspace(0, 1, intervals + 1)
+        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * options.MESH.flank_breaks)
+        return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
+
+
+def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarray:
+    """Points on the straight lines between nodes.
+
+    Args:
+        values: (m + 1, A).
+        shares: (m + 1,) of the path at the nodes, rising from 0 to 1.
+        gone: (S,) of the path.
+
+    Returns:
+        (S, A).
+    """
+    return np.stack([np.interp(gone, shares, column) for column in values.T], axis=1)
+
+
+_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
+
+
+def shortest_time(
+    distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Least time of a motion on a line with bounded rate and acceleration.
+
+    Args:
+        distance: (...) rad, with its sign.
+        first: (...) rad/s, rate at the start, within the limit.
+        last: (...) rad/s, rate at the end, likewise.
+        rate: (...) rad/s, the limit.
+        acceleration: (...) rad/s^2, likewise.
+
+    Returns:
+        (...) s.
+    """
+    best = np.full(np.broadcast(distance, first, last, rate).shape, np.inf)
+    for sign in (1, -1):  # which way it goes first
+        d, v, w = sign * distance, sign * first, sign * last
+        square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
+        top = np.sqrt(np.maximum(square, 0))
+        triangle = (2 * top - v - w) / acceleration
+        coasting = (2 * rate - v - w) / acceleration + (square - rate**2) / (rate * acceleration)
+        time = np.where(top <= rate, triangle, coasting)
+        possible = (square >= 0) & (top >= np.maximum(v, w) * (1 - 1e-12) - 1e-15)
+        best = np.minimum(best, np.where(possible, np.maximum(time, 0), np.inf))
+    return best
+
+
+def duration_bound(
+    spacecraft: Spacecraft,
+    attitudes: np.ndarray,
+    joints: np.ndarray,
+    angular_velocities: np.ndarray,
+    joint_rates: np.ndarray,
+) -> float:
+    """No motion between two states that keeps the limits of rate and acceleration takes less time.
+
+    Args:
+        spacecraft: its limits.
+        attitudes: (2, 3, 3) first and last, body to inertial.
+        joints: (2, 2n) rad.
+        angular_velocities: (2, 3) rad/s, body axes.
+        joint_rates: (2, 2n) rad/s.
+
+    Returns:
+        s.
+    """
+    of_joints = shortest_time(
+        joints[1] - joints[0],
+        joint_rates[0],
+        joint_rates[1],
+        spacecraft.joint_rate_limits,
+        spacecraft.joint_acceleration_limits,
+    )
+    slew = so3.distance(*attitudes)
+    fastest = np.sqrt(3.0) * np.array([spacecraft.rate_limit, spacecraft.acceleration_limit])
+    first, last = np.linalg.norm(angular_velocities, axis=1)
+    of_platform = shortest_time(slew, first, last, fastest[0], fastest[1])
+    if slew * 2 * fastest[1] < abs(first**2 - last**2):  # too short to change pace along it
+        of_platform = np.abs(first - last) / fastest[1]
+    return float(max(np.max(of_joints, initial=0.0), of_platform))
+
+
+def excess(duration: float, bound: float) -> float | None:
+    """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
+    return duration / bound - 1 if bound > _TELLING * duration else None

@@ -13,8 +13,8 @@ from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from jaxplan.decomposition import quadratic
-from jaxplan.trajectory.global_spline.box_qp import solve_box_qp
-from jaxplan.trajectory.paper.qp import Program, solve
+from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.paper.qp import SegmentQP, solve_all
 
 TOLERANCE = 1e-6  # of the objective, relative to its size
 EPSILON = 1e-7  # a least squares residual below counts as none
@@ -51,7 +51,7 @@ def box(seed: int) -> str:
     factor = rng.normal(size=(rank, ROWS)) * 10.0 ** rng.uniform(-1, 1, ROWS)
     matrix, linear = factor.T @ factor, factor.T @ rng.normal(size=rank)
     top = np.full(ROWS, 1e2) if rng.random() < 0.5 else 10.0 ** rng.uniform(-3, 1, ROWS)
-    answer = solve_box_qp(matrix, linear, top)
+    (answer,) = solve_box_qps([BoxQP(matrix, linear, top)])
     assert np.all((answer.multipliers >= 0) & (answer.multipliers <= top))
     engine = osqp.OSQP()
     engine.setup(
@@ -81,14 +81,14 @@ def limited(seed: int) -> str:
     unknowns, equal, rows, columns = 12, int(rng.integers(2, 8)), int(rng.integers(1, 10)), 3
     factor = rng.normal(size=(unknowns, unknowns))
     equalities, limits = rng.normal(size=(equal, unknowns)), rng.normal(size=(rows, unknowns))
-    program = Program(
+    program = SegmentQP(
         objective=factor @ factor.T + 1e-2 * np.eye(unknowns),
         equalities=equalities,
         values=rng.normal(size=(equal, columns)),
         limited=limits,
         limits=rng.uniform(0.2, 3.0, (rows, columns)),
     )
-    found, free = solve(program), null_space(equalities)
+    (found,), free = solve_all([program]), null_space(equalities)
     fixed = np.linalg.lstsq(equalities, program.values, rcond=None)[0]
     both, expected = np.vstack([limits, -limits]) @ free, []
     for column in range(columns):

@@ -4,24 +4,30 @@ The scheme itself is `chain`. It holds limits at joins only, so the peaks over a
 afterwards, and a trajectory that breaks a limit anywhere is no success.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.model.constraints import Constraints
-from jaxplan.model.path import Path
-from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.scenario import STRETCHED, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
+from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.asking import Ask, Steps, alone, in_turn
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
-from jaxplan.trajectory.paper import counting
-from jaxplan.trajectory.paper.chain import Nodes, fit_nodes
-from jaxplan.trajectory.paper.holding import Origin
-from jaxplan.trajectory.scaling import SAFETY, Peaks, all_peaks
+from jaxplan.trajectory.paper.derivative import PaperFitRecord
+from jaxplan.trajectory.paper.segments import (
+    ChainRequest,
+    PathNodes,
+    charts_suffice,
+    fewest_segments,
+    is_full,
+    plan_chains,
+    shortest_duration,
+    split,
+)
+from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
@@ -30,20 +36,8 @@ _LOOKS = 12
 _CALM = 2.5  # nominal durations; on the nodes of the paper's cases a fit needs 1.5 to 2.1 of them
 
 
-def fit_paper(
-    path: Path,
-    spacecraft: Spacecraft,
-    settings: TrajectorySettings,
-    *,
-    cones: Constraints | None = None,
-    node_fractions: np.ndarray | None = None,
-    start_angular_velocity: np.ndarray | None = None,
-    start_joint_rates: np.ndarray | None = None,
-    end_angular_velocity: np.ndarray | None = None,
-    end_joint_rates: np.ndarray | None = None,
-    horizon: float = 0.0,
-) -> Fit:
-    """Fits a trajectory through all nodes of a path.
+def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
+    """Fits trajectories through all nodes of paths.
 
     A number for ``settings.duration`` is kept. Where a program has no solution more segments are tried, up to
     one an interval; where the curve breaks a limit or leaves a joint's range, for as long as that helps.
@@ -61,42 +55,27 @@ def fit_paper(
     are tried and the quickest is taken.
 
     Args:
-        path: m + 1 nodes; the edges' costs share out the time.
-        spacecraft: its limits.
-        settings: of step 3.
-        cones: the zones, which this method does not look at.
-        node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
-            to 1, instead of what the costs say.
-        start_angular_velocity: (3,) rad/s, body axes; zero by default, as are the next three.
-        start_joint_rates: (2n,) rad/s.
-        end_angular_velocity: (3,) rad/s, body axes.
-        end_joint_rates: (2n,) rad/s.
-        horizon: s, after which goal or zones that move are where they are, which this method does not look
-            at.
+        queries: one a fit; this method does not look at their zones.
+        seconds: of the fits, to which the time of each is added.
 
     Returns:
-        The fit. A path without motion gives a trajectory of duration 0, unless it starts or ends with a rate.
+        The fits. A path without motion gives a trajectory of duration 0, unless there is a rate at an end.
 
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    query = FitQuery(
-        path=path,
-        spacecraft=spacecraft,
-        settings=settings,
-        cones=cones,
-        node_fractions=node_fractions,
-        start_angular_velocity=start_angular_velocity,
-        start_joint_rates=start_joint_rates,
-        end_angular_velocity=end_angular_velocity,
-        end_joint_rates=end_joint_rates,
-        horizon=horizon,
-    )
-    return alone(steps(query))
+    strategy = _Strategy(Seconds(len(queries)) if seconds is None else seconds)
+    begun = [_begin(query) for query in queries]
+    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    found = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
+    for number, own in strategy.fits(problems).items():
+        found[number] = own.at_given_nodes(numbers[number])
+    return [found[number] for number in range(len(queries))]
 
 
-def steps(query: FitQuery) -> Steps[Fit]:
-    """`fit_paper` as a generator, see `asking`."""
+def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
+    """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
     spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
     path = checked(query.path, spacecraft, settings, node_fractions)
     joints = path.joints.shape[1]
@@ -108,26 +87,22 @@ def steps(query: FitQuery) -> Steps[Fit]:
         trajectory = at_rest(query, path, settings.order, "paper", len(own))
         return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
     fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
-    turns: np.ndarray = yield in_turn(schedule.edge_turns, attitudes=path.attitudes)
-    nodes = Nodes(
+    nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.asarray(fractions, float),
-        turns=turns,
+        turns=schedule.edge_turns(path.attitudes),
         start=start,
         end=end,
     )
-    task = _Task(
+    problem = PaperProblem(
         nodes=nodes, spacecraft=spacecraft, settings=settings, at_speed=at_speed, moving=query.horizon > 0
     )
-    fit = yield from _fit(task)
-    if fit.trajectory is None:
-        return fit
-    return replace(fit, trajectory=replace(fit.trajectory, node_times=fit.trajectory.node_times[own]))
+    return problem, own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Task:
+class PaperProblem:
     """What all attempts of a fit share.
 
     Attributes:
@@ -138,7 +113,7 @@ class _Task:
         moving: whether goal or zones are others after another time.
     """
 
-    nodes: Nodes
+    nodes: PathNodes
     spacecraft: Spacecraft
     settings: TrajectorySettings
     at_speed: bool
@@ -152,140 +127,223 @@ class _Task:
         return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
 
     @property
+    def at_joins(self) -> tuple[np.ndarray, np.ndarray]:
+        """Limits that are held at the joins, short of a millionth."""
+        platform, joints = self.limits
+        return platform / SAFETY, joints / SAFETY
+
+    @property
+    def stretches(self) -> bool:
+        """Whether a curve without limits is asked for, whose time is stretched to them."""
+        return self.settings.duration == STRETCHED and not self.at_speed
+
+    @property
     def nominal_duration(self) -> float:
         """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
         rates, accelerations = np.hstack(self.limits)
         ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
-        moves = counting.shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
+        moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
         return moves + float(np.max(ends / accelerations))
 
     def segment_counts(self) -> Iterator[int]:
         """Numbers of segments to try, from as few as wanted up to one an interval."""
         intervals, order = len(self.nodes.turns), self.settings.order
-        count = max(self.settings.segments or _DEFAULT_SEGMENTS, counting.fewest_segments(intervals, order))
+        count = max(self.settings.segments or _DEFAULT_SEGMENTS, fewest_segments(intervals, order))
         while count < intervals:
-            if counting.charts_suffice(self.nodes.turns, counting.split(intervals, count, order)[1]):
+            if charts_suffice(self.nodes.turns, split(intervals, count, order)[1]):
                 yield count
             count = max(count + 1, int(_MORE_SEGMENTS * count))
         yield intervals
 
-    def attempt(self, duration: float, segments: int, *, limited: bool) -> Steps["_Attempt | None"]:
-        """A trajectory with its peaks; with limits at its joins or without."""
-        platform, joints = self.limits
-        limits = (platform / SAFETY, joints / SAFETY) if limited else None
-        trajectory = yield from fit_nodes(self.nodes, duration, segments, self.settings, limits)
-        if trajectory is None:
-            return None
-        found: Peaks = yield Ask(all_peaks, (trajectory, self.spacecraft))
-        origin = Origin(nodes=self.nodes, trajectory=trajectory, limits=limits)
-        return (
-            _Attempt(trajectory=trajectory, peaks=found, origin=origin)
-            if np.isfinite(found.stretch)
-            else None
-        )
+    def is_full(self, segments: int) -> bool:
+        """Whether so many segments have next to no freedom, and their number was not asked for."""
+        own = self.settings
+        return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Attempt:
+class PaperAttempt:
     """A trajectory with its peaks, and how it came about."""
 
     trajectory: Trajectory
     peaks: Peaks
-    origin: Origin
+    origin: PaperFitRecord
 
-    def better_than(self, other: "_Attempt | None") -> bool:
+    @property
+    def kept(self) -> bool:
+        """Whether all limits are kept."""
+        return self.peaks.stretch <= 1 and self.peaks.in_range
+
+    @property
+    def calm(self) -> bool:
+        """Whether it does not swing between its nodes."""
+        return self.peaks.stretch <= _CALM and self.peaks.in_range
+
+    def better_than(self, other: "PaperAttempt | None") -> bool:
         """Whether its joints keep their range where the other's do not, or else it needs less time."""
         if other is None or self.peaks.in_range != other.peaks.in_range:
             return other is None or self.peaks.in_range
         return self.peaks.stretch < other.peaks.stretch
 
 
-def _fit(task: _Task) -> Steps[Fit]:
-    """The fit at the duration that the settings ask for."""
-    if task.settings.duration != "stretched":
-        return (yield from _timed(task, float(task.settings.duration)))
-    if task.at_speed:
-        needed = yield from _needed_duration(task, task.nominal_duration)
-        return (yield from _timed(task, needed or task.nominal_duration))
-    return (yield from _stretched(task))
+class _Strategy:
+    """Settles many fits, which go by numbers; what is asked for at the same time is planned together.
+
+    Attributes:
+        seconds: of the fits, to which the time of attempts is added.
+    """
+
+    def __init__(self, seconds: Seconds) -> None:
+        self.seconds = seconds
+
+    def fits(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
+        """The fits at the durations that the settings ask for."""
+        stretched = {n: problem for n, problem in problems.items() if problem.stretches}
+        timed = {n: problem for n, problem in problems.items() if n not in stretched}
+        durations = {
+            n: problem.nominal_duration
+            if problem.settings.duration == STRETCHED
+            else float(problem.settings.duration)
+            for n, problem in timed.items()
+        }
+        at_speed = {n: problem for n, problem in timed.items() if problem.settings.duration == STRETCHED}
+        needed = self._needed_durations(at_speed, durations)
+        durations |= {n: own for n, own in needed.items() if own is not None}
+        return self._stretched(stretched) | self._timed(timed, durations)
+
+    def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
+        """The fits at given durations."""
+        attempts = self._best_at(problems, durations)
+        good = {n: own for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
+        left = {n: problem for n, problem in problems.items() if n not in good}
+        first = {
+            n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * own.peaks.stretch)
+            for n in left
+        }
+        needed = self._needed_durations(left, first)
+        fits = {n: _success(own.trajectory, own) for n, own in good.items()}
+        return fits | {n: _failure(left[n], durations[n], attempts[n], needed[n]) for n in left}
+
+    def _best_at(
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
+    ) -> "dict[int, PaperAttempt | None]":
+        """The attempts with the fewest segments that keep all limits; or those nearest to it.
+
+        More segments are tried for as long as they help.
+        """
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
+        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
+            counts = {n: counts[n] for n in tries}
+            made = self._attempts(problems, durations, tries, limited=True)
+            for n, own in made.items():
+                if own is None:
+                    continue
+                better = own.better_than(best[n])
+                best[n] = own if better else best[n]
+                if not better or own.kept:
+                    del counts[n]
+        return best
+
+    def _needed_durations(
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
+    ) -> dict[int, float | None]:
+        """Durations, from the given ones on, at which fits keep all limits; None where the looks run out.
+
+        A curve's own stretch is not enough, since the fit at the longer time is another curve.
+        """
+        found: dict[int, float | None] = dict.fromkeys(problems)
+        durations = {n: durations[n] for n in problems}
+        for look in range(_LOOKS):
+            for n, own in self._best_at({n: problems[n] for n in durations}, durations).items():
+                stretch = 2.0 if own is None else own.peaks.stretch
+                if stretch <= 1:
+                    found[n] = durations.pop(n)
+                else:  # in ever longer steps, should it not settle
+                    durations[n] *= stretch * _LONGER ** (2**look)
+        return found
+
+    def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
+        """The quickest of the fits at the nominal durations without limits, scaled in time to the limits."""
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        durations = {n: problem.nominal_duration for n, problem in problems.items()}
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
+        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
+            counts = {n: counts[n] for n in tries}
+            for n, own in self._attempts(problems, durations, tries, limited=False).items():
+                if own is not None and own.better_than(best[n]):
+                    best[n] = own
+                if (quickest := best[n]) is not None and quickest.calm and not problems[n].is_full(tries[n]):
+                    del counts[n]
+        message = "with any number of segments a quadratic program has no solution: change trajectory.order"
+        none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
+        return {
+            n: none if own is None else _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
+            for n, own in best.items()
+        }
+
+    def _attempts(
+        self,
+        problems: dict[int, PaperProblem],
+        durations: dict[int, float],
+        counts: dict[int, int],
+        *,
+        limited: bool,
+    ) -> "dict[int, PaperAttempt | None]":
+        """Trajectories with so many segments, and their peaks; with limits at their joins or without."""
+        requests = [
+            ChainRequest(
+                nodes=problems[n].nodes,
+                duration=durations[n],
+                segments=count,
+                settings=problems[n].settings,
+                limits=problems[n].at_joins if limited else None,
+            )
+            for n, count in counts.items()
+        ]
+        with self.seconds.shared(list(counts)):
+            planned = dict(zip(counts, plan_chains(requests), strict=True))
+            curves = {n: curve for n, curve in planned.items() if curve is not None}
+            peaks = all_peaks([(curve, problems[n].spacecraft) for n, curve in curves.items()])
+        found: dict[int, PaperAttempt | None] = dict.fromkeys(counts)
+        for (
+            (n, curve),
+            own,
+        ) in zip(curves.items(), peaks, strict=True):
+            if np.isfinite(own.stretch):
+                origin = PaperFitRecord(
+                    nodes=problems[n].nodes,
+                    trajectory=curve,
+                    limits=problems[n].at_joins if limited else None,
+                )
+                found[n] = PaperAttempt(trajectory=curve, peaks=own, origin=origin)
+        return found
 
 
-def _timed(task: _Task, duration: float) -> Steps[Fit]:
-    """The fit at a given duration."""
-    attempt = yield from _best_at(task, duration)
+def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
+    """The fit that keeps all limits."""
+    message = within_limits(trajectory, attempt.peaks)
+    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
+
+
+def _failure(
+    problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
+) -> Fit:
+    """The fit that breaks a limit or has no curve, and in what time it would not."""
+    # "stretched" knows no rates at the ends, nor what moves.
+    enough = (
+        Needed(duration=needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
+        if needed
+        else None
+    )
     if attempt is None:
-        needed = yield from _needed_duration(task, 2 * duration)
-        advice = (
-            f"; {_enough(task, needed)}" if needed else ": raise trajectory.duration_s or trajectory.segments"
-        )
+        advice = f"; {enough}" if enough else ": raise trajectory.duration_s or trajectory.segments"
         message = f"with any number of segments a quadratic program has no solution in {duration:g} s{advice}"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
-    trajectory, stretch = attempt.trajectory, attempt.peaks.stretch
-    if stretch <= 1:
-        message = within_limits(trajectory, attempt.peaks)
-        return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
-    needed = yield from _needed_duration(task, _LONGER * stretch * duration)
-    message = too_tight(
-        duration,
-        attempt.peaks,
-        _enough(task, needed) if needed else None,
-        "raise trajectory.segments, or lower the rates at start and end",
+    else_try = "raise trajectory.segments, or lower the rates at start and end"
+    return Fit(
+        trajectory=attempt.trajectory,
+        status=Status.LIMITS_TOO_TIGHT,
+        message=too_tight(duration, attempt.peaks, enough, else_try),
+        needed_duration=needed,
     )
-    return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, needed_duration=needed)
-
-
-def _enough(task: _Task, duration: float) -> Needed:
-    """A duration that was found, for a message; "stretched" knows no rates at the ends, nor what moves."""
-    return Needed(duration=duration, moving=task.moving, scalable=not (task.at_speed or task.moving))
-
-
-def _best_at(task: _Task, duration: float) -> Steps[_Attempt | None]:
-    """The attempt with the fewest segments that keeps all limits; where none does, the one nearest to it.
-
-    More segments are tried for as long as they help.
-    """
-    best = None
-    for count in task.segment_counts():
-        attempt = yield from task.attempt(duration, count, limited=True)
-        if attempt is None:
-            continue
-        if not attempt.better_than(best):
-            break
-        best = attempt
-        if best.peaks.stretch <= 1 and best.peaks.in_range:
-            break
-    return best
-
-
-def _needed_duration(task: _Task, duration: float) -> Steps[float | None]:
-    """A duration, from the given one on, at which a fit keeps all limits; None if the looks run out.
-
-    A curve's own stretch is not enough, since the fit at the longer time is another curve.
-    """
-    for look in range(_LOOKS):
-        attempt = yield from _best_at(task, duration)
-        stretch = 2.0 if attempt is None else attempt.peaks.stretch
-        if stretch <= 1:
-            return duration
-        duration *= stretch * _LONGER ** (2**look)  # in ever longer steps, should it not settle
-    return None
-
-
-def _stretched(task: _Task) -> Steps[Fit]:
-    """The quickest of the fits at the nominal duration without limits, scaled in time to the limits."""
-    best = None
-    for count in task.segment_counts():
-        attempt = yield from task.attempt(task.nominal_duration, count, limited=False)
-        if attempt is not None and attempt.better_than(best):
-            best = attempt
-        full = task.settings.segments is None and counting.is_full(
-            len(task.nodes.turns), count, task.settings.order
-        )
-        if best is not None and best.peaks.stretch <= _CALM and best.peaks.in_range and not full:
-            break
-    if best is None:
-        message = "with any number of segments a quadratic program has no solution: change trajectory.order"
-        return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
-    trajectory = best.trajectory.scaled(best.peaks.stretch * SAFETY)
-    message = within_limits(trajectory, best.peaks)
-    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=best.origin)

@@ -9,14 +9,12 @@ come from a linear system again. The check at the end is plain numpy and decides
 given; a NaN does not pass it.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from jaxplan.trajectory.inverses import inverses
+from jaxplan.trajectory.program import inverses
 
 _TOLERANCE = 1e-11
 _OSQP_SETTINGS = {
@@ -33,7 +31,7 @@ _OSQP_SETTINGS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Program:
+class SegmentQP:
     """The data of one program, or of several with the same matrices.
 
     Attributes:
@@ -50,33 +48,21 @@ class Program:
     limited: np.ndarray
     limits: np.ndarray
 
+    @property
+    def kind(self) -> Hashable:
+        """Programs of equal kinds have the same sizes."""
+        return self.equalities.shape, self.limits.shape, self.values.shape
 
-def solve(program: Program) -> np.ndarray | None:
-    """The optimum, checked.
+
+def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
+    """The optima of programs of one kind, checked.
 
     Args:
-        program: with d columns.
+        programs: each with d columns.
 
     Returns:
-        (p, d); None if a column has no solution, or none that passes the check.
+        (p, d) of each; None if a column has no solution, or none that passes the check.
     """
-    return solve_all([program])[0]
-
-
-def solve_all(programs: Sequence[Program]) -> list[np.ndarray | None]:
-    """`solve` for many programs; each has the answer that it has alone, to the last bit."""
-    alike: dict[Any, list[int]] = defaultdict(list)
-    for number, program in enumerate(programs):
-        alike[program.equalities.shape, program.limits.shape, program.values.shape].append(number)
-    answers: dict[int, np.ndarray | None] = {}
-    for numbers in alike.values():
-        own = [programs[number] for number in numbers]
-        answers.update(zip(numbers, _solve_alike(own), strict=True))
-    return [answers[number] for number in range(len(programs))]
-
-
-def _solve_alike(programs: Sequence[Program]) -> list[np.ndarray | None]:
-    """Answers to programs of the same size."""
     objective, rows, values, limited, limits = (
         np.stack([getattr(program, name) for program in programs])
         for name in ("objective", "equalities", "values", "limited", "limits")
@@ -92,7 +78,7 @@ def _solve_alike(programs: Sequence[Program]) -> list[np.ndarray | None]:
     return [own if good else None for own, good in zip(x, solved, strict=True)]
 
 
-def _hold_limits(program: Program, x: np.ndarray) -> bool:
+def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
     """Replace the columns of an answer (p, d) that are beyond a limit; whether that was possible."""
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))
@@ -125,7 +111,7 @@ def _minimisers(
     return solution[:, :unknowns], solution[:, unknowns:]
 
 
-def _active_sides(program: Program, column: int) -> np.ndarray | None:
+def _active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
     """For one column, which limits are active: (g,) of -1, 0 and 1; None if there is no solution.
 
     An answer that OSQP calls inaccurate still tells; if it tells wrong, the caller's check fails.

@@ -5,7 +5,7 @@
 ``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a dense Cholesky
 factorisation; the matrix it factors is ``M`` plus a positive diagonal, so rows may depend on each other.
 Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
-for many programs at once, their rows one after the other, and comes out the same to the last bit as for one.
+for many programs at once, their rows one after the other.
 """
 
 from collections.abc import Sequence
@@ -14,17 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_ITERATIONS = 60
-TOLERANCE = 1e-9  # of the residual, in the scaled form, relative to the size of d
-_USABLE = 1e-4  # such a residual is still an answer, where rounding or the iterations end it
-_INTERIOR = 0.995  # share of the way to the boundary that a step may take
-_INSIDE = 0.5  # of the size of d: how far inside the box an iteration begins
+from jaxplan.runtime.batching import parts
+from jaxplan.trajectory import options
+
 _TINY = 1e-12  # least size of d
-_ROUNDING = 1e-14  # added to the diagonal, which is of order one
-_TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 
-class BoxProgram(NamedTuple):
+class BoxQP(NamedTuple):
     """A program.
 
     Attributes:
@@ -38,7 +34,7 @@ class BoxProgram(NamedTuple):
     penalty: np.ndarray
 
 
-class Answer(NamedTuple):
+class BoxQPSolution(NamedTuple):
     """Of a program.
 
     Attributes:
@@ -52,37 +48,32 @@ class Answer(NamedTuple):
     residual: float
 
 
-def solve_box_qps(programs: Sequence[BoxProgram]) -> list[Answer]:
-    """Solve many programs, each as if it were alone."""
-    answers: dict[int, Answer] = {}
+def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
+    """Solve many programs."""
+    answers: dict[int, BoxQPSolution] = {}
     scaled, scales = [], {}
     for number, (matrix, linear, penalty) in enumerate(programs):
         if not len(linear):
-            answers[number] = Answer(multipliers=np.zeros(0), iterations=0, residual=0.0)
+            answers[number] = BoxQPSolution(multipliers=np.zeros(0), iterations=0, residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
-        own = BoxProgram(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
+        own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
         if not all(np.isfinite(part).all() for part in own):
-            answers[number] = Answer(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
+            answers[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
             continue
         scales[number] = scale
         scaled.append(own)
-    found: list[Answer] = []
-    for first in range(0, len(scaled), _TOGETHER):
-        found += _solve(_Stack.of(scaled[first : first + _TOGETHER]))
+    found: list[BoxQPSolution] = []
+    for part in parts(scaled, options.BOX_QP.together):
+        found += _solve(_BoxQPStack.of(part))
     for (number, scale), answer in zip(scales.items(), found, strict=True):
-        y = answer.multipliers if answer.residual <= _USABLE else np.full_like(scale, np.nan)
+        y = answer.multipliers if answer.residual <= options.BOX_QP.usable else np.full_like(scale, np.nan)
         answers[number] = answer._replace(multipliers=y * scale)
     return [answers[number] for number in range(len(programs))]
 
 
-def solve_box_qp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> Answer:
-    """Solve one program, see `BoxProgram`."""
-    return solve_box_qps([BoxProgram(matrix, linear, penalty)])[0]
-
-
 @dataclass(frozen=True, eq=False)
-class _Stack:
+class _BoxQPStack:
     """Programs with their rows one after the other, N in all.
 
     Attributes:
@@ -104,7 +95,7 @@ class _Stack:
     size: np.ndarray
 
     @classmethod
-    def of(cls, programs: Sequence[BoxProgram]) -> "_Stack":
+    def of(cls, programs: Sequence[BoxQP]) -> "_BoxQPStack":
         """Programs in their scaled form."""
         count = np.array([len(own.linear) for own in programs])
         parts, first = _in_turn(count)
@@ -113,12 +104,12 @@ class _Stack:
         top = np.concatenate([own.penalty for own in programs])
         return cls([own.matrix for own in programs], parts, first, count, d, top, size)
 
-    def some(self, kept: np.ndarray) -> "tuple[_Stack, np.ndarray]":
+    def some(self, kept: np.ndarray) -> "tuple[_BoxQPStack, np.ndarray]":
         """Of (P,) bool, those programs, and which rows are theirs."""
         rows = np.repeat(kept, self.count)
         count = self.count[kept]
         matrices = [own for own, stays in zip(self.matrices, kept, strict=True) if stays]
-        own = _Stack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
+        own = _BoxQPStack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
         return own, rows
 
     def gradient(self, values: np.ndarray) -> np.ndarray:
@@ -149,14 +140,14 @@ def _in_turn(count: np.ndarray) -> tuple[list[slice], np.ndarray]:
     return [slice(*part) for part in zip(first.tolist(), last.tolist(), strict=True)], first
 
 
-def _solve(stack: _Stack) -> list[Answer]:
+def _solve(stack: _BoxQPStack) -> list[BoxQPSolution]:
     """Iterate until each program is solved, or as near as rounding allows."""
     count = len(stack.first)
-    answers: dict[int, Answer] = {}
+    answers: dict[int, BoxQPSolution] = {}
     number, values, residual = np.arange(count), _first(stack), np.full(count, np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        for iterations in range(MOST_ITERATIONS + 1):
-            done = (residual <= TOLERANCE) | (iterations == MOST_ITERATIONS)
+        for iterations in range(options.BOX_QP.most_iterations + 1):
+            done = (residual <= options.BOX_QP.tolerance) | (iterations == options.BOX_QP.most_iterations)
             ahead, left = values, np.full(len(number), np.nan)
             if not done.all():
                 ahead, left = _iterate(stack, values)
@@ -164,7 +155,7 @@ def _solve(stack: _Stack) -> list[Answer]:
             if over.any():
                 for own in np.flatnonzero(over).tolist():
                     y = values[0, stack.parts[own]]
-                    answers[int(number[own])] = Answer(y, iterations, float(residual[own]))
+                    answers[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
                 stack, rows_left = stack.some(~over)
                 number, ahead, left = number[~over], ahead[:, rows_left], left[~over]
                 if not len(number):
@@ -173,17 +164,17 @@ def _solve(stack: _Stack) -> list[Answer]:
     return [answers[own] for own in range(count)]
 
 
-def _first(stack: _Stack) -> np.ndarray:
+def _first(stack: _BoxQPStack) -> np.ndarray:
     """Where to begin: (4, N) ``y``, the room above it, and the multipliers of the two bounds, all positive.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
-    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
+    inside, d, top = stack.spread(options.BOX_QP.inside * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
-def _iterate(stack: _Stack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One predictor and one corrector step from the same factorisations; NaN is left where there is none."""
     from scipy.linalg.lapack import dpotrf, dpotrs
 
@@ -191,7 +182,7 @@ def _iterate(stack: _Stack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     first, count = stack.first, stack.count
     gap, gradient = stack.gap(values), stack.gradient(values)
     ratio = multipliers / room
-    diagonal = ratio[0] + ratio[1] + _ROUNDING
+    diagonal = ratio[0] + ratio[1] + options.BOX_QP.regularisation
     factors, broken = [], np.zeros(len(first), bool)
     for own, (m, rows) in enumerate(zip(stack.matrices, stack.parts, strict=True)):
         bent = m.copy()
@@ -218,7 +209,7 @@ def _iterate(stack: _Stack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     reached = values + length(step, 1.0) * step
     target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    ahead = values + length(step, _INTERIOR) * step
+    ahead = values + length(step, options.BOX_QP.interior) * step
     ahead[1] = stack.top - ahead[0]
     gradient = stack.gradient(ahead)
     steep = np.sqrt(np.add.reduceat(gradient * gradient, first) / count) / stack.size

@@ -16,11 +16,10 @@ from typing import Self
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.trajectory import options
 from jaxplan.trajectory.schedule import edge_turns
 
-REACH = 4.0  # rad; beyond it, short of the whole turn at which D is singular, a chart is no longer used
 _NO_ANGLE = 1e-300  # rad, of a vector that has no direction
-_NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the one the other way round
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +93,7 @@ def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarra
     best = Chart.through(attitudes, places)
     turn = best[0].turn
     angle = np.linalg.norm(turn)
-    if farthest(*best, places) > _NEAR and angle > 0:
+    if farthest(*best, places) > options.CHART.near and angle > 0:
         chart = Chart(attitude=attitudes[0], turn=turn * (1 - 2 * np.pi / angle))  # the long way round
         other = chart, chart.coordinates(attitudes, places)
         if farthest(*other, places) < farthest(*best, places):

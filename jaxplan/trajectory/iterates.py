@@ -1,72 +1,21 @@
-"""What is fitted, and curves with all that is known of them; alike tasks are worked on as one stack.
-
-Along a stack every number is that of its own task, to the last bit: what is summed is summed within a task.
-"""
+"""Curves with all that is known of them; those of alike problems are worked on as one stack."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxplan.model.limits import time_factor
-from jaxplan.trajectory.global_spline.curve_space import CurveSpace
-from jaxplan.trajectory.global_spline.linear_rows import Tube
-from jaxplan.trajectory.global_spline.motion import Motion, evaluate
-from jaxplan.trajectory.global_spline.problem import Problem
-from jaxplan.trajectory.global_spline.rows import LIMIT, TUBE, ZONE, stacked, taken
+from jaxplan.trajectory import options
+from jaxplan.trajectory.discretisation import DiscreteProblem, Tube
+from jaxplan.trajectory.motion import Motion, evaluate
+from jaxplan.trajectory.problem import System
 
-_BROKEN = 1e-6  # what is left of a row's violation, beyond which it counts as broken
-_TUBE_NODES = 8  # a tube's nodes are padded to multiples of it, so that more tasks are alike
+LIMIT, ZONE, TUBE = range(3)  # kinds of rows
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A fit.
-
-    Attributes:
-        problem: chart, limits and zones.
-        space: the curves.
-        places: (S,) where loads and margins are looked at.
-        rows: (4, S, n) of the basis there.
-        wanted: (D, Z) rad, margins to keep.
-        tube: about the nodes, or None.
-        limited: whether limits of rates and loads are kept, or time will be stretched to them.
-        weights: of the energy.
-        free_time: whether the duration is looked for as well.
-    """
-
-    problem: Problem
-    space: CurveSpace
-    places: np.ndarray
-    rows: np.ndarray
-    wanted: np.ndarray
-    tube: Tube | None
-    limited: bool
-    weights: tuple[float, float, float]
-    free_time: bool
-
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """What tasks of one stack share."""
-        problem = self.problem
-        return (
-            self.rows.shape,
-            self.space.free.shape,
-            self.wanted.shape,
-            len(problem.spacecraft.terminals),
-            problem.names,
-            bool(problem.cones.paths),
-            problem.cones.inner,
-            len(problem.cones.carried),
-            None if self.tube is None else -(-len(self.tube.rows) // _TUBE_NODES),
-            bool(np.any(self.space.by_time)),
-            self.limited,
-            self.free_time,
-        )
-
-
-class Point(NamedTuple):
+class SQPSolution(NamedTuple):
     """A curve with its duration, and what is known of it.
 
     Attributes:
@@ -87,7 +36,7 @@ class Point(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Points:
+class Iterates:
     """A stack of G curves with their durations, and all that is known of them.
 
     Attributes:
@@ -105,11 +54,11 @@ class Points:
     @property
     def is_sound(self) -> np.ndarray:
         """(G,) whether nothing is broken."""
-        return np.all(self.violations <= _BROKEN, axis=1)
+        return np.all(self.violations <= options.ROWS.broken, axis=1)
 
-    def one(self, number: int, steps: int) -> Point:
+    def one(self, number: int, steps: int) -> SQPSolution:
         """One of them, after so many steps."""
-        return Point(
+        return SQPSolution(
             coefficients=self.coefficients[number].copy(),  # no view, which would keep the whole stack
             duration=float(self.duration[number]),
             margins=self.motion.margins[number].copy(),
@@ -118,9 +67,9 @@ class Points:
             steps=steps,
         )
 
-    def some(self, which: np.ndarray) -> "Points":
+    def some(self, which: np.ndarray) -> "Iterates":
         """Some of them, by number or as (G,) bool."""
-        return Points(
+        return Iterates(
             coefficients=self.coefficients[which],
             duration=self.duration[which],
             motion=self.motion.some(which),
@@ -128,7 +77,7 @@ class Points:
         )
 
     @staticmethod
-    def chosen(first: "Points", other: "Points", others: np.ndarray) -> "Points":
+    def chosen(first: "Iterates", other: "Iterates", others: np.ndarray) -> "Iterates":
         """Of two stacks of as many, the other's where `others` (G,) says so."""
         if np.all(others) or not np.any(others):
             return other if np.any(others) else first
@@ -138,7 +87,7 @@ class Points:
             found[others] = another[others]
             return found
 
-        return Points(
+        return Iterates(
             coefficients=mixed(first.coefficients, other.coefficients),
             duration=mixed(first.duration, other.duration),
             motion=first.motion.mixed(other.motion, others),
@@ -151,7 +100,7 @@ class Stack:
     """Tasks of one kind, G of them.
 
     Attributes:
-        tasks: what is fitted.
+        members: the problems.
         places: (G, S).
         rows: (G, 4, S, n).
         wanted: (G, D, Z) rad.
@@ -159,12 +108,12 @@ class Stack:
         by_time: (G, n, A).
         energies: (G, 4, n, n) of the curve and its first three derivatives.
         weights: (G, 3).
-        tube_rows: (G, m, n), zero where a task has fewer nodes; m is 0 without tubes.
+        tube_rows: (G, m, n), zero where a problem has fewer nodes; m is 0 without tubes.
         tube_values: (G, m, A).
         tube_radius: (G, A).
     """
 
-    tasks: Sequence[Task]
+    members: Sequence[DiscreteProblem]
     places: np.ndarray
     rows: np.ndarray
     wanted: np.ndarray
@@ -177,19 +126,19 @@ class Stack:
     tube_radius: np.ndarray
 
     @classmethod
-    def of(cls, tasks: Sequence[Task]) -> "Stack":
-        """Of tasks of one kind."""
-        size, axes = tasks[0].space.fixed.shape
-        tubes = [_padded(task.tube, size, axes) for task in tasks]
+    def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
+        """The stack of problems of one kind."""
+        size, axes = members[0].space.fixed.shape
+        tubes = [_padded(discrete.tube, size, axes) for discrete in members]
         return cls(
-            tasks=tasks,
-            places=stacked([task.places for task in tasks]),
-            rows=stacked([task.rows for task in tasks]),
-            wanted=stacked([task.wanted for task in tasks]),
-            free=stacked([task.space.free for task in tasks]),
-            by_time=stacked([task.space.by_time for task in tasks]),
-            energies=stacked([task.space.energies for task in tasks]),
-            weights=np.array([task.weights for task in tasks]),
+            members=members,
+            places=stacked([discrete.places for discrete in members]),
+            rows=stacked([discrete.rows for discrete in members]),
+            wanted=stacked([discrete.wanted for discrete in members]),
+            free=stacked([discrete.space.free for discrete in members]),
+            by_time=stacked([discrete.space.by_time for discrete in members]),
+            energies=stacked([discrete.space.energies for discrete in members]),
+            weights=np.array([discrete.weights for discrete in members]),
             tube_rows=stacked([tube.rows for tube in tubes]),
             tube_values=stacked([tube.values for tube in tubes]),
             tube_radius=stacked([tube.radius for tube in tubes]),
@@ -197,25 +146,25 @@ class Stack:
 
     def some(self, which: np.ndarray) -> "Stack":
         """Some of them, by number or as (G,) bool."""
-        numbers = np.arange(len(self.tasks))[which].tolist()
-        arrays = {name: taken(own, which) for name, own in vars(self).items() if name != "tasks"}
-        return replace(self, tasks=[self.tasks[number] for number in numbers], **arrays)
+        numbers = np.arange(len(self.members))[which].tolist()
+        arrays = {name: taken(own, which) for name, own in vars(self).items() if name != "members"}
+        return replace(self, members=[self.members[number] for number in numbers], **arrays)
 
     @property
-    def problems(self) -> list[Problem]:
-        """Of the tasks."""
-        return [task.problem for task in self.tasks]
+    def systems(self) -> list[System]:
+        """The systems of the members."""
+        return [discrete.system for discrete in self.members]
 
-    def points(self, coefficients: np.ndarray, duration: np.ndarray) -> Points:
+    def iterates(self, coefficients: np.ndarray, duration: np.ndarray) -> Iterates:
         """Curves (G, n, A) with all known of them; of free time and rest at both ends, in the time needed."""
-        motion = evaluate(self.problems, self.places, self.rows @ coefficients[:, None])
-        kind = self.tasks[0]
-        found = np.full((len(self.tasks), 3), -np.inf)
-        ranges = np.stack([problem.spacecraft.joint_limits for problem in self.problems])
+        motion = evaluate(self.systems, self.places, self.rows @ coefficients[:, None])
+        kind = self.members[0]
+        found = np.full((len(self.members), 3), -np.inf)
+        ranges = np.stack([system.spacecraft.joint_limits for system in self.systems])
         found[:, ZONE] = _most(self.wanted[:, None] - motion.margins)
         found[:, LIMIT] = _most(np.abs(motion.curves[:, 0, :, 3:]) - ranges[:, None])
         if kind.limited:
-            needed = needed_durations(self.problems, motion)
+            needed = needed_durations(self.systems, motion)
             if kind.free_time and not np.any(self.by_time):
                 duration = needed
             found[:, LIMIT] = np.maximum(found[:, LIMIT], needed / duration - 1)
@@ -223,17 +172,35 @@ class Stack:
             off = np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
             found[:, TUBE] = _most(off)
         found[~motion.finite, LIMIT] = np.inf
-        return Points(coefficients=coefficients, duration=duration, motion=motion, violations=found)
+        return Iterates(coefficients=coefficients, duration=duration, motion=motion, violations=found)
 
 
-def needed_durations(problems: Sequence[Problem], motion: Motion) -> np.ndarray:
+def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (G, ...); what all share is there but once."""
+    first = arrays[0]
+    if all(array is first for array in arrays):
+        return np.broadcast_to(first, (len(arrays), *first.shape))
+    return np.stack(arrays)
+
+
+def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of `stacked` arrays, by rising number or as (G,) bool, to be read only: no copy of all of them."""
+    count = int(np.sum(which)) if which.dtype == bool else len(which)
+    if count == len(array):
+        return array
+    if array.strides[0] == 0:
+        return np.broadcast_to(array[0], (count, *array.shape[1:]))
+    return array[which]
+
+
+def needed_durations(systems: Sequence[System], motion: Motion) -> np.ndarray:
     """The shortest durations (G,) in which motions keep all limits of rates and loads at their places, s."""
-    limits = np.stack([problem.limits for problem in problems])
+    limits = np.stack([system.limits for system in systems])
     found = [
         (np.abs(motion.loads[:, :, q]) / limits[:, None, q], power)
-        for q, power in enumerate(problems[0].powers)
+        for q, power in enumerate(systems[0].powers)
     ]
-    for each in zip(*(problem.joint_limits for problem in problems), strict=True):
+    for each in zip(*(system.joint_limits for system in systems), strict=True):
         bound, power = np.stack([limit.bound for limit in each]), each[0].quantity.power
         found.append((np.abs(motion.curves[:, power, :, 3:]) / bound[:, None], power))
     return np.asarray(
@@ -247,10 +214,10 @@ def _most(values: np.ndarray) -> np.ndarray:
 
 
 def _padded(tube: Tube | None, size: int, axes: int) -> Tube:
-    """A tube of as many nodes as `_TUBE_NODES` allows; those beyond its own have no row and much room."""
+    """A tube padded to one of few numbers of nodes; those beyond its own have no row and much room."""
     if tube is None:
         return Tube(np.zeros((0, size)), np.zeros((0, axes)), np.ones(axes))
-    extra = -len(tube.rows) % _TUBE_NODES
+    extra = tube.padded_nodes - len(tube.rows)
     return Tube(
         np.pad(tube.rows, ((0, extra), (0, 0))), np.pad(tube.values, ((0, extra), (0, 0))), tube.radius
     )

@@ -22,14 +22,15 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.basis import end_derivatives, energy
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
-from jaxplan.trajectory.paper.assembly import assembled
-from jaxplan.trajectory.scaling import SAFETY
+from jaxplan.trajectory.paper.segments import PathNodes, assembled, node_indices, split
+from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeldChain:
+class ActiveChain:
     """The segments of the platform or of the joints.
 
     Attributes:
@@ -48,7 +49,7 @@ class HeldChain:
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Held:
+class PaperActiveSet:
     """What is held of a fit.
 
     Attributes:
@@ -60,14 +61,14 @@ class Held:
     """
 
     fractions: np.ndarray
-    joints: HeldChain
-    platform: HeldChain
+    joints: ActiveChain
+    platform: ActiveChain
     order: int = field(metadata={"static": True})
     stretched: bool = field(metadata={"static": True})
 
 
 def refit(
-    held: Held,
+    held: PaperActiveSet,
     path: Path,
     spacecraft: Spacecraft,
     settings: TrajectorySettings,
@@ -131,7 +132,7 @@ def refit(
 
 
 def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
-    """`counting.shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
+    """`shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
     shares = jnp.diff(jnp.asarray(fractions))[:, None]
@@ -149,7 +150,7 @@ def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, lim
 
 
 def _chain(
-    held: HeldChain,
+    held: ActiveChain,
     times: Array,
     node_rows: Array,
     node_values: Array,
@@ -200,3 +201,58 @@ def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array
     system = jnp.block([[objective, active.T], [active, off]])
     right = jnp.concatenate([jnp.zeros(len(objective)), jnp.where(on, values, 0)])
     return jnp.linalg.solve(system, right)[: len(objective)]
+
+
+_BINDS = 1e-9  # of a limit
+
+
+@shown()
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperFitRecord:
+    """How a fit came about.
+
+    Attributes:
+        nodes: that were passed.
+        trajectory: before its time was stretched.
+        limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
+            where the time was stretched to the limits.
+    """
+
+    nodes: PathNodes
+    trajectory: Trajectory
+    limits: tuple[np.ndarray, np.ndarray] | None
+
+    def hold(self) -> PaperActiveSet:
+        """What is held of it; where a limit is just met at a join it counts as binding."""
+        curve = self.trajectory
+        order = curve.coefficients.shape[1] - 1
+        ends = split(len(self.nodes.turns), len(curve.coefficients), order)
+        platform, joints = (None, None) if self.limits is None else self.limits
+        return PaperActiveSet(
+            fractions=padded(self.nodes.fractions, FEWEST_NODES),
+            joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
+            platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
+            order=order,
+            stretched=self.limits is None,
+        )
+
+
+def _active_chain(
+    ends: np.ndarray,
+    order: int,
+    breaks: np.ndarray,
+    coefficients: np.ndarray,
+    limits: np.ndarray | None,
+    far: int,
+) -> ActiveChain:
+    """What is held of a chain whose segments are joined to the next one at their end ``far``."""
+    nodes = node_indices(ends, order - 2)
+    sides = np.zeros((len(ends) - 1, 2, coefficients.shape[2]))
+    if limits is not None:
+        half = np.diff(breaks)[:, None, None] / 2
+        to_x = half ** np.array([[1], [2]])
+        reached = end_derivatives(order)[far] @ coefficients / to_x
+        sides = np.where(np.abs(reached) >= limits * (1 - _BINDS), np.sign(reached), 0.0)
+        sides[-1 if far else 0] = 0.0  # the closing segment
+    present = np.arange(order - 2) <= np.diff(ends)[:, None]
+    return ActiveChain(ends=ends, nodes=nodes, present=present, sides=sides)

@@ -1,0 +1,435 @@
+"""Peaks of a trajectory over all time, and the uniform time scaling that brings them to their limits.
+
+Slowing a motion leaves its geometry as it is, and every limited quantity falls by a power of the factor on
+time (`jaxplan.model.limits`). So the shortest uniform scaling within all limits follows from the peaks of one
+curve, exactly.
+
+The peaks are maxima over continuous time. On a piece every quantity is smooth, so its interpolant on
+Chebyshev points (which include both ends, where jerks jump) is the quantity itself but for rounding. As a
+function of ``theta = arccos(x)`` it is a cosine sum without edges: every maximum over the piece is a
+stationary point, and Newton's method finds it from the maximum of a fine grid beside it. One so narrow that
+no grid maximum is beside it would be missed; the certificate, which shares nothing with this, has the last
+word.
+
+Rates of the platform at very many points are computed by cross products in numpy: what `curve.chart_motion`
+says of a chart (equations 25 to 29), without attitudes and not for derivatives. With ``E = exp(eta^)``, and
+``U = exp(tau Omega^ / 2)``, which leaves ``Omega`` as it is,
+
+    omega  = U^T v,                     v  = (Omega + E^T Omega) / 2 + w,   w = D(eta) eta',
+    omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.
+
+All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from jaxplan.geometry import vectors
+from jaxplan.geometry.vectors import dot
+from jaxplan.model import limits
+from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import grouped, in_groups
+from jaxplan.trajectory.basis import derivative_matrix
+from jaxplan.trajectory.curve import Trajectory
+
+SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
+
+_ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Peaks:
+    """The largest share of each limit that a trajectory takes.
+
+    Attributes:
+        names: of the quantities, such as ``platform rate x`` or ``terminal-1 yaw acceleration``.
+        ratios: (Q,) largest magnitude over limit.
+        powers: (Q,) the ratio falls by this power of the time scaling.
+        in_range: whether every joint stays within its angles, on which time has no influence.
+    """
+
+    names: tuple[str, ...]
+    ratios: np.ndarray
+    powers: np.ndarray
+    in_range: bool
+
+    @property
+    def stretch(self) -> float:
+        """Factor on time at which the first limit is just met; NaN if a peak is not a number."""
+        return float(np.max(self.time_factors, initial=0.0))
+
+    @property
+    def binding(self) -> int:
+        """Index of the quantity that asks for the longest time."""
+        return int(np.argmax(self.time_factors))
+
+    @property
+    def time_factors(self) -> np.ndarray:
+        """(Q,) factors on time at which each limit is just met."""
+        return np.asarray(time_factor(self.ratios, self.powers))
+
+
+def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
+    """Peaks over limits of all quantities that the spacecraft limits.
+
+    Args:
+        trajectory: of positive duration.
+        spacecraft: its limits; a torque or momentum limit needs its inertia.
+
+    Returns:
+        Platform first, then the joints.
+    """
+    return all_peaks([(trajectory, spacecraft)])[0]
+
+
+def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
+    """`peaks` of many trajectories."""
+    limited = [timed_limits(craft) for _, craft in curves]
+    names = [tuple(limit.quantity.name for limit in platform) for platform, _ in limited]
+    platform = all_largest(platform_loads([(*own, its) for own, its in zip(curves, names, strict=True)]))
+    joints = all_largest([joint_loads(curve) for curve, _ in curves])
+    crafts = [craft for _, craft in curves]
+    return [_shares(*own) for own in zip(crafts, limited, platform, joints, strict=True)]
+
+
+def _shares(
+    craft: Spacecraft,
+    limited: tuple[tuple[Limit, ...], tuple[Limit, ...]],
+    platform: np.ndarray,
+    joints: np.ndarray,
+) -> Peaks:
+    """Peaks from the largest magnitudes of the platform's limited quantities (3 Q,) and of joints (6n,)."""
+    angles, *of_joints = np.split(joints, 3)
+    largest = [*platform.reshape(-1, 3), *(of_joints[limit.quantity.power - 1] for limit in limited[1])]
+    every = [limit for group in limited for limit in group]
+    return Peaks(
+        names=tuple(name for limit in every for name in limit.names),
+        ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
+        powers=np.concatenate([np.full(len(limit.bound), limit.quantity.power) for limit in every]),
+        in_range=bool(np.all(angles <= (1 + _ROUNDING) * craft.joint_limits)),
+    )
+
+
+_FEW = 8  # pieces; where there are more they are short
+_TOGETHER = 4096  # points; what is computed of them is then still in the processor's cache
+
+Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of quantities
+
+
+def platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
+    """Loads of the platform.
+
+    Args:
+        asked: each with names of quantities of the platform.
+
+    Returns:
+        Of each (N, G, 3 Q), at as many points of each piece as tell what is between them.
+    """
+    # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
+    sizes = [curve.coefficients.shape for curve, _, _ in asked]
+    found, told = _at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
+    again = [number for number, is_told in enumerate(told) if not is_told]
+    more, _ = _at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
+    for number, values in zip(again, more, strict=True):
+        found[number] = values
+    return found
+
+
+def joint_loads(trajectory: Trajectory) -> np.ndarray:
+    """(M, G, 6n) angles, rates and accelerations of joints."""
+    coefficients = trajectory.joint_coefficients
+    count, size, joints = coefficients.shape
+    curves = _curves(coefficients, np.diff(trajectory.joint_breaks), size, 3)
+    return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
+
+
+def _at_points(asked: Sequence[Asked], points: Sequence[int]) -> tuple[list[np.ndarray], list[bool]]:
+    """`platform_loads` at so many points of each piece, and whether these tell what is between them."""
+
+    def of_group(group: Sequence[tuple[Asked, int]]) -> list[tuple[np.ndarray, bool]]:
+        (_, _, names), each = group[0]
+        several = [own[:2] for own, _ in group]
+        ends = np.cumsum([0, *(len(curve.coefficients) for curve, _ in several)])
+        values = _of_alike(several, names, each)
+        told = are_resolved(values, ends[:-1]).tolist()
+        return [(values[slice(*own)], one) for own, one in zip(pairwise(ends.tolist()), told, strict=True)]
+
+    answers = in_groups(
+        list(zip(asked, points, strict=True)),
+        lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2]),
+        of_group,
+    )
+    return [values for values, _ in answers], [told for _, told in answers]
+
+
+def _of_alike(
+    curves: Sequence[tuple[Trajectory, Spacecraft]], names: tuple[str, ...], points: int
+) -> np.ndarray:
+    """(N, points, 3 Q) of all pieces of trajectories with polynomials of the same degree."""
+    trajectories = [curve for curve, _ in curves]
+    coefficients = np.concatenate([own.coefficients for own in trajectories])
+    chart_rate = np.concatenate([own.chart_rate for own in trajectories])
+    length = np.concatenate([np.diff(own.breaks) for own in trajectories])
+    since = np.concatenate([own.breaks[:-1] - own.chart_start for own in trajectories])
+    none = np.zeros((3, 3))
+    inertia = np.concatenate(
+        [
+            np.broadcast_to(none if craft.inertia is None else craft.inertia, (len(own.coefficients), 3, 3))
+            for own, craft in curves
+        ]
+    )
+    count, block = len(length), max(1, _TOGETHER // points)
+    shares = (_chebyshev(points) + 1) / 2
+    found = np.empty((count, points, len(names), 3))
+    for first in range(0, count, block):
+        part = slice(first, first + block)
+        b = _curves(coefficients[part], length[part], points, 1 + max(highest_derivative(names), 2))
+        with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
+            values = _loads(
+                np.repeat(chart_rate[part].T, points, axis=1),
+                (since[part, None] + length[part, None] * shares).reshape(-1),
+                np.ascontiguousarray(np.moveaxis(b, (1, 3), (0, 1))).reshape(b.shape[1], 3, -1),
+                np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2),
+                names,
+            )
+        found[part] = np.moveaxis(values, 2, 0).reshape(-1, points, len(names), 3)
+    return found.reshape(count, points, -1)
+
+
+def _loads(
+    chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, inertia: np.ndarray, names: tuple[str, ...]
+) -> np.ndarray:
+    """(Q, 3, n) by name, of charts' rates (3, n), times (n,), curves (k, 3, n) and inertia (3, 3, n)."""
+    return np.asarray(limits.values(names, Kinematics(spin=rates(chart_rate, tau, b), inertia=inertia)))
+
+
+def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
+    """(N, orders, points, d) polynomials and derivatives by time, of pieces (N, size, d)."""
+    count, size, axes = coefficients.shape
+    with np.errstate(invalid="ignore", over="ignore"):
+        curves = (_rows(size, points, orders) @ coefficients).reshape(count, orders, points, axes)
+        scale = np.divide(2, lengths, out=np.zeros(count), where=lengths > 0)  # a piece of no length rests
+        return np.asarray(curves * scale[:, None, None, None] ** np.arange(orders)[:, None, None])
+
+
+@cache
+def _rows(size: int, points: int, orders: int) -> np.ndarray:
+    """(orders points, size): a polynomial and derivatives at Chebyshev points, from Legendre coefficients."""
+    values = np.polynomial.legendre.legvander(_chebyshev(points), size - 1)
+    matrix = derivative_matrix(size - 1)
+    found = np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(orders)])
+    found.flags.writeable = False
+    return found
+
+
+def _chebyshev(points: int) -> np.ndarray:
+    return np.cos(np.pi * np.arange(points) / (points - 1))
+
+
+_FINE = 4  # grid intervals in theta for each point
+_NEWTON_STEPS = 12
+_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums
+_ELEMENTS = 200_000  # of an array that many pieces are looked at in
+
+
+def are_resolved(values: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Whether values at the Chebyshev points of pieces tell what is between the points.
+
+    So they do where the last terms of the cosine sums are next to nothing; a number that is not finite counts
+    as told.
+
+    Args:
+        values: (N, G, Q), pieces of one trajectory after the other.
+        first: (T,) number of the first piece of each, rising.
+
+    Returns:
+        (T,) bool.
+    """
+    series = np.abs(chebyshev(values.shape[1])[0] @ values)
+    last, most = (np.maximum.reduceat(part.max(axis=1), first) for part in (series[:, -2:], series))
+    return np.asarray(~np.any(last > _RESOLVED * most, axis=1))
+
+
+def largest(values: np.ndarray) -> np.ndarray:
+    """Largest magnitudes over all pieces, between the points as well.
+
+    Args:
+        values: (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of each piece.
+
+    Returns:
+        (Q,); all NaN if a value is not finite.
+    """
+    return all_largest([values])[0]
+
+
+def all_largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """`largest` of many; those with as many points and quantities are looked at together, some at a time."""
+    found = [np.full(own.shape[2], np.nan) for own in values]
+    finite = [number for number, own in enumerate(values) if np.isfinite(own).all()]
+    for group in grouped(finite, lambda number: values[number].shape[1:]):
+        numbers = [finite[place] for place in group]
+        points, quantities = values[numbers[0]].shape[1:]
+        pieces = np.cumsum([len(values[number]) for number in numbers])
+        part = (pieces - 1) // max(1, _ELEMENTS // (_FINE * points * max(1, quantities)))
+        for one in np.unique(part):
+            some = [number for number, its in zip(numbers, part, strict=True) if its == one]
+            for number, own in zip(some, _largest_of([values[number] for number in some]), strict=True):
+                found[number] = own
+    return found
+
+
+def _largest_of(values: Sequence[np.ndarray]) -> np.ndarray:
+    """(T, Q) `largest` of values (N, G, Q) that are finite, with the same G and Q."""
+    to_series, to_fine = chebyshev(values[0].shape[1])
+    counts = np.array([len(own) for own in values])
+    series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
+    heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
+    highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
+    owner = np.repeat(np.arange(len(values)), counts)
+    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
+    step = np.pi / (len(to_fine) - 1)
+    bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
+    peaked = heights >= (highest[owner] - step**2 / 8 * bends)[:, :, None]
+    peaked &= heights > 0
+    peaked[..., 1:] &= heights[..., 1:] > heights[..., :-1]
+    peaked[..., :-1] &= heights[..., :-1] >= heights[..., 1:]
+    piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
+    followed = _follow(series[piece, quantity], place * step, step)
+    np.maximum.at(highest, (owner[piece], quantity), followed)
+    return highest
+
+
+def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
+    """Local maxima of the magnitudes of cosine sums, by Newton's method within a shrinking bracket.
+
+    Args:
+        sums: (c, G) coefficients.
+        theta: (c,) where each is near its maximum.
+        reach: half the first bracket.
+
+    Returns:
+        (c,) magnitudes.
+    """
+    k = np.arange(sums.shape[1])
+    sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
+    first = sums * k
+    second = first * k
+    theta, lower, upper = theta.copy(), theta - reach, theta + reach
+    moving = np.arange(len(theta))
+    for _ in range(_NEWTON_STEPS):
+        at = theta[moving]
+        angle = np.outer(at, k)
+        slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
+        curvature = -np.einsum("ck,ck->c", second[moving], np.cos(angle))
+        lower[moving] = np.where(slope > 0, at, lower[moving])
+        upper[moving] = np.where(slope > 0, upper[moving], at)
+        ahead = at - slope / np.where(curvature < 0, curvature, -1)
+        sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
+        theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
+        moving = moving[np.abs(theta[moving] - at) > _STILL]
+        if not len(moving):
+            break
+    return np.abs(np.einsum("ck,ck->c", sums, np.cos(np.outer(theta, k))))
+
+
+@cache
+def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from values at Chebyshev points to a cosine sum, and from that to a fine grid in theta."""
+    k = np.arange(points)
+    halved_ends = np.ones(points)
+    halved_ends[[0, -1]] = 0.5
+    cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
+    to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
+    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
+
+
+_SMALL = 0.05  # rad^2, below which series are used
+_ZERO = 1e-300  # rad^2
+_STEP = 1e-30  # s, along the imaginary axis
+
+
+def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
+    """Angular velocity, angular acceleration and perhaps angular jerk.
+
+    Args:
+        chart_rate: (3, n) rad/s, ``Omega``.
+        tau: (n,) s since the chart's start.
+        b: (k + 1, 3, n) rad, the curve and its first derivatives by time: two, or three for the jerk.
+
+    Returns:
+        k arrays (3, n), in rad/s, rad/s^2 and rad/s^3, body axes.
+    """
+    if len(b) == 3:
+        return list(_velocity_and_acceleration(chart_rate, tau, *b))
+    ahead = b[:-1] + 1j * _STEP * b[1:]
+    velocity, acceleration = _velocity_and_acceleration(chart_rate, tau + 1j * _STEP, *ahead)
+    return [velocity.real, acceleration.real, acceleration.imag / _STEP]
+
+
+def _velocity_and_acceleration(
+    chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, b_rate: np.ndarray, b_acceleration: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    eta, eta_rate = b - tau * chart_rate, b_rate - chart_rate
+    square = dot(eta, eta)
+    sine, cosine = _sine_and_cosine(square)
+    cubic, cosine_slope, cubic_slope = _further(square, sine, cosine)
+
+    def tangent(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``D x``, with ``eta x x`` and ``eta x (eta x x)``."""
+        once = cross(eta, vector)
+        twice = cross(eta, once)
+        return vector - cosine * once + cubic * twice, once, twice
+
+    once = cross(eta, chart_rate)
+    turned = chart_rate - sine * once + cosine * cross(eta, once)  # E^T Omega
+    own, once, twice = tangent(eta_rate)  # w
+    bend = tangent(b_acceleration)[0] + cubic * cross(eta_rate, once)
+    square_rate = 2 * dot(eta, eta_rate)
+    bend += (cubic_slope * square_rate) * twice - (cosine_slope * square_rate) * once  # w'
+    velocity = (chart_rate + turned) / 2 + own
+    acceleration = bend - cross(own, turned) / 2 - cross(chart_rate, velocity) / 2
+    turn = tau * chart_rate / 2
+    of_turn = _sine_and_cosine(dot(turn, turn))
+    return _turned_back(turn, *of_turn, velocity), _turned_back(turn, *of_turn, acceleration)
+
+
+def _turned_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``exp(turn^)^T x``."""
+    once = cross(turn, vector)
+    return np.asarray(vector - sine * once + cosine * cross(turn, once))
+
+
+def _sine_and_cosine(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``sin t / t`` and ``(1 - cos t) / t^2`` of ``t^2``."""
+    angle = np.sqrt(np.where(square.real < _ZERO, _ZERO, square))
+    half = np.sin(angle / 2) / angle
+    return np.sin(angle) / angle, 2 * half * half
+
+
+def _further(
+    square: np.ndarray, sine: np.ndarray, cosine: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``(t - sin t) / t^3`` of ``t^2``, and the slopes of ``(1 - cos t) / t^2`` and of that by ``t^2``."""
+    small = square.real < _SMALL
+    z, safe = np.where(small, square, 0), np.where(small, 1, square)
+    cubic = np.where(
+        small, 1 / 6 - z * (1 / 120 - z * (1 / 5040 - z * (1 / 362880 - z / 39916800))), (1 - sine) / safe
+    )
+    of_cosine = z * (2 / 720 - z * (3 / 40320 - z * (4 / 3628800 - z * 5 / 479001600))) - 1 / 24
+    of_cubic = z * (2 / 5040 - z * (3 / 362880 - z * (4 / 39916800 - z * 5 / 6227020800))) - 1 / 120
+    return (
+        cubic,
+        np.where(small, of_cosine, (sine - 2 * cosine) / (2 * safe)),
+        np.where(small, of_cubic, (cosine - 3 * cubic) / (2 * safe)),
+    )
+
+
+def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Of vectors (3, n)."""
+    return np.array(vectors.cross(first, second))  # quicker than a stack
