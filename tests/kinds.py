@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, capacity
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
+from jaxplan.runtime.batching import padded_count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ def table(constraints, devices, *, body=(), carrier=(), carried=()):
             entry += [len(rows)] * len(own)
             rows += own
         group += [first] * (len(rows) - first)
-    size = capacity(len(rows))
+    size = padded_count(len(rows))
     sights = devices + len(body) + len(carrier)
     padding = list(range(len(rows), size))
     nested = len(entry) > len(set(entry))

@@ -13,7 +13,6 @@ from jaxplan.model.constraints import (
     JOINTS,
     SIGHT,
     Constraints,
-    Sights,
     axes_in_body,
     best_entries,
     constraint_margins,
@@ -27,6 +26,7 @@ from jaxplan.model.constraints import (
     thresholds,
     worst_constraint,
 )
+from jaxplan.model.sights import Sights
 
 RNG = np.random.default_rng(5)
 TERMINALS = 2

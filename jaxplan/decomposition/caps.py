@@ -27,8 +27,10 @@ import numpy as np
 
 from jaxplan.decomposition.pairs import Pairs, pairs_at_goal, single_yaws
 from jaxplan.geometry.directions import separation
-from jaxplan.model.constraints import JOINTS, Constraints, Sights, best_entries, capacity, chosen_entries
+from jaxplan.model.constraints import JOINTS, Constraints, best_entries, chosen_entries
+from jaxplan.model.sights import Sights
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import padded_count
 
 HAIR = 1e-12
 """rad; caps are wider than the constraints by this, so that rounding breaks none."""
@@ -105,7 +107,7 @@ def assemble(
     members = [(number, member) for number, group in enumerate(groups) for member in group]
     found = [(group, number, cap) for number, (group, member) in enumerate(members) for cap in member]
     joints, used = len(joint_group), len(joint_group) + len(found)
-    size = max(8, capacity(used))
+    size = max(8, padded_count(used))
     rest = np.arange(used, size)
 
     def padded(of_joints: np.ndarray, of_rows: list, of_rest: np.ndarray | int) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.arrays import AnyArray, arrays
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, Sights, pair_margins
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, pair_margins
+from jaxplan.model.sights import Sights
 
 
 class Pairs(NamedTuple):

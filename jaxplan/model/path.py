@@ -21,7 +21,8 @@ from jaxplan.display import shown
 from jaxplan.geometry.arrays import AnyArray, arrays
 from jaxplan.geometry.vectors import length
 from jaxplan.model import constraints
-from jaxplan.model.constraints import Constraints, Sights
+from jaxplan.model.constraints import Constraints
+from jaxplan.model.sights import Sights
 
 
 @shown(

@@ -20,9 +20,10 @@ import jax
 import numpy as np
 
 from jaxplan.display import shown
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, capacity
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.moving import DirectionPath, as_path
 from jaxplan.model.spacecraft import stacked
+from jaxplan.runtime.batching import padded_count
 
 
 def _static(default: Any) -> Any:
@@ -211,7 +212,7 @@ def tabulate(
     moved = [vector for vector in further if vector.to is not None]
     sights = _Sights(tuple(device_names), terminals, [*still, *moved])
     rows = [row for number, zone in enumerate(zones) for row in _rows(number, zone, sights)]
-    size = capacity(len(rows))
+    size = padded_count(len(rows))
     entry, group = _numbered([zones[row.zone] for row in rows])
     padding = range(len(rows), size)
     rows += [_Row() for _ in padding]

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
 from jaxplan.display import shown
-from jaxplan.model.constraints import SIGHT, Constraints, Sights
+from jaxplan.model.constraints import SIGHT, Constraints
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.sights import Sights
 from jaxplan.model.status import Status
 from jaxplan.search.holding import held_axes
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.cases import random_scenario
-from jaxplan.model.constraints import capacity
 from jaxplan.model.path import Path, edge_margins
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
+from jaxplan.runtime.batching import padded_count
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
 from jaxplan.table4.rows import Row
 
@@ -121,7 +121,7 @@ def least_margins(scene: Scene, path: Path) -> np.ndarray:
     Returns:
         (m,) rad; +inf without zones.
     """
-    rows = capacity(path.edges)
+    rows = padded_count(path.edges)
     first, last = (np.tile(np.eye(3), (rows, 1, 1)) for _ in range(2))
     joints, change = np.zeros((2, rows, path.joints.shape[1]))
     first[: path.edges], last[: path.edges] = path.attitudes[:-1], path.attitudes[1:]

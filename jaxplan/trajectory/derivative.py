@@ -30,7 +30,6 @@ from jaxplan.first_order import first_derivatives_only
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import (
     Constraints,
-    Sights,
     axes_in_body,
     joint_values,
     margins_of_scores,
@@ -41,6 +40,7 @@ from jaxplan.model.constraints import (
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.sights import Sights
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import options
 from jaxplan.trajectory.curve import Trajectory

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.model.constraints import Constraints, Sights
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import Kinematics, Limit, limits, timed_limits
 from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.sights import Sights
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.chart import Chart

@@ -17,10 +17,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.constraints import capacity
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.runtime.batching import padded_count
 from jaxplan.search import Scene, find_barrier
 from jaxplan.search.calls import Scenes
 from jaxplan.search.kernels import Moves
@@ -101,7 +101,7 @@ def puzzle(seed: int, shrink: float = 1.0) -> Puzzle:
         half_angle = min(rng.uniform(0.08, 0.4), room)
         if half_angle > 0.05:
             cones.append(KeepOut(name=f"c{len(cones)}", direction=direction, half_angle=shrink * half_angle))
-    assert capacity(len(cones)) == 8
+    assert padded_count(len(cones)) == 8
     return Puzzle(
         scene=scene_of(replace(scenario, keep_out=tuple(cones))),
         start=start,

@@ -25,7 +25,8 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import dot
-from jaxplan.model.constraints import JOINTS, SIGHT, Constraints, Sights, scores, thresholds
+from jaxplan.model.constraints import JOINTS, SIGHT, Constraints, scores, thresholds
+from jaxplan.model.sights import Sights
 from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread, total

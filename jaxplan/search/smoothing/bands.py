@@ -13,8 +13,8 @@ import numpy as np
 from jax import Array
 
 from jaxplan import quaternion
-from jaxplan.model.constraints import capacity
 from jaxplan.model.path import Path
+from jaxplan.runtime.batching import padded_count
 from jaxplan.search.calls import Call, Kernel, Scenes
 from jaxplan.search.corners import ARRIVED, make_path
 from jaxplan.search.problem import Scene
@@ -66,7 +66,7 @@ def score(length: float, travel: float) -> float:
 def edges_for(length: float, scene: Scene) -> int:
     """Size of the kernels that take a path of some length, steps."""
     longest = min(length, LONGEST * scene.straight_steps)
-    return max(EDGES, capacity(math.ceil(longest)))
+    return max(EDGES, padded_count(math.ceil(longest)))
 
 
 def descended_bands(

@@ -19,7 +19,8 @@ from jax import Array
 
 from jaxplan.geometry import directions, rotations
 from jaxplan.geometry.vectors import cross, dot, unit
-from jaxplan.model.constraints import INERTIAL, JOINTS, Sights
+from jaxplan.model.constraints import INERTIAL, JOINTS
+from jaxplan.model.sights import Sights
 from jaxplan.search.motions import computed_once
 from jaxplan.search.smoothing import band
 from jaxplan.search.smoothing.band import FAR, PENALTY, PIECES, TRAVEL, Problem

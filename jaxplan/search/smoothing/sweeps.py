@@ -16,7 +16,6 @@ from jaxplan.model.constraints import (
     INERTIAL,
     SIGHT,
     Constraints,
-    Sights,
     best_entries,
     edge_bound,
     joint_values,
@@ -26,6 +25,7 @@ from jaxplan.model.constraints import (
     scores,
 )
 from jaxplan.model.path import step_cost
+from jaxplan.model.sights import Sights
 from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import TAPER_STEPS, Scene
 from jaxplan.search.smoothing.components import between, in_body, spread
