@@ -9,6 +9,8 @@ of it are numbers of 32 bits: values and slopes are then good to some seven digi
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -19,11 +21,16 @@ from jax import export
 from jaxplan.display import shown
 from jaxplan.given import expect
 from jaxplan.model.scenario import Scenario
+from jaxplan.model.status import Status
 from jaxplan.planner import Plan
+from jaxplan.planner.chain import judged
+from jaxplan.planner.check import prove
 from jaxplan.sensitivity import Held, hold, replan
 from jaxplan.trajectory import Trajectory
 
 Numbers = tuple[Any, ...]
+
+_replan = jax.jit(replan)  # compiled once for all plans of equal shapes
 
 
 def differentiable(plan: Plan) -> "Differentiable":
@@ -61,12 +68,27 @@ class Differentiable:
     Attributes:
         plan: to whose trajectory it belongs.
         held: what is held fixed of it.
+        optimum: the plan at the optimum whose slopes the function has.
     """
 
     def __init__(self, plan: Plan, held: Held) -> None:
         self.plan, self.held = plan, held
         self._known: dict[Any, tuple[Callable[..., Numbers], Any]] = {}
-        self._at = jax.jit(lambda scenario: replan(held, scenario))
+
+    @cached_property
+    def optimum(self) -> Plan:
+        """The plan with the trajectory that the function has at its scenario, and a certificate of that.
+
+        A plan ends a thousandth of its energy or less above the optimum, which is enough to fly. Slopes are
+        those of the optimum. It leans on limits at the places that a fit looks at, so what lies between may
+        break one by a little; then it is UNCERTIFIED.
+        """
+        plan, goal = self.plan, self.plan.goal
+        assert goal is not None, "only a plan with a goal is held"
+        trajectory = self(plan.scenario)
+        return judged(
+            replace(plan, trajectory=trajectory, status=Status.OK), prove(plan.scenario, goal, trajectory)
+        )
 
     def __call__(self, scenario: Scenario) -> Trajectory:
         """The trajectory of a scenario near that of the plan; nothing is checked.
@@ -75,17 +97,17 @@ class Differentiable:
             scenario: with as many devices and zones, and the same choices, as that of the plan.
         """
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
-        if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            return replan(self.held, scenario)
         leaves, tree = jax.tree.flatten(scenario)
         if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
             with jax.enable_x64(True):
-                found: Trajectory = jax.tree.map(np.asarray, self._at(scenario))
+                found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, scenario))
             return found
+        if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+            return replan(self.held, scenario)
         shapes = tuple(np.shape(leaf) for leaf in leaves)
         if (tree, shapes) not in self._known:
             self._known[tree, shapes] = _in_32_bits(
-                lambda *own: self._at(jax.tree.unflatten(tree, own)), shapes
+                lambda *own: replan(self.held, jax.tree.unflatten(tree, own)), shapes
             )
         function, made = self._known[tree, shapes]
         given = [jnp.asarray(leaf, jnp.float32) for leaf in leaves]
