@@ -459,7 +459,8 @@ def test_a_limit_of_which_no_proof_is_known_is_not_passed_over(monkeypatch):
     spacecraft, motion = craft(0, inertia=INERTIA, torque_limit=1.0), random_motion(54)
     on = motion.between(motion.platform.breaks())
     evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
-    unknown = replace(model.limits(spacecraft)[-1].quantity, name="magnetic_moment")
+    unknown = replace(model.QUANTITIES[-3], name="magnetic_moment")
+    assert unknown.given(spacecraft) == 1.0
     monkeypatch.setattr(model, "QUANTITIES", (unknown,))
     with pytest.raises(KeyError, match="magnetic_moment"):
         limits.quantities(spacecraft, evidence)

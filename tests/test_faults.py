@@ -119,11 +119,10 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
 def test_a_search_that_says_clear_where_it_is_not_is_found_out(monkeypatch):
     """The straight motion, whatever is in its way."""
 
-    def blind(scene, settings):
-        return trace(scene, make_root(scene))
-        yield
+    def blind(scenes, settings):
+        return [trace(scene, make_root(scene)) for scene in scenes.scenes]
 
-    monkeypatch.setattr(mha, "try_straight", blind)
+    monkeypatch.setattr(mha, "straight_paths", blind)
     plan = planned("paper", **{"trajectory.duration_s": 80})
     assert plan.status is jp.Status.UNCERTIFIED
     assert plan.report.min_margin < 0

@@ -1,5 +1,6 @@
 """The list of limits: what a spacecraft has of it, closed forms, and how quantities scale with time."""
 
+import pickle
 from dataclasses import replace
 from itertools import chain, combinations
 
@@ -48,6 +49,13 @@ def test_a_spacecraft_has_just_the_limits_that_it_was_given(terminals):
         for name, bound in expected.items():
             np.testing.assert_array_equal(found[name].bound, bound, err_msg=name)
             assert len(found[name].names) == len(bound)
+
+
+def test_a_spacecraft_whose_limits_have_been_asked_for_goes_to_other_processes():
+    found = limits(EVERY)
+    again = limits(pickle.loads(pickle.dumps(EVERY)))
+    assert [one.quantity for one in again] == [one.quantity for one in found]
+    assert all(one.quantity in QUANTITIES for one in again)
 
 
 def test_components_are_told_apart_by_name():

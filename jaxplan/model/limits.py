@@ -89,6 +89,10 @@ class Quantity:
     values: Callable[[Kinematics], AnyArray]
     given: Callable[[Spacecraft], Any]
 
+    def __reduce__(self) -> tuple[Callable[[str], "Quantity"], tuple[str]]:
+        """Another process has the same list, and knows it by its name."""
+        return _named, (self.name,)
+
     @property
     def angular(self) -> bool:
         """Whether it is measured in radians, and in degrees for people."""
@@ -209,6 +213,10 @@ QUANTITIES = (
 """All that can be limited, in the order of a report."""
 
 _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
+
+
+def _named(name: str) -> Quantity:
+    return _BY_NAME[name]
 
 
 @jax.tree_util.register_dataclass
