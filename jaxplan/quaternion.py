@@ -5,6 +5,7 @@ negative. Everything broadcasts over leading axes, computes with numpy or JAX as
 dtype (`jaxplan.geometry.arrays`), and composes with ``jit``, ``vmap`` and ``grad``.
 """
 
+import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry import rotations
@@ -40,6 +41,8 @@ def from_matrix(attitude: ArrayLike) -> AnyArray:
     largest, row = squares[0], xp.stack(products[0], axis=-1)
     for square, candidate in zip(squares[1:], products[1:], strict=True):
         larger = square > largest
+        if xp is np and not np.any(larger):
+            continue
         largest = xp.where(larger, square, largest)
         row = xp.where(larger[..., None], xp.stack(candidate, axis=-1), row)
     quaternion = row / (2 * xp.sqrt(largest))[..., None]

@@ -16,7 +16,10 @@ AnyArray: TypeAlias = Any
 
 def array_module(*values: Any) -> Any:
     """`jax.numpy` if any of the values is an array of JAX or is traced, else `numpy`."""
-    return jnp if any(isinstance(value, jax.Array) for value in values) else np
+    for value in values:
+        if type(value) is not np.ndarray and isinstance(value, jax.Array):
+            return jnp
+    return np
 
 
 def arrays(*values: Any) -> tuple[Any, ...]:
@@ -30,7 +33,10 @@ def arrays(*values: Any) -> tuple[Any, ...]:
         a list or an array of integers becomes float64, and a number of Python takes the dtype of the others;
         for JAX both are of the precision that it is set to.
     """
-    if all(type(value) is np.ndarray and value.dtype.kind == "f" for value in values):
+    for value in values:
+        if type(value) is not np.ndarray or value.dtype.kind != "f":
+            break
+    else:
         return np, *values  # nearly always: searches call this very often
     xp = array_module(*values)
     if xp is jnp:
