@@ -107,13 +107,17 @@ def search_batch(
     def of_all(numbers: list[int]) -> list[SearchResult]:
         """The results of scenes whose ends are finite."""
         found: dict[int, SearchResult] = {}
-        for group in grouped(numbers, lambda number: (settings[number].method, layout(scenes[number]))):
-            for part in parts(picked(numbers, group), POOL):
-                alike = Scenes(picked(scenes, part))
+        alike = [numbers]
+        if len(numbers) > 1:
+            alike = grouped(numbers, lambda number: (settings[number].method, layout(scenes[number])))
+            alike = [picked(numbers, group) for group in alike]
+        for group in alike:
+            for part in parts(group, POOL):
+                together = Scenes(picked(scenes, part))
                 own = picked(share, part)
-                found.update(zip(part, _METHODS[own[0].method](alike, own), strict=True))
+                found.update(zip(part, _METHODS[own[0].method](together, own), strict=True))
                 if seconds is not None:
-                    seconds.spent[list(part)] += alike.seconds.spent
+                    seconds.spent[list(part)] += together.seconds.spent
         return [found[number] for number in numbers]
 
     with jax.enable_x64(True):
