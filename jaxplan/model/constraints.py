@@ -135,6 +135,8 @@ class Constraints:
         """
         rows = np.flatnonzero(which)
         rows = rows[np.lexsort((self.entry[rows], self.group[rows]))]
+        if np.array_equal(rows, np.flatnonzero(self.zone >= 0)):  # all of them, in order
+            return self
         place = np.zeros(len(self.zone), int)
         place[rows] = np.arange(len(rows))
         padding = np.arange(len(rows), padded_count(len(rows)))
