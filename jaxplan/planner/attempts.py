@@ -1,4 +1,4 @@
-"""What is tried for one scenario: goals, a ladder of attempts at each, and the best plan so far.
+"""The attempts that are made at one scenario: goals, a ladder of attempts at each, and the best plan so far.
 
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
@@ -65,7 +65,7 @@ class SearchQuery:
 
 
 class Attempts:
-    """What is still to be tried for a scenario, what is needed next, and the best plan so far.
+    """The state of planning one scenario: attempts still to be made, the next need, the best plan so far.
 
     Args:
         scenario: the problem and its settings.

@@ -87,6 +87,6 @@ def _prove_certificates(open_: Sequence[Attempts]) -> None:
 
 
 def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:
-    """Those that need something of a kind next, with what it is."""
+    """The attempts whose next need is of a kind, each with that need."""
     needs: list[tuple[Attempts, Any]] = [(attempts, attempts.need) for attempts in open_]
     return [(attempts, need) for attempts, need in needs if isinstance(need, kind)]

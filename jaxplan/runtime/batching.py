@@ -71,7 +71,7 @@ def parts(items: Sequence[Item], most: int | None) -> Iterator[Sequence[Item]]:
 
 
 def padded_count(count: int, least: int = 8) -> int:
-    """What a number of rows, nodes or calls is padded to, so that kernels compile for few sizes.
+    """The size to which so many rows, nodes or calls are padded, so that kernels compile for few sizes.
 
     Args:
         count: of what there is.
@@ -89,7 +89,7 @@ def padded_count(count: int, least: int = 8) -> int:
 
 
 class Seconds:
-    """What each of many has taken, s, without what was spent on compiling.
+    """The seconds that each of many pieces of work has taken, without those spent on compiling.
 
     Attributes:
         spent: (n,) s.
@@ -108,7 +108,7 @@ class Seconds:
 
 
 class Request(Protocol):
-    """What a run needs before it can go on."""
+    """Something that a run asks for and needs before it can go on."""
 
     @property
     def kind(self) -> Hashable:

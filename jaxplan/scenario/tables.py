@@ -140,7 +140,7 @@ class Table(Kind):
 
     @cached_property
     def _kinds(self) -> dict[str, tuple[Kind, ...]]:
-        """What each attribute may be written as."""
+        """The kinds of value that each attribute may be written as, by attribute."""
         found: dict[str, tuple[Kind, ...]] = {}
         for entry in self.fields:
             if not entry.resolved:

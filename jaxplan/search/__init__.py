@@ -107,12 +107,11 @@ def search_batch(
     def of_all(numbers: list[int]) -> list[SearchResult]:
         """The results of scenes whose ends are finite."""
         found: dict[int, SearchResult] = {}
-        alike = [numbers]
+        groups = [[0]]  # of one nothing needs to be told apart
         if len(numbers) > 1:
-            alike = grouped(numbers, lambda number: (settings[number].method, layout(scenes[number])))
-            alike = [picked(numbers, group) for group in alike]
-        for group in alike:
-            for part in parts(group, POOL):
+            groups = grouped(numbers, lambda number: (settings[number].method, layout(scenes[number])))
+        for group in groups:
+            for part in parts(picked(numbers, group), POOL):
                 together = Scenes(picked(scenes, part))
                 own = picked(share, part)
                 found.update(zip(part, _METHODS[own[0].method](together, own), strict=True))

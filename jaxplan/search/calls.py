@@ -196,7 +196,7 @@ def _stacked(scenes: Sequence[Scene]) -> Scene:
 
 
 def layout(scene: Scene) -> tuple[Any, ...]:
-    """What scenes must share to be stacked."""
+    """Tree structure and shapes of a scene: scenes that share them can be stacked."""
     leaves, structure = jax.tree.flatten(scene)
     return structure, *(np.shape(leaf) for leaf in leaves)
 

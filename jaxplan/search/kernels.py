@@ -121,7 +121,7 @@ def _child_slacks(
         total = jnp.minimum(total, worst[:, choice[:, device], device])
     if scene.grouped_cones.half_angle.shape[0]:
         coupled = _coupled_slacks(scene, sight, choice, wanted[1][:, None, None], edges)
-        total = jnp.minimum(total, jnp.min(coupled, axis=0))
+        total = jnp.minimum(total, _fold(jnp.minimum, coupled, 0, jnp.inf))  # NaN is kept
     return total
 
 
