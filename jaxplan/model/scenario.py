@@ -16,6 +16,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.equality import same
 from jaxplan.model.moving import DirectionPath, as_path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
@@ -234,8 +235,8 @@ class TrajectorySettings:
 class Scenario:
     """A planning problem with its settings.
 
-    Two of them are equal if their files are: what a file cannot say, such as the last bit of some angles
-    in degrees, does not tell them apart.
+    Two of them are equal if they say the same, in lists or arrays, in full or in short, with numbers to
+    within the rounding of an angle that goes to degrees and back (`jaxplan.model.equality`).
 
     Attributes:
         name: for titles and tables.
@@ -281,11 +282,7 @@ class Scenario:
         )
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Scenario):
-            return NotImplemented
-        from jaxplan.scenario.writing import scenario_to_dict  # which knows of scenarios, so not at the top
-
-        return self is other or scenario_to_dict(self) == scenario_to_dict(other)
+        return same(self, other) if isinstance(other, Scenario) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self.name)  # the same for equal ones, and never a tracer

@@ -27,7 +27,6 @@ from jaxplan.planner.arrays import (
     Times,
     Words,
 )
-from jaxplan.planner.record import Plan
 from jaxplan.scenario.faults import Place
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
 from jaxplan.scenario.tables import Field, Table
@@ -140,7 +139,7 @@ def plan_table(scenario: Scenario) -> Table:
         "report": report,
     }
     kinds = {key: Nullable(kind) for key, kind in steps.items()}
-    return _table(Plan, partial(_make_plan, scenario), status=_STATUS, message=Words(), **kinds)
+    return _table(dict, _make_parts, status=_STATUS, message=Words(), **kinds)
 
 
 def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> SearchResult:
@@ -148,8 +147,8 @@ def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> 
     return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
 
 
-def _make_plan(scenario: Scenario, *, status: str, **parts: Any) -> Plan:
-    return Plan(scenario=scenario, status=Status[status], **parts)
+def _make_parts(*, status: str, **parts: Any) -> dict[str, Any]:
+    return {"status": Status[status], **parts}
 
 
 def check_agreement(read: Mapping[str, Any], root: Place) -> None:

@@ -1,7 +1,6 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,8 @@ from jaxplan.model.moments import moves
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, sight_names
+from jaxplan.planner.record import Plan
 from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
-
-if TYPE_CHECKING:
-    from jaxplan.planner.record import Plan
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -99,7 +96,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
     return f"; {kind} {zone.any_of} is most in the way"
 
 
-def farther(nearest: "Plan", plan: "Plan") -> str:
+def farther(nearest: Plan, plan: Plan) -> str:
     """Of a plan that goes to another goal than the nearest one, which failed."""
     assert nearest.goal is not None
     slew = np.rad2deg(nearest.goal.slew_angle)

@@ -13,6 +13,7 @@ from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.status import Status
+from jaxplan.planner.storage import read_plan, write_plan
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory, duration_bound, excess
 
@@ -108,9 +109,7 @@ class Plan:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan to a JSON file, see `jaxplan.planner.storage.save_plan`."""
-        from jaxplan.planner.storage import save_plan  # which knows of plans, so not at the top
-
+        """Write the plan to a JSON file, see `save_plan`."""
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
@@ -167,6 +166,32 @@ class Plan:
 
     def _repr_html_(self) -> str:
         return as_table(f"Plan of {self.scenario.name}", self.rows())
+
+
+def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
+    """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
+
+    Args:
+        plan: any plan, also one that failed.
+        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
+            never the new one beside the timings of the old.
+
+    Raises:
+        ValueError: if the path is called like a file of timings.
+    """
+    write_plan(plan, path)
+
+
+def load_plan(path: str | os.PathLike[str]) -> Plan:
+    """Read a plan that `save_plan` wrote.
+
+    Args:
+        path: the JSON file; timings are read if their file is there.
+
+    Raises:
+        PlanFileError: if the file is missing, too large, no JSON, or not a plan.
+    """
+    return Plan(**read_plan(path))
 
 
 class PlanningError(Exception):

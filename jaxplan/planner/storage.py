@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -20,7 +20,6 @@ from jaxplan.given import file_path
 from jaxplan.model.moments import moves
 from jaxplan.model.status import Status
 from jaxplan.planner import layout
-from jaxplan.planner.record import Plan
 from jaxplan.runtime.files import replacing_file
 from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.scenario.faults import DeviceNames, Place
@@ -34,11 +33,11 @@ class PlanFileError(ValueError):
     """A plan file that cannot be read; the message names the key and what is wrong."""
 
 
-def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
+def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
 
     Args:
-        plan: any plan, also one that failed.
+        plan: a `jaxplan.planner.record.Plan`, also one that failed.
         path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
             never the new one beside the timings of the old.
 
@@ -66,8 +65,8 @@ def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
         pass
 
 
-def load_plan(path: str | os.PathLike[str]) -> Plan:
-    """Read a plan that `save_plan` wrote.
+def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file that `write_plan` wrote holds: the attributes of a plan.
 
     Args:
         path: the JSON file; timings are read if their file is there.
@@ -78,13 +77,13 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
     source = file_path("path", path)
     content = _read(source, "plan")
     try:
-        return _plan(content, _timings(_timings_file(source)))
+        return _parts(content) | {"timings": _timings(_timings_file(source))}
     except ScenarioError as error:
         raise PlanFileError(str(ScenarioError(error.faults, os.fspath(path)))) from error
 
 
-def _plan(content: dict[str, Any], timings: dict[str, float]) -> Plan:
-    """The plan that a file's content stands for; its faults are raised as those of a scenario are."""
+def _parts(content: dict[str, Any]) -> dict[str, Any]:
+    """The attributes that a file's content stands for; its faults are raised as those of a scenario are."""
     root = Place(faults=[], devices=DeviceNames(None, None))
     rest = dict(content)
     layout.HEAD.read({f.key: rest.pop(f.key) for f in layout.HEAD.fields if f.key in content}, root)
@@ -100,8 +99,7 @@ def _plan(content: dict[str, Any], timings: dict[str, float]) -> Plan:
         layout.check_agreement(read or {}, root)
     if root.faults:
         raise ScenarioError(root.faults)
-    plan: Plan = table.build(read)
-    return replace(plan, timings=timings)
+    return {"scenario": scenario, **table.build(read)}
 
 
 def _timings(path: FilePath) -> dict[str, float]:
