@@ -327,7 +327,7 @@ def test_a_missing_key_is_named_with_what_it_must_be(line):
         ({"goal": {}}, "goal: must be a table with targets, or with attitude, yaw_rad and pitch_rad"),
         (
             {"spacecraft.inertia_kg_m2": ABSENT, "spacecraft.torque_limit_nm": ABSENT},
-            "spacecraft.wheel_momentum_limit_nms = 4: needs spacecraft.inertia_kg_m2",
+            "spacecraft.wheel_momentum_limit_nms = 4.0: needs spacecraft.inertia_kg_m2",
         ),
         (
             {"search.terminal_step_scale": {"four": 0.5}},

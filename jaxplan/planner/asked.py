@@ -1,10 +1,9 @@
-"""What is planned is what a scenario file would say: checked alike, and the same when it is read back."""
+"""What is planned is what a scenario file would say: checked alike, with the numbers that it would hold."""
 
 from jaxplan.given import expect
-from jaxplan.model.moments import moves
 from jaxplan.model.scenario import Scenario
-from jaxplan.scenario import ScenarioError, scenario_to_dict
-from jaxplan.scenario.taking import read_back
+from jaxplan.scenario import ScenarioError
+from jaxplan.scenario.taking import take_in
 from jaxplan.search import PLANNERS
 from jaxplan.trajectory import METHODS
 
@@ -20,7 +19,7 @@ def as_filed(name: str, given: object) -> Scenario:
         TypeError: for what is no scenario, such as the name of a file.
         ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
             lists every fault by its attribute.
-        ValueError: for methods that do not exist, or cannot follow what moves.
+        ValueError: for methods that do not exist.
     """
     several = isinstance(given, list | tuple)
     advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
@@ -31,13 +30,6 @@ def as_filed(name: str, given: object) -> Scenario:
             known = " or ".join(f'"{known}"' for known in methods)
             raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
     try:
-        filed = read_back(scenario_to_dict(scenario))
+        return take_in(scenario)
     except ScenarioError as error:
         raise ScenarioError(error.faults, name) from error
-    duration = filed.trajectory.duration
-    if isinstance(duration, str) and moves(filed) and filed.trajectory.method == "paper":
-        raise ValueError(
-            f'{name}.trajectory.duration = "{duration}": must be a number with '
-            'trajectory.method = "paper", since something moves'
-        )
-    return filed

@@ -14,8 +14,8 @@ from jaxplan.model.zones import sight_names
 from jaxplan.planner.arrival import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-from jaxplan.scenario import ScenarioError, scenario_to_dict
-from jaxplan.scenario.taking import read_back, take_in
+from jaxplan.scenario import ScenarioError
+from jaxplan.scenario.taking import refuse_types, take_in
 from jaxplan.trajectory import Trajectory
 
 # How far a goal may be from what the scenario asks for, rad.
@@ -108,7 +108,7 @@ def certify(plan: Plan) -> Report:
     if plan.trajectory is None or plan.goal is None:
         missing = "trajectory" if plan.trajectory is None else "goal"
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
-    take_in(plan.scenario)
+    refuse_types(plan.scenario)
     report = prove(plan.scenario, plan.goal, plan.trajectory)
     return replace(report, faults=_of_zones(plan.scenario, report.faults))
 
@@ -119,7 +119,7 @@ def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
     if len(others) == len(faults):
         return faults
     try:
-        read_back(scenario_to_dict(scenario))
+        take_in(scenario)
     except ScenarioError as error:
         own = tuple(
             fault for fault in error.faults if fault.startswith(("keep_out", "keep_in", "joint_bounds"))

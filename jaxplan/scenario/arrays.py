@@ -19,6 +19,7 @@ from jaxplan.scenario.values import read_array
 UNIT_TOLERANCE = 1e-3
 
 _POSITIVE = Number(Interval("[1e-12, 1e12]"))
+_ANY = Number()
 _MOMENT = Number(Interval("[-1e12, 1e12]"))
 
 
@@ -71,7 +72,8 @@ class Vector(Kind):
 
     def take(self, value: Any, place: Place) -> np.ndarray | None:
         """(length,)."""
-        return read_array(value, f"an array of {self.wanted}", place, (self.length,))
+        read = read_array(value, f"an array of {self.wanted}", place, (self.length,))
+        return None if read is None else self.of.checked_array(read, place)
 
     def write(self, value: Any) -> list[float]:
         """A list."""
@@ -125,7 +127,13 @@ class Each(Kind):
         wanted += ", in rows of 3 numbers" if each else ""
         none = [(0,)] if not count else []  # as an empty list has it
         read = read_array(value, f"an array of {wanted}", place, (count, *each), *none)
-        return None if read is None else read.reshape(len(read), *each)
+        if read is None:
+            return None
+        if isinstance(self.of, Number):
+            return self.of.checked_array(read.reshape(len(read)), place)
+        assert isinstance(self.of, Direction)
+        rows = [self.of.checked(row, place.item(i)) for i, row in enumerate(read.reshape(len(read), 3))]
+        return None if any(row is None for row in rows) else np.array(rows).reshape(len(rows), 3)
 
     def may_miss(self, place: Place) -> bool:
         """Without terminals there is nothing to say."""
@@ -138,7 +146,7 @@ class Each(Kind):
 
 def _unit(vector: np.ndarray, value: object, what: str, place: Place) -> np.ndarray | None:
     """The vector at unit length; one that has it to rounding keeps its bits, to be written back as it was."""
-    norm = math.hypot(*vector)
+    norm = math.hypot(*vector.tolist())
     if norm == 0:
         place.fault(f"must be {what}, not zero", value)
     elif abs(norm - 1) > UNIT_TOLERANCE:
@@ -168,10 +176,17 @@ class Direction(Kind):
         """(length,); of a path that stands still, where it is."""
         moving = isinstance(value, DirectionPath) and value.moves
         if moving:
-            place.fault(f"must be {self.wanted}, not a direction that moves", value)
+            place.refuse(f"must be {self.wanted}, not a direction that moves", value)
             return None
         given = value.samples[0] if isinstance(value, DirectionPath) else value
-        return read_array(given, self.wanted, place, (self.length,))
+        vector = read_array(given, self.wanted, place, (self.length,))
+        return None if vector is None else self.checked(vector, place)
+
+    def checked(self, vector: np.ndarray, place: Place) -> np.ndarray | None:
+        """The vector at unit length, or None after noting its faults."""
+        if _ANY.checked_array(vector, place) is None:
+            return None
+        return _unit(vector, vector.tolist(), "a unit vector", place)
 
     def holds(self, value: Any) -> bool:
         """A direction, and none that moves."""
@@ -219,7 +234,12 @@ class PerAxis(Kind):
     def take(self, value: Any, place: Place) -> np.ndarray | None:
         """(3,)."""
         read = read_array(value, self.wanted, place, (), (3,))
-        return None if read is None else np.broadcast_to(read, 3)
+        if read is None:
+            return None
+        numbers = np.full(3, read)
+        if len(set(map(repr, numbers))) > 1:
+            return self.of.checked_array(numbers, place)
+        return None if self.of.checked(float(numbers[0]), place) is None else numbers
 
     def write(self, value: Any) -> float | list[float]:
         """One number where all three are the same."""
@@ -239,7 +259,10 @@ class Inertia(Kind):
         rows = _read_entries(Vector(3, _MOMENT), 3, "rows of 3 numbers", value, place)
         if rows is None:
             return None
-        matrix = np.array(rows)
+        return self._checked(np.array(rows), value, place)
+
+    def _checked(self, matrix: np.ndarray, value: object, place: Place) -> np.ndarray | None:
+        """The matrix, or None after noting why no body has it."""
         scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
         small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
         if np.max(np.abs(scaled - scaled.T)) > 1e-9:
@@ -256,7 +279,10 @@ class Inertia(Kind):
 
     def take(self, value: Any, place: Place) -> np.ndarray | None:
         """(3, 3)."""
-        return read_array(value, f"{self.wanted}; np.diag makes them of principal moments", place, (3, 3))
+        read = read_array(value, f"{self.wanted}; np.diag makes them of principal moments", place, (3, 3))
+        if read is None or _MOMENT.checked_array(read, place) is None:
+            return None
+        return self._checked(read, read.tolist(), place)
 
     def write(self, value: Any) -> list[list[float]]:
         """A list of rows."""

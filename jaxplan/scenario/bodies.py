@@ -67,7 +67,7 @@ class Epoch(Kind):
 
     def take(self, value: Any, place: Place) -> Any:
         """The instant, of numpy's or in any way that a file may have it."""
-        return value if isinstance(value, np.datetime64) else self.read(value, place)
+        return self.read(self.write(value) if isinstance(value, np.datetime64) else value, place)
 
     def write(self, value: np.datetime64) -> str:
         """Text, without zeros at its end."""

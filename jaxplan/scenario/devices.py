@@ -1,6 +1,6 @@
 """Kinds of values in a scenario file that name devices: lists of them, and factors for some."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,12 +36,11 @@ class DeviceList(Kind):
         return tuple(value) if len(place.faults) == before else None
 
     def take(self, value: Any, place: Place) -> tuple[str, ...] | None:
-        """The names; one by itself may be given as it is."""
-        if isinstance(value, str):
-            return (value,)
-        if isinstance(value, list | tuple) and all(isinstance(name, str) for name in value):
-            return tuple(value)
-        place.fault("must be a tuple of names of devices", value)
+        """The names; one by itself may be given as it is, and none."""
+        names = [value] if isinstance(value, str) else value
+        if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names):
+            return self.read(list(names), place) if names else ()
+        place.refuse("must be a tuple of names of devices", value)
         return None
 
     def write(self, value: Any) -> list[str]:
@@ -82,8 +81,8 @@ class DeviceName(Kind):
     def take(self, value: Any, place: Place) -> str | None:
         """The name."""
         if isinstance(value, str):
-            return value
-        place.fault(f"must be {self.wanted}", value)
+            return self.read(value, place)
+        place.refuse(f"must be {self.wanted}", value)
         return None
 
 
@@ -99,22 +98,24 @@ class TerminalFactors(Kind):
         if not isinstance(value, dict):
             place.fault(f"must be {self.wanted}", value)
             return None
+        return self._each(_FACTOR.read, value, place)
+
+    def _each(self, make: Callable[[Any, Place], Any], value: Mapping[str, Any], place: Place) -> Any:
+        """The factors of terminals that there are."""
         before = len(place.faults)
         known = place.devices.terminals
         for name in value:
             if known is not None and name not in known:
                 place.key(name).fault(f"no such terminal, {nearest(name, known, 'terminals')}")
-        read = {name: _FACTOR.read(number, place.key(name)) for name, number in value.items()}
+        read = {name: make(number, place.key(name)) for name, number in value.items()}
         return read if len(place.faults) == before else None
 
     def take(self, value: Any, place: Place) -> dict[str, float] | None:
         """The factors by name."""
         if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
-            place.fault("must be a dict from names of terminals to numbers", value)
+            place.refuse("must be a dict from names of terminals to numbers", value)
             return None
-        before = len(place.faults)
-        read = {name: _FACTOR.take(number, place.key(name)) for name, number in value.items()}
-        return read if len(place.faults) == before else None
+        return self._each(_FACTOR.take, value, place)
 
     def write(self, value: Any) -> dict[str, float]:
         """A table."""

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 # A longer name is not compared with the known ones, nor shown in full.
 _LONGEST_NAME = 60
@@ -140,6 +140,14 @@ class Place:
         what = self.name if value is _NOTHING else self.told(value)
         self.faults.append(f"{what}: {complaint}")
 
+    def refuse(self, complaint: str, value: object) -> None:
+        """Note that what Python gave is of a wrong type or shape, so that nothing can be made of it."""
+        self.fault(complaint, value)
+
+    def spelled(self, kind: Any, value: Any) -> Any:
+        """A value of the model as it is told here: as the file holds it."""
+        return kind.write(value)
+
     @property
     def name(self) -> str:
         """The key path, or what has none."""
@@ -148,6 +156,33 @@ class Place:
     def told(self, value: object) -> str:
         """The name with a value of the file that stands here."""
         return f"{self.name} = {self.show(value)}"
+
+
+class Ear(Place):
+    """Hears that there are faults, and not where: for a first look, which is quick where there are none.
+
+    Attributes:
+        refused: how many of the faults are of type or shape.
+    """
+
+    refused: int = 0
+
+    def key(self, name: str) -> Place:
+        """Here."""
+        return self
+
+    def item(self, index: int) -> Place:
+        """Here."""
+        return self
+
+    def fault(self, complaint: str, value: object = _NOTHING) -> None:
+        """Count a fault."""
+        self.faults.append("")
+
+    def refuse(self, complaint: str, value: object) -> None:
+        """Count a fault of type or shape."""
+        self.refused += 1
+        self.faults.append("")
 
 
 def nearest(name: str, known: Sequence[str], kind: str) -> str:

@@ -3,14 +3,14 @@
 A kind reads a value of the file to the model's units, noting every fault at its `Place` and answering None
 where there was one, and writes it back so that reading again gives the same bits. ``wanted`` completes
 "must be ..." in messages and in the reference of the file. What Python gives for the model it takes in: lists
-become arrays, and what has the wrong type or shape is a fault, since it could not be written. Ranges are for
-reading alone to judge.
+become arrays, and what has the wrong type or shape is a fault, as is what no file may hold.
 """
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ class Kind(ABC):
         """The value in the model's units, or None after noting its faults."""
 
     def take(self, value: Any, place: Place) -> Any:
-        """The model's value as it was given in Python, or None after noting a wrong type or shape."""
+        """The model's value of one that was given in Python, or None after noting its faults."""
         return value
 
     def may_miss(self, place: Place) -> bool:
@@ -98,6 +98,12 @@ def shortest_degrees(angle: float) -> float:
     return min([close, *neighbours], key=lambda degrees: abs(math.radians(degrees) - angle))
 
 
+def filed_angle(angle: float) -> float:
+    """The angle, rad, that is read where this one was written: but for a last bit in a few cases the same."""
+    close = math.degrees(angle)
+    return angle if math.radians(close) == angle else math.radians(shortest_degrees(angle))
+
+
 @dataclass(frozen=True)
 class Text(Kind):
     """A name or title: one line that prints, since it goes into tables and figures."""
@@ -115,8 +121,8 @@ class Text(Kind):
     def take(self, value: Any, place: Place) -> str | None:
         """The text itself."""
         if isinstance(value, str):
-            return value
-        place.fault(f"must be {self.wanted}", value)
+            return self.read(value, place)
+        place.refuse(f"must be {self.wanted}", value)
         return None
 
 
@@ -144,10 +150,10 @@ class Choice(Kind):
         return None
 
     def take(self, value: Any, place: Place) -> str | int | None:
-        """The option itself, or another of its type."""
+        """The option itself."""
         if isinstance(value, str | int):
-            return value
-        place.fault(f"must be {self.wanted}", value)
+            return self.read(value, place)
+        place.refuse(f"must be {self.wanted}", value)
         return None
 
 
@@ -225,8 +231,47 @@ class Number(Kind):
         """The number as a float, or what its word stands for."""
         if isinstance(value, str) and value in self.words:
             return self.words[value]
-        number = "a number, in radians" if self.degrees else "a number"
-        return read_number(value, either([number, *map(quote, self.words)]), place)
+        if type(value) is not float:
+            number = "a number, in radians" if self.degrees else "a number"
+            value = read_number(value, either([number, *map(quote, self.words)]), place)
+        return None if value is None else self.checked(value, place)
+
+    def checked(self, number: float, place: Place) -> Any:
+        """A number in the model's unit, as it is read where it was written; None after noting its faults."""
+        low, high = self._bounds
+        if low < number < high:
+            return filed_angle(number) if self.degrees else number
+        if number in self.words.values():
+            return number
+        if not math.isfinite(number):
+            where = f" and {self.interval.wanted(place.factor)}" if self.interval else ""
+            place.fault(f"must be finite{where}", number)
+            return None
+        if self.interval and (shortest_degrees(number) if self.degrees else number) not in self.interval:
+            place.fault(f"must {self.interval.wanted(place.factor)}", number)
+            return None
+        return filed_angle(number) if self.degrees else number
+
+    def checked_array(self, array: np.ndarray, place: Place) -> np.ndarray | None:
+        """An array of numbers in the model's unit; None after noting the faults of each."""
+        low, high = self._bounds
+        if all(low < number < high for number in array.ravel().tolist()):
+            return array
+        before = len(place.faults)
+        for index in np.ndindex(array.shape):
+            here = place
+            for i in index:
+                here = here.item(i)
+            self.checked(float(array[index]), here)
+        return array if len(place.faults) == before else None
+
+    @cached_property
+    def _bounds(self) -> tuple[float, float]:
+        """Between which a number of the model's is surely in range."""
+        if self.interval is None:
+            return -math.inf, math.inf
+        low, high = self.interval.low, self.interval.high
+        return (math.radians(low), math.radians(high)) if self.degrees else (low, high)
 
     def write(self, value: Any) -> float | str:
         """The number in the file's units, or its word."""
@@ -265,8 +310,8 @@ class Integer(Kind):
     def take(self, value: Any, place: Place) -> int | None:
         """The number as Python's own."""
         if isinstance(value, int | np.integer) and not isinstance(value, bool):
-            return int(value)
-        place.fault(f"must be {self.wanted}", value)
+            return self.read(int(value), place)
+        place.refuse(f"must be {self.wanted}", value)
         return None
 
     def write(self, value: Any) -> int:

@@ -45,19 +45,26 @@ class DirectionSamples(Kind):
 
     def take(self, value: Any, place: Place) -> DirectionPath | None:
         """The path, of arrays."""
-        times = read_array(value.times, "an array of numbers", place.key("times"), (None,))
+        times = read_array(value.times, "an array of numbers", place.key(TIMES.key), (None,))
         if times is None:
             return None
         vectors = f"an array of {len(times)} vectors of 3 numbers, one a time"
         shape = (len(times), 3)
-        samples = read_array(value.samples, vectors, place.key("samples"), shape)
+        samples = read_array(value.samples, vectors, place.key(SAMPLES.key), shape)
         slopes = read_array(value.slopes, vectors, place.key("slopes"), shape)
         if samples is None or slopes is None:
             return None
-        try:
-            path = DirectionPath.through(times, samples)
-        except ValueError:
-            return DirectionPath(times=times, samples=samples, slopes=slopes)  # for reading to refuse
+        if len(times) > MOST_SAMPLES:
+            place.key(SAMPLES.key).fault(f"must be {self.wanted}, 2 to {MOST_SAMPLES}", samples)
+            return None
+        at, seen = place.key(TIMES.key), place.key(SAMPLES.key)
+        rising = rising_times(times, at)
+        units = [Direction().checked(one, seen.item(i)) for i, one in enumerate(samples)]
+        if rising is None or any(unit is None for unit in units):
+            return None
+        path = _through(rising, np.array(units), seen, samples)
+        if path is None:
+            return None
         off = (slopes - path.slopes) * np.gradient(times)[:, None]
         wrong = ~np.all(np.abs(off) <= _SLOPE_ROUNDING, axis=1)
         if np.any(wrong):
@@ -86,20 +93,33 @@ class SampleTimes(Kind):
     def read(self, value: object, place: Place) -> np.ndarray | None:
         """(n,)."""
         read = _entries(_TIME, self.wanted, value, place)
-        if read is None:
-            return None
-        times = np.array(read)
-        falls = np.flatnonzero(np.diff(times) <= 0)
-        if len(falls):
-            at = int(falls[0]) + 1
-            place.item(at).fault(f"must be later than the one before, {read[at - 1]:g}", read[at])
-        if not read[0] <= 0:
-            place.item(0).fault("must be at most 0, where the manoeuvre starts", read[0])
-        return None if len(falls) or not read[0] <= 0 else times
+        return None if read is None else rising_times(np.array(read), place)
 
     def write(self, value: Any) -> list[float]:
         """A list."""
         return [float(time) for time in value]
+
+
+def rising_times(times: np.ndarray, place: Place) -> np.ndarray | None:
+    """Times of samples, or None after noting what is wrong with them."""
+    if _TIME.checked_array(times, place) is None:
+        return None
+    falls = np.flatnonzero(np.diff(times) <= 0)
+    if len(falls):
+        at = int(falls[0]) + 1
+        place.item(at).fault(f"must be later than the one before, {times[at - 1]:g}", float(times[at]))
+    if not times[0] <= 0:
+        place.item(0).fault("must be at most 0, where the manoeuvre starts", float(times[0]))
+    return None if len(falls) or not times[0] <= 0 else times
+
+
+def _through(times: np.ndarray, samples: np.ndarray, place: Place, told: object) -> DirectionPath | None:
+    """The path through samples, or None after noting at their place that there is none."""
+    try:
+        return DirectionPath.through(times, samples)
+    except ValueError as error:
+        place.fault(str(error).removeprefix("samples: "), told)
+        return None
 
 
 SAMPLES = Field(
@@ -149,10 +169,7 @@ def join_path(given: Mapping[str, Any], read: dict[str, Any], place: Place) -> N
         complaint = f"must have as many numbers as {SAMPLES.key}, {len(samples)}, not {len(times)}"
         place.key(TIMES.key).fault(complaint, given[TIMES.key])
         return
-    try:
-        read["direction"] = DirectionPath.through(times, samples)
-    except ValueError as error:
-        place.key(SAMPLES.key).fault(str(error).removeprefix("samples: "), given[SAMPLES.key])
+    read["direction"] = _through(times, samples, place.key(SAMPLES.key), given[SAMPLES.key])
 
 
 def split_zone(zone: Any) -> dict[str, Any]:
@@ -207,6 +224,6 @@ class TargetList(Each):
             return super().take([as_path(one).samples[0] for one in value] if still else value, place)
         before, count = len(place.faults), self.count(place)
         if count not in (None, len(value)):
-            place.fault(f"must be {count} {self.wanted}, not {len(value)}", value)
+            place.refuse(f"must be {count} {self.wanted}, not {len(value)}", value)
         read = tuple(self.of.take(one, place.item(i)) for i, one in enumerate(value))
         return read if len(place.faults) == before else None

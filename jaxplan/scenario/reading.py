@@ -1,26 +1,20 @@
 """From a scenario file, its text or the dict it holds to the model, with all faults reported at once.
 
-Single values are checked by their kind (`layout`); what concerns several tables is checked here. Whether
-start and goal keep the constraints is no matter of the file: planning answers that with a status.
+Single values are checked by their kind (`layout`), what concerns several tables by `checks`. Whether start
+and goal keep the constraints is no matter of the file: planning answers that with a status.
 """
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from jaxplan.given import file_path
-from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.scenario import toml
+from jaxplan.scenario.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError, quote
-from jaxplan.scenario.kinds import shortest_degrees
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.resolving import resolve_directions
-
-MOST_ZONES = 1000
-ZONES = ("keep_out", "keep_in", "joint_bound")
-"""Keys of a file under which pointing constraints stand."""
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
@@ -78,21 +72,14 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: it is no scenario; the message lists every fault.
     """
-    return read_scenario(tables, Place(faults=[], devices=device_names(tables)))
-
-
-def read_scenario(tables: Mapping[str, Any], root: Place) -> Scenario:
-    """Likewise, with faults told as a place tells them."""
-    _check_number_of_zones(tables, root)
-    read = SCENARIO.read(tables, root)
+    root = Place(faults=[], devices=device_names(tables))
+    zones = [_rows(tables, key) or () for key in ZONES]
+    read = SCENARIO.read(tables, root) if check_count(zones, root) else None
     if read is not None:
-        check_names(tables, root)
-        check_inertia(tables, root)
-        _check_zones(tables, root)
-        _check_goal_limits(read, root)
-        _check_duration(tables, read, root)
+        check_parts(read, root)
         _check_epoch(tables, read, root)
         resolve_directions(tables, read, root)
+        check_paths(read, root)
     if root.faults:
         raise ScenarioError(root.faults)
     scenario: Scenario = SCENARIO.build(read)
@@ -122,87 +109,3 @@ def device_names(tables: object) -> DeviceNames:
         return None if found is None or len(texts) < len(found) else texts
 
     return DeviceNames(names("terminal"), names("instrument"))
-
-
-def _check_number_of_zones(tables: object, root: Place) -> None:
-    """Raise at once where there are more zones than any scene has."""
-    count = sum(len(_rows(tables, key) or ()) for key in ZONES)
-    if count > MOST_ZONES:
-        root.fault(f"{count} zones, more than the {MOST_ZONES} that are allowed")
-        raise ScenarioError(root.faults)
-
-
-def check_names(tables: Mapping[str, Any], root: Place) -> None:
-    """Devices, and zones, need names of their own."""
-    spacecraft = root.key("spacecraft")
-    _check_unique(tables.get("spacecraft"), ("terminal", "instrument"), spacecraft)
-    _check_unique(tables, ZONES, root)
-
-
-def _check_unique(table: object, keys: Iterable[str], place: Place) -> None:
-    first: dict[str, Place] = {}
-    for key in keys:
-        for i, row in enumerate(_rows(table, key) or ()):
-            here, name = place.key(key).item(i).key("name"), row.get("name")
-            if isinstance(name, str) and first.setdefault(name, here) is not here:
-                here.fault(f"the same as {first[name].path}", name)
-
-
-def _check_zones(tables: Mapping[str, Any], root: Place) -> None:
-    """A zone binds something, other than its own axis, and an entry is one of a group."""
-    for key in ZONES:
-        for i, row in enumerate(_rows(tables, key) or ()):
-            place, devices = root.key(key).item(i), row.get("devices", ())
-            aside = key == "keep_in" or "axis_body" in row or "axis_device" in row
-            if key != "joint_bound" and aside and not row.keys() & {"devices", "vector"}:
-                place.key("devices").fault("missing (or vector), must be an array of names of devices")
-            if "axis_device" in row and isinstance(devices, list) and row["axis_device"] in devices:
-                complaint = "is the axis, so it must not be among the devices that are bound"
-                place.key("axis_device").fault(complaint, row["axis_device"])
-            if "entry" in row and "any_of" not in row:
-                place.key("entry").fault("needs any_of, the name of its group", row["entry"])
-
-
-def check_inertia(tables: Mapping[str, Any], root: Place) -> None:
-    """Torque and angular momentum follow from the motion only with the inertia."""
-    spacecraft = tables.get("spacecraft")
-    if isinstance(spacecraft, dict) and "inertia_kg_m2" not in spacecraft:
-        for key in ("torque_limit_nm", "wheel_momentum_limit_nms"):
-            if key in spacecraft:
-                place = root.key("spacecraft")
-                place.key(key).fault(f"needs {place.key('inertia_kg_m2').path}", spacecraft[key])
-
-
-def _check_goal_limits(read: Mapping[str, Any], root: Place) -> None:
-    """The goal's limits tighten those of every terminal, they do not widen any."""
-    terminals = (read.get("spacecraft") or {}).get("terminals") or []
-    for axis in ("yaw_limit", "pitch_limit"):
-        limit = (read.get("goal") or {}).get(axis)
-        for i, terminal in enumerate(terminals):
-            own = (terminal or {}).get(axis)
-            if limit is not None and own is not None and limit > own:
-                key = f"{axis}_deg"
-                bound = root.key("spacecraft").key("terminal").item(i).key(key).told(shortest_degrees(own))
-                root.key("goal").key(key).fault(f"must not exceed {bound}", shortest_degrees(limit))
-                break
-
-
-def _check_duration(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
-    """The paper's method knows no shortest motion, and scales the time, with it the rates at both ends."""
-    settings = tables.get("trajectory", {})
-    if not isinstance(settings, dict) or settings.get("method") != "paper":
-        return
-    duration, place = settings.get("duration_s", STRETCHED), root.key("trajectory").key("duration_s")
-    if duration == MINIMUM:
-        place.fault('only trajectory.method = "global" has it', duration)
-    if duration != STRETCHED:
-        return
-    moving = [
-        root.key(table).key(f"{key}_rad_s").path
-        for table in ("start", "goal")
-        for key in ("angular_velocity", "joint_rates")
-        if np.any((read.get(table) or {}).get(key, 0.0))
-    ]
-    if moving:
-        complaint = f"must be a number of seconds, since stretching the time would change {', '.join(moving)}"
-        place.fault(complaint, duration)

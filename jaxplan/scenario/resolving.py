@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from jaxplan import sky
 from jaxplan.model.moving import DirectionPath
 from jaxplan.scenario.bodies import SATELLITES, View
 from jaxplan.scenario.faults import Place, nearest
 from jaxplan.scenario.kinds import shortest_degrees
-from jaxplan.scenario.paths import TIMES, join_path
+from jaxplan.scenario.paths import join_path
 
 Zones = list[tuple[dict[str, Any], dict[str, Any], Place]]
 
@@ -44,7 +42,7 @@ def resolve_directions(tables: Mapping[str, Any], read: Mapping[str, Any], root:
     view = _view(tables, read, root) if about or named else None
     if view is not None:
         for row, zone, place in about:
-            if isinstance(zone.get("direction"), str) and "half_angle" in zone:
+            if isinstance(zone.get("direction"), str) and zone.get("half_angle") is not None:
                 _resolve_zone(row, zone, place, view)
     for _, zone, _ in out:
         zone.pop("moving", None)
@@ -53,7 +51,6 @@ def resolve_directions(tables: Mapping[str, Any], read: Mapping[str, Any], root:
             _path(target, place, view, sky.BODIES) if isinstance(target, str) else target
             for target, place in zip(targets, places, strict=True)
         )
-    _check_durations(read, root)
 
 
 def _zones(
@@ -133,10 +130,10 @@ def _view(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> Vi
     """The view with its duration, None if a part of it is wrong."""
     given, place = tables.get("sky"), root.key("sky")
     parts = dict(read.get("sky") or {})
-    if not isinstance(given, dict) or len(parts) < len(given) or not {"epoch", "observer"} <= parts.keys():
+    if not isinstance(given, dict) or None in parts.values() or not {"epoch", "observer"} <= parts.keys():
         return None  # noted before
     rows = parts.pop("satellites", [])
-    if not all(row is not None and {"name", "orbit"} <= row.keys() for row in rows):
+    if not all(row is not None and None not in (row.get("name"), row.get("orbit")) for row in rows):
         return None  # likewise
     names = [row["name"] for row in rows]
     for i, name in enumerate(names):
@@ -160,30 +157,3 @@ def _view(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> Vi
         return None
     satellites = SATELLITES.build(rows)
     return View(**{**parts, "for_duration": wanted, "satellites": satellites})
-
-
-def _check_durations(read: Mapping[str, Any], root: Place) -> None:
-    """What moves must be known until the end, and the paper's method must know when that is."""
-    settings = read.get("trajectory") or {}
-    duration = settings.get("duration", "stretched")
-    zones = [
-        (zone.get("direction"), root.key(key).item(i))
-        for key in ("keep_out", "keep_in")
-        for i, zone in enumerate(read.get(key) or [])
-        if zone is not None
-    ]
-    targets = (read.get("goal") or {}).get("directions")
-    if isinstance(targets, tuple):
-        zones += [(target, root.key("goal").key("targets").item(i)) for i, target in enumerate(targets)]
-    paths = [(path, place) for path, place in zones if isinstance(path, DirectionPath)]
-    if paths and settings.get("method") == "paper" and isinstance(duration, str):
-        complaint = 'must be a number of seconds with trajectory.method = "paper", since something moves'
-        root.key("trajectory").key("duration_s").fault(complaint, duration)
-    for path, place in paths:
-        if not isinstance(duration, str) and not path.covers(duration):
-            asked = root.key("trajectory").key("duration_s").path
-            complaint = f"must reach {asked} = {duration:g}, ends at {np.max(path.times):g}"
-            place.key(TIMES.key).fault(complaint)
-        elif not path.covers(0.0):
-            complaint = f"must reach from the start, 0, on, lies in [{path.times[0]:g}, {path.times[-1]:g}]"
-            place.key(TIMES.key).fault(complaint)

@@ -1,23 +1,22 @@
 """How faults of a scenario that was made in Python are told: by its attributes, with numbers in its units.
 
-Its numbers are checked as those of a file, in the tables that would be written. What a file calls
-``keep_out[0].half_angle_deg = 401`` is then ``keep_out[0].half_angle = 7.0 rad``, and must lie in a range of
-radians. Names and units follow from the layout.
+What a file calls ``keep_out[0].half_angle_deg = 401`` is ``keep_out[0].half_angle = 7.0 rad``, and must lie
+in a range of radians. Names and units follow from the layout.
 """
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from jaxplan.given import show
+from jaxplan.scenario.arrays import Direction
 from jaxplan.scenario.faults import DeviceNames, Place
 from jaxplan.scenario.kinds import Kind
 from jaxplan.scenario.layout import SCENARIO
 from jaxplan.scenario.paths import PATH, TargetList
 from jaxplan.scenario.reference import unit_of
 from jaxplan.scenario.tables import Either, Field, Rows, Table
-
-_DIGITS = 12  # of a number that went to degrees and back
 
 
 @dataclass(slots=True)
@@ -27,12 +26,10 @@ class PythonPlace(Place):
     Attributes:
         kind: what stands here, of which keys are looked up; None where there are none.
         unit: of the numbers here, as Python has them; empty for none.
-        first: index of the first entry here in the array that Python has.
     """
 
     kind: Kind | None = None
     unit: str = ""
-    first: int = 0
 
     def key(self, name: str) -> Place:
         """The place of a key of this table, by the attribute that it is written from."""
@@ -48,12 +45,11 @@ class PythonPlace(Place):
             math.pi / 180 if "deg" in in_file else 1.0,
             kind=field.kind,
             unit=in_file.replace("deg", "rad"),
-            first=field.half * len(self.devices.terminals or ()),
         )
 
     def item(self, index: int) -> Place:
         """The place of an entry of this array."""
-        steps = (*self.steps, self.first + index)
+        steps = (*self.steps, index)
         return PythonPlace(
             self.faults, self.devices, steps, self.show, self.factor, kind=self.kind, unit=self.unit
         )
@@ -63,14 +59,18 @@ class PythonPlace(Place):
         """The path of attributes, or what has none."""
         return self.path or "the scenario"
 
+    def refuse(self, complaint: str, value: object) -> None:
+        """Note a wrong type or shape, of which no unit can be told."""
+        PythonPlace(self.faults, self.devices, self.steps, self.show).fault(complaint, value)
+
+    def spelled(self, kind: Kind, value: Any) -> Any:
+        """A value of the model as Python has it, one number where a file would have one."""
+        return value if isinstance(value, float) else kind.write(value)
+
     def told(self, value: object) -> str:
-        """The value in Python's unit, which is told with it."""
-        if isinstance(value, list):
-            return f"{Place.told(self, value)} {self.unit}".rstrip()
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return Place.told(self, value)
-        number = value if self.factor == 1 else float(f"{value * self.factor:.{_DIGITS}g}")
-        return f"{Place.told(self, number)} {self.unit}".rstrip()
+        """The value with its unit."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return f"{Place.told(self, value)} {self.unit if number else ''}".rstrip()
 
 
 def python_root(devices: DeviceNames) -> PythonPlace:
@@ -86,4 +86,4 @@ def _fields(kind: Kind | None) -> Iterable[Field]:
         return kind.fields
     if isinstance(kind, Either):
         return [field for table in kind.tables.values() for field in table.fields]
-    return PATH.fields if isinstance(kind, TargetList) else ()
+    return PATH.fields if isinstance(kind, TargetList | Direction) else ()

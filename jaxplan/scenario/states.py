@@ -33,13 +33,17 @@ _RATES = (
 )
 
 
+_FOLLOWS = "follows from the targets, of which some move; leave it out"
+
+
 class _RotationVector(Vector):
     """Three numbers, for which Python may have a matrix or a quaternion."""
 
     def take(self, value: Any, place: Place) -> np.ndarray | None:
         """(3,) rad."""
         wanted = "a rotation vector of 3 numbers, as scipy's Rotation has by as_rotvec()"
-        return read_array(value, wanted, place, (3,))
+        read = read_array(value, wanted, place, (3,))
+        return None if read is None else self.of.checked_array(read, place)
 
 
 def _with_rates(joints: int, parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -102,6 +106,7 @@ STATE = Table(
     make=_make_state,
     split=_split_state,
     whole={"joints": Each(ANGLE, "joint")},
+    fill=lambda parts: _with_rates(len(parts["joints"]), parts),
 )
 
 _TARGET_FIELDS = (
@@ -123,6 +128,7 @@ TARGETS = Table(
     (*_TARGET_FIELDS, *_RATES),
     make=_make_targets,
     split=_without_zero_rates,
+    fill=lambda parts: _with_rates(2 * len(parts["directions"]), parts),
     refused=dict.fromkeys(
         _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
@@ -160,21 +166,23 @@ class Goal(Either):
             if isinstance(read.get("directions"), tuple):
                 for entry in _RATES:
                     if entry.key in value:
-                        complaint = "follows from the targets, of which some move; leave it out"
-                        place.key(entry.key).fault(complaint, value[entry.key])
+                        place.key(entry.key).fault(_FOLLOWS, value[entry.key])
             return read
         return GIVEN_GOAL.read(value, place)
 
-    def take(self, value: Any, place: Place) -> Targets | GivenState | None:
+    def take(self, value: Any, place: Place) -> Any:
         """The targets or the state."""
-        if isinstance(value, Targets):
-            goal: Targets | None = TARGETS.take(value, place)
-            return goal
         if isinstance(value, GivenState):
-            state: GivenState | None = STATE.take(value, place)
-            return state
-        place.fault("must be Targets or a GivenState", value)
-        return None
+            return STATE.take(value, place)
+        if not isinstance(value, Targets):
+            place.refuse("must be Targets or a GivenState", value)
+            return None
+        goal = TARGETS.take(value, place)
+        if isinstance(goal, Targets) and goal.moves:
+            for entry in _RATES:
+                if entry.attribute in _without_zero_rates(goal):
+                    place.key(entry.key).fault(_FOLLOWS, getattr(goal, entry.attribute))
+        return goal
 
     def build(self, value: Any) -> Targets | GivenState:
         """The targets or the state."""

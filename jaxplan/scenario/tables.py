@@ -8,7 +8,7 @@ import re
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 from jaxplan.given import a_or_an
@@ -65,6 +65,7 @@ class Table(Kind):
         split: gives the attributes of a model, what it holds unless told.
         refused: keys that are refused with a reason of their own.
         whole: kinds of the model's attributes that a file has in parts, for which `split` gives others.
+        fill: gives the attributes of what Python gave, with those that were left out; all unless told.
     """
 
     model: type
@@ -73,11 +74,12 @@ class Table(Kind):
     split: Callable[[Any], Mapping[str, Any]] = vars
     refused: Mapping[str, str] = field(default_factory=dict)
     whole: Mapping[str, Kind] = field(default_factory=dict)
+    fill: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     wanted = "a table"
 
     def read(self, value: object, place: Place) -> dict[str, Any] | None:
-        """What could be read, by attribute; None if it is no table."""
+        """What could be read, by attribute, None for what is wrong; None if it is no table."""
         if not isinstance(value, dict):
             place.fault(f"must be {self.wanted}", value)
             return None
@@ -89,11 +91,11 @@ class Table(Kind):
                 continue
             here = place.key(entry.key)
             if entry.says in given:
-                same = "stands in the place of" if entry.instead_of else "says the same as"
-                here.fault(f"{same} {given[entry.says]}, only one of them can be given")
+                here.fault(_second(entry, given[entry.says]))
             given[entry.says] = entry.key
+            before = len(place.faults)
             content = entry.kind.read(value[entry.key], here)
-            if content is not None:
+            if content is not None or len(place.faults) > before:
                 read[entry.attribute] = content
         self._note_missing(given, place)
         return read
@@ -109,43 +111,67 @@ class Table(Kind):
     def _note_missing(self, given: Mapping[str, str], place: Place) -> None:
         for entry in self.fields:
             if entry.required and entry.attribute not in given and not entry.kind.may_miss(place):
-                here = place.key(entry.key)
-                alike = [place.key(f.key).path for f in self.fields if f.says == entry.says]
-                others = [
-                    path for path in alike if path != here.path and not path.startswith(f"{here.path}.")
-                ]
-                named = [path.removeprefix(f"{place.path}.") for path in others]
-                instead = f" (or {', '.join(named)})" if named else ""
-                here.fault(f"missing{instead}, must be {entry.kind.wanted}")
+                self._note_absent(entry, place)
+
+    def _note_absent(self, entry: Field, place: Place) -> None:
+        here = place.key(entry.key)
+        alike = [place.key(f.key).path for f in self.fields if f.says == entry.says]
+        others = [path for path in alike if path != here.path and not path.startswith(f"{here.path}.")]
+        named = [path.removeprefix(f"{place.path}.") for path in others]
+        instead = f" (or {', '.join(named)})" if named else ""
+        here.fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def take(self, value: Any, place: Place) -> Any:
-        """The model, each attribute as its kind takes it."""
-        if not isinstance(value, self.model):
-            place.fault(f"must be {a_or_an(self.model.__name__)}", value)
+        """The model, each attribute as its kind takes it; of one with faults the parts, None for the wrong."""
+        model: Any = self.model
+        if not isinstance(value, model):
+            place.refuse(f"must be {a_or_an(model.__name__)}", value)
             return None
-        return self.take_parts(value, place)
-
-    def take_parts(self, value: Any, place: Place) -> Any:
-        """Likewise of another class with these attributes; one that is None by default may be left so."""
         before = len(place.faults)
-        parts = {}
-        for name, may_miss in _parts(value.__class__):
+        parts: dict[str, Any] = {}
+        same = True
+        for name, may_miss, key, kinds in self._attributes:
             content = getattr(value, name)
             if content is None and may_miss:
                 continue
-            kinds = self._kinds.get(name) or (self.whole[name],)
-            kind = next((kind for kind in kinds if kind.holds(content)), kinds[0])
-            parts[name] = kind.take(content, place.key(name))
-        return replace(value, **parts) if len(place.faults) == before else None
+            kind = kinds[0]
+            if len(kinds) > 1:
+                kind = next((kind for kind in kinds if kind.holds(content)), kind)
+            parts[name] = kind.take(content, place.key(key))
+            same = same and parts[name] is content
+        for alike in self._choices:
+            given = [entry for entry in alike if entry.attribute in parts]
+            if not given:
+                self._note_absent(alike[0], place)
+            for entry in given[1:]:
+                place.key(entry.key).fault(_second(entry, given[0].key))
+        if len(place.faults) > before:
+            return parts
+        if same and not self.fill:
+            return value  # of which nothing can be changed by those who made it
+        return replace(value, **(self.fill(parts) if self.fill else parts))
 
     @cached_property
-    def _kinds(self) -> dict[str, tuple[Kind, ...]]:
-        """The kinds of value that each attribute may be written as, by attribute."""
-        found: dict[str, tuple[Kind, ...]] = {}
-        for entry in self.fields:
-            if not entry.resolved:
-                found[entry.attribute] = (*found.get(entry.attribute, ()), entry.kind)
-        return found
+    def _attributes(self) -> tuple[tuple[str, bool, str, tuple[Kind, ...]], ...]:
+        """The model's attributes: whether each may be left at None, its key, and the kinds it may be of."""
+        found = []
+        for part in fields(self.model):
+            written = [entry for entry in self.fields if not entry.resolved]
+            own = [entry for entry in written if entry.attribute == part.name]
+            halves = [entry for entry in written if entry.held == part.name]
+            kinds = tuple(entry.kind for entry in own) or (self.whole[part.name],)
+            found.append((part.name, part.default is None, (own or halves)[0].key, kinds))
+        return tuple(found)
+
+    @cached_property
+    def _choices(self) -> tuple[tuple[Field, ...], ...]:
+        """Keys of attributes of which one must be given, the first of which is the usual one."""
+        others = {entry.instead_of for entry in self.fields if entry.instead_of}
+        first = [entry for entry in self.fields if entry.required and entry.attribute in others]
+        return tuple(
+            (usual, *(entry for entry in self.fields if entry.instead_of == usual.attribute))
+            for usual in first
+        )
 
     def build(self, value: Any) -> Any:
         """The model of attributes read without fault; the class fills in its defaults."""
@@ -186,10 +212,10 @@ class Table(Kind):
         return given | made
 
 
-@lru_cache
-def _parts(model: type) -> tuple[tuple[str, bool], ...]:
-    """The fields of a class, and whether each may be left at None."""
-    return tuple((part.name, part.default is None) for part in fields(model))
+def _second(entry: Field, first: str) -> str:
+    """What is wrong with a key, as another one is given that says the same."""
+    same = "stands in the place of" if entry.instead_of else "says the same as"
+    return f"{same} {first}, only one of them can be given"
 
 
 class Either(Kind):
@@ -219,7 +245,7 @@ class Rows(Kind):
     def take(self, value: Any, place: Place) -> tuple[Any, ...] | None:
         """The models, in their order."""
         if not isinstance(value, list | tuple):
-            place.fault(f"must be a tuple of {self.table.model.__name__}, or a list", value)
+            place.refuse(f"must be a tuple of {self.table.model.__name__}, or a list", value)
             return None
         return tuple(self.table.take(row, place.item(i)) for i, row in enumerate(value))
 

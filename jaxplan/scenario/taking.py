@@ -1,25 +1,18 @@
 """From what Python gives for a scenario to the model's own types, with all faults reported at once.
 
 Lists become tuples or float64 arrays, numbers of any type floats, and a single number that stands for three
-becomes three. A value of the wrong type or shape is a fault, by its attribute; whether numbers are in range
-is checked where the tables of a file are read, which `read_back` does with those that would be written.
+becomes three. What a file may not hold is a fault, told by its attribute and in its unit; what is taken is
+what a file would give back, to the last bit.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 from jaxplan.given import as_floats, expect
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Spacecraft, Terminal
-from jaxplan.scenario.faults import DeviceNames, Place, ScenarioError
+from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.scenario.checks import ZONES, check_count, check_parts, check_paths, check_spacecraft
+from jaxplan.scenario.faults import DeviceNames, Ear, Place, ScenarioError
 from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
-from jaxplan.scenario.reading import (
-    check_inertia,
-    check_names,
-    device_names,
-    read_scenario,
-    scenario_from_dict,
-)
 from jaxplan.scenario.spelling import python_root
 
 
@@ -28,36 +21,47 @@ def take_in(given: object) -> Scenario:
 
     Raises:
         TypeError: if it is no scenario.
-        ScenarioError: if an attribute has the wrong type or shape; the message lists every fault.
+        ScenarioError: if an attribute is one that no file may hold, has the wrong type or shape, or does not
+            go with others; the message lists every fault.
     """
     scenario = expect("scenario", given, Scenario)
-    terminals, others = _terminals(scenario), _of_states(scenario)
-    if terminals is None or others is None or len(terminals) == others:
-        devices = DeviceNames(terminals, None)
-        quick = Place(faults=[], devices=devices)
-        taken: Scenario = SCENARIO.take(scenario, quick)
-        if not quick.faults:
-            return taken
-        root = python_root(devices)  # once more, to tell them
-    else:
-        root = python_root(DeviceNames(None, None))  # so that start and goal are not blamed, too
+    ear = Ear([], _device_names(scenario))
+    taken = _taken(scenario, ear)
+    if ear.faults:
+        raise _all_faults(scenario)
+    return taken
+
+
+def refuse_types(given: object) -> None:
+    """Raise what `take_in` raises where an attribute has the wrong type or shape, and not for its value."""
+    scenario = expect("scenario", given, Scenario)
+    ear = Ear([], _device_names(scenario))
+    _taken(scenario, ear)
+    if ear.refused:
+        raise _all_faults(scenario)
+
+
+def _all_faults(scenario: Scenario) -> ScenarioError:
+    """The error that tells them, of a scenario that has some."""
+    root = python_root(_device_names(scenario))
+    _taken(scenario, root)
+    return ScenarioError(root.faults)
+
+
+def _taken(scenario: Scenario, root: Place) -> Any:
+    """The scenario as it is taken, or what could be taken of it after noting its faults."""
+    if not check_count([getattr(scenario, attribute) for attribute in ZONES.values()], root):
+        return None
+    terminals, others = root.devices.terminals, None
+    if terminals is None:
+        terminals, others = _names(scenario, "terminals", Terminal), _of_states(scenario)
+    if terminals is not None and others is not None:
         complaint = f"must be as many as start and goal are for, {others}, not {len(terminals)}"
         root.key("spacecraft").key("terminal").fault(complaint)
-    SCENARIO.take(scenario, root)
-    raise ScenarioError(root.faults)
-
-
-def read_back(tables: Mapping[str, Any]) -> Scenario:
-    """The scenario that tables hold, which were written from one that Python gave.
-
-    Raises:
-        ScenarioError: if a number is out of its range, or parts do not go together; the message lists every
-            fault by its attribute and in its unit.
-    """
-    try:
-        return scenario_from_dict(tables)
-    except ScenarioError:
-        return read_scenario(tables, python_root(device_names(tables)))  # once more, to tell them
+    taken = SCENARIO.take(scenario, root)
+    check_parts(taken, root)
+    check_paths(taken, root)
+    return taken
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
@@ -68,23 +72,27 @@ def checked_spacecraft(given: object) -> Spacecraft:
         ScenarioError: for what no scenario may have; the message lists every fault.
     """
     expect("spacecraft", given, Spacecraft)
-    root = python_root(DeviceNames(None, None))
-    taken: Spacecraft = SPACECRAFT.take(given, root.key("spacecraft"))
-    if not root.faults:
-        tables = {"spacecraft": SPACECRAFT.write(taken)}
-        SPACECRAFT.read(tables["spacecraft"], root.key("spacecraft"))
-        check_names(tables, root)
-        check_inertia(tables, root)
-    if root.faults:
-        raise ScenarioError(root.faults, "the argument")
+    place = python_root(DeviceNames(None, None)).key("spacecraft")
+    taken: Spacecraft = SPACECRAFT.take(given, place)
+    check_spacecraft(taken, place)
+    if place.faults:
+        raise ScenarioError(place.faults, "the argument")
     return taken
 
 
-def _terminals(given: Scenario) -> tuple[str, ...] | None:
-    """The names of the terminals; None where something else stands among them, or in their place."""
-    terminals: object = getattr(given.spacecraft, "terminals", None)
-    if isinstance(terminals, list | tuple) and all(isinstance(one, Terminal) for one in terminals):
-        return tuple(str(one.name) for one in terminals)
+def _device_names(scenario: Scenario) -> DeviceNames:
+    """The names of the devices, as far as start and goal are for as many terminals."""
+    terminals, others = _names(scenario, "terminals", Terminal), _of_states(scenario)
+    if terminals is not None and others is not None and len(terminals) != others:
+        return DeviceNames(None, None)  # so that start and goal are not blamed, too
+    return DeviceNames(terminals, _names(scenario, "instruments", Instrument))
+
+
+def _names(scenario: Scenario, kind: str, model: type) -> tuple[str, ...] | None:
+    """The names of devices; None where something else stands among them, or in their place."""
+    devices: Any = getattr(scenario.spacecraft, kind, None)
+    if isinstance(devices, list | tuple) and all(isinstance(one, model) for one in devices):
+        return tuple(str(one.name) for one in devices)
     return None
 
 

@@ -29,7 +29,7 @@ def read_array(
         return array
     else:
         size = f"of shape {array.shape}" if array.ndim else "a single number"
-        place.fault(f"must be {wanted}, not {size}", value)
+        place.refuse(f"must be {wanted}, not {size}", value)
     return None
 
 
@@ -58,4 +58,4 @@ def _blame(value: Any, wanted: str, place: Place, depth: int) -> None:
             of = "an array of real numbers" if depth > 1 else "a real number"
             _blame(entry, of, place.item(i), depth - 1)
             return
-    place.fault(f"must be {wanted}", value)
+    place.refuse(f"must be {wanted}", value)

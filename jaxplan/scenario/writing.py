@@ -12,7 +12,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.files import replacing_file
 from jaxplan.scenario import toml
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.taking import read_back, take_in
+from jaxplan.scenario.taking import take_in
 
 
 def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
@@ -22,11 +22,10 @@ def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
         scenario: in radians and seconds.
 
     Returns:
-        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON. Whether
-        the numbers are in range is for reading to say.
+        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON.
 
     Raises:
-        ScenarioError: if an attribute has the wrong type or shape; the message lists every fault.
+        ScenarioError: if it could not be read again; the message lists every fault.
     """
     return SCENARIO.write(take_in(scenario))
 
@@ -43,9 +42,7 @@ def dump_scenario(scenario: Scenario) -> str:
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
     """
-    tables = scenario_to_dict(scenario)
-    read_back(tables)
-    return toml.write(tables)
+    return toml.write(scenario_to_dict(scenario))
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
