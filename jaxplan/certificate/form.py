@@ -179,7 +179,7 @@ def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[
     stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
     still = np.ones(len(cones.axis), bool)
     still[: len(stands)] = stands
-    unclear = []
+    unclear: list[str] = []
     for name, array in _arrays(cones).items():
         unclear += _finite(f"cones.{name}", array[still] if name == "axis" else array)
     yield from unclear
