@@ -28,6 +28,7 @@ from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory.basis import derivative_matrix, legendre
 
 # Times are padded to few numbers, so that one compiled kernel serves many trajectories.
@@ -332,4 +333,4 @@ def _joints_at(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
 
 
 # Compiled apart, since the platform's kernel, by far the larger, does not depend on the number of joints.
-_platform_kernel, _joint_kernel = jax.jit(_platform_at), jax.jit(_joints_at)
+_platform_kernel, _joint_kernel = quick_jit(_platform_at), quick_jit(_joints_at)
