@@ -1,9 +1,9 @@
-"""Kernels that are ready soon, for what is computed so seldom that compiling it is what takes the time.
+"""Kernels that are ready soon: a first plan waits for their compilation much longer than for its results.
 
 XLA writes the loops of a fused computation on the CPU in one of two ways. The newer one, through a language
-of its own for loops, takes two to three times as long to compile; what it makes is about as quick, but for
-large tables, such as those of an expansion, which take a third less. `quick_jit` asks for the older one
-where the installed XLA still has it, and is `jax.jit` otherwise.
+of its own for loops, takes two to three times as long to compile kernels such as ours, and what it makes of
+them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
+otherwise.
 """
 
 from collections.abc import Callable

@@ -13,7 +13,7 @@ digits may differ.
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -43,17 +43,12 @@ def most_calls() -> int:
 class Kernel:
     """A pure function of (scene, arrays ..., gate) that answers with one array, jitted for one or many calls.
 
-    The gate is that of `motions.computed_once`. It is compiled to be ready soon, unless `often` has made it.
+    The gate is that of `motions.computed_once`.
     """
 
-    def __init__(self, function: Callable[..., Array], jitted: Callable[..., Any] = quick_jit) -> None:
-        self._one = jitted(function)
-        self._many = jitted(partial(_many, function), static_argnames="vectorized")
-
-    @classmethod
-    def often(cls, function: Callable[..., Array]) -> Self:
-        """A kernel that searches call so often that it is worth while to compile longer."""
-        return cls(function, jax.jit)
+    def __init__(self, function: Callable[..., Array]) -> None:
+        self._one = quick_jit(function)
+        self._many = quick_jit(partial(_many, function), static_argnames="vectorized")
 
     def __call__(self, scene: Scene, *arguments: Any) -> np.ndarray:
         """The answer for one scene, which is on the device."""

@@ -238,7 +238,7 @@ def _expand(
     return jnp.concatenate([jnp.ravel(made.places), *(number.ravel() for number in numbers)])
 
 
-_EXPANSIONS = {edges: Kernel.often(partial(_expand, edges=edges)) for edges in (False, True)}
+_EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False, True)}
 
 
 def expansion_call(

@@ -40,7 +40,7 @@ LEAST = 0.1
 HALF_TURN = 1e-6
 
 
-@Kernel.often
+@Kernel
 def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array, gate: Array) -> Array:
     """(b,) how many intervals are clear at the beginning of straight motions between states (b, 4 + 2n)."""
     turns = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
