@@ -22,7 +22,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import so3
+from jaxplan import quaternion, so3
 from jaxplan.display import shown
 from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
@@ -172,6 +172,13 @@ class Samples:
     joint_rates: np.ndarray
     joint_accelerations: np.ndarray
     joint_jerks: np.ndarray
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(k, 4) attitude as ``x y z w``, body to inertial, as scipy has it; no sign jumps between rows."""
+        scalar_first = quaternion.continuous(self.attitude)
+        rolled: np.ndarray = scalar_first[..., [1, 2, 3, 0]]
+        return rolled
 
     def kinematics(self, inertia: ArrayLike | None = None) -> Kinematics:
         """What limited quantities are computed from, for a spacecraft of this inertia (3, 3) in kg m^2."""
