@@ -45,7 +45,7 @@ def numbers(plan: jp.Plan) -> dict[str, tuple[float, Change]]:
             lambda own, value: replace(own, spacecraft=replace(own.spacecraft, rate_limit=value)),
         ),
     }
-    nearest = [zone for zone in scenario.keep_out if zone.name == plan.report.worst_zone]
+    nearest = [zone for zone in scenario.keep_out if zone.name == plan.certificate.worst_zone]
     if nearest:
         index = scenario.keep_out.index(nearest[0])
 

@@ -18,6 +18,7 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft, joints_toward
+from jaxplan.runtime.quick_jit import quick_jit
 
 
 def tracking_rates(
@@ -53,7 +54,7 @@ def tracking_rates(
     return spin, rates
 
 
-@jax.jit
+@quick_jit
 def _rates(
     goal: Goal,
     spacecraft: Spacecraft,

@@ -147,8 +147,8 @@ def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> 
     return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
 
 
-def _make_parts(*, status: str, **parts: Any) -> dict[str, Any]:
-    return {"status": Status[status], **parts}
+def _make_parts(*, status: str, report: Report | None = None, **parts: Any) -> dict[str, Any]:
+    return {"status": Status[status], "certificate": report, **parts}
 
 
 def check_agreement(read: Mapping[str, Any], root: Place) -> None:

@@ -16,6 +16,7 @@ from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
@@ -42,7 +43,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
 
-_inputs = jax.jit(gather_inputs)
+_inputs = quick_jit(gather_inputs)
 
 
 @shown()

@@ -42,6 +42,7 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.sights import Sights
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory import options
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
@@ -307,7 +308,7 @@ def refit(
     return to_limits(curve, spacecraft) if held.stretched else curve
 
 
-@jax.jit
+@quick_jit
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
     z = jnp.asarray(z)
