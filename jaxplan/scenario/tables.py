@@ -122,7 +122,7 @@ class Table(Kind):
         here.fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def take(self, value: Any, place: Place) -> Any:
-        """The model, each attribute as its kind takes it; of one with faults its parts, None for wrong ones."""
+        """The model, each attribute as its kind takes it; where some are wrong its parts, of these None."""
         model: Any = self.model
         if not isinstance(value, model):
             place.refuse(f"must be {a_or_an(model.__name__)}", value)
