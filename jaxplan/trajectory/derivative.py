@@ -21,8 +21,8 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.first_order import first_derivatives_only
 from jaxplan.geometry.vectors import length
+from jaxplan.implicit import Equations, implicit_root
 from jaxplan.model.constraints import Constraints, room, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
@@ -159,7 +159,7 @@ def refit(
         bind, or one does no longer, it is the optimum under the rows that are held.
     """
     held, inputs = gather_inputs(held, path, spacecraft, settings, cones, rates)
-    coefficients, duration = curve_of(held, inputs, _root(held, inputs)[0])
+    coefficients, duration = curve_of(held, inputs, implicit_root(_OPTIMALITY, (held, inputs), flat(held)))
     base = coefficients[:1]  # see `Basis.pieces`
     pieces = jnp.einsum("kpn,na->kpa", held.pieces, coefficients - base).at[:, 0].add(base)
     count = len(held.breaks) - 1
@@ -178,34 +178,18 @@ def refit(
     return to_limits(curve, spacecraft) if held.stretched or held.free_time else curve
 
 
-@jax.custom_jvp
-def _root(held: ActiveSet, inputs: FitInputs) -> tuple[Traced, tuple[Traced, Traced]]:
-    """The root, and the factors of the matrix there."""
-    z = flat(held)
-
-    def far(at: tuple[Any, ...]) -> Traced:
-        count, _, left, _ = at
-        return (count < options.ACTIVE_SET.refit_steps) & ~jnp.all(
-            jnp.abs(left) <= options.ACTIVE_SET.refit_residual
-        )
-
-    def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
-        count, z, _, _ = at
-        left, factors = residual(held, inputs, z), lu_factor(matrix(held, inputs, z))
-        return count + 1, z - lu_solve(factors, left), left, factors
-
-    none = jnp.zeros((len(z), len(z)), z.dtype), jnp.zeros(len(z), jnp.int32)
-    start = jnp.array(0), z, jnp.full_like(z, jnp.inf), none
-    # The factors are those of the step before, which at the root are the same.
-    _, z, _, factors = jax.lax.while_loop(far, ahead, start)
-    return z - lu_solve(factors, residual(held, inputs, z)), factors
+def _residual(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
+    return residual(*own, z)
 
 
-@_root.defjvp
-def _root_slope(primals: tuple[ActiveSet, FitInputs], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    """The implicit function theorem; its matrix is held, so it must not be differentiated again."""
-    z, factors = _root(*primals)
-    held, inputs = first_derivatives_only(primals)
-    _, left = jax.jvp(lambda held, inputs: residual(held, inputs, z), (held, inputs), tangents)
-    none = jnp.zeros_like(factors[0]), np.zeros(factors[1].shape, jax.dtypes.float0)
-    return (z, factors), (-lu_solve(factors, left), none)
+def _factor(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
+    return lu_factor(matrix(*own, z))
+
+
+_OPTIMALITY = Equations(
+    residual=_residual,
+    factor=_factor,
+    solve=lu_solve,
+    steps=options.ACTIVE_SET.refit_steps,
+    tolerance=options.ACTIVE_SET.refit_residual,
+)
