@@ -99,7 +99,7 @@ def numbers(plan: jp.Plan) -> Iterator[tuple[str, float, Change, Place]]:
             slower,
             lambda slopes: sum(one.rate_limit for one in slopes.spacecraft.terminals),
         )
-    nearest = [zone for zone in scenario.keep_out if zone.name == plan.report.worst_zone]
+    nearest = [zone for zone in scenario.keep_out if zone.name == plan.certificate.worst_zone]
     if nearest:
         index = scenario.keep_out.index(nearest[0])
 

@@ -49,6 +49,23 @@ def from_matrix(attitude: ArrayLike) -> AnyArray:
     return xp.where(quaternion[..., :1] < 0, -quaternion, quaternion)
 
 
+def continuous(attitudes: ArrayLike) -> AnyArray:
+    """Unit quaternions along a motion, without changes of sign.
+
+    Args:
+        attitudes: (k, 3, 3), neighbours less than half a turn apart; or a single one, (3, 3).
+
+    Returns:
+        (k, 4) or (4,) as ``w x y z``; the first scalar part is not negative.
+    """
+    found = from_matrix(attitudes)
+    if found.ndim == 1:
+        return found
+    xp, q = arrays(found)
+    flips = xp.where(xp.sum(q[1:] * q[:-1], axis=-1) < 0, -1.0, 1.0).astype(q.dtype)
+    return q * xp.concatenate([xp.ones(1, q.dtype), xp.cumprod(flips)])[: len(q), None]
+
+
 def to_matrix(quaternion: ArrayLike) -> AnyArray:
     """Rotation matrix of a unit quaternion.
 

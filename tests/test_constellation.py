@@ -192,7 +192,7 @@ def test_arrays_and_table_say_what_a_plan_says(planned, switch):
     assert (row["satellite"], row["plane"], row["slot"]) == (7, 1, 1)
     assert row["duration_s"] == planned.duration[7] == plan.trajectory.duration
     assert planned.slew_angle[7] == pytest.approx(plan.goal.slew_angle, rel=1e-14)
-    assert planned.min_margin[7] == pytest.approx(plan.report.min_margin, rel=1e-14)
+    assert planned.min_margin[7] == pytest.approx(plan.certificate.min_margin, rel=1e-14)
     outages = [row["sun_outages_before"] + row["sun_outages_after"] for row in planned.table]
     assert sum(outages) == np.sum(switch.sun_outage)
     assert planned.timings[7]["satellite"] == 7

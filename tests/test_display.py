@@ -210,7 +210,16 @@ def results(plan, failed, scenario):
             turning,
             Targets(directions=(np.eye(3)[0], turning)),
         ),
-        *(plan, plan.goal, plan.search, path, trajectory, plan.report, failed, trajectory.platform_pieces),
+        *(
+            plan,
+            plan.goal,
+            plan.search,
+            path,
+            trajectory,
+            plan.certificate,
+            failed,
+            trajectory.platform_pieces,
+        ),
         *(replace(plan.goal, time=40.0, **still), trajectory.sample(1.0)),
         *(trajectory.sample(np.linspace(0, trajectory.duration, 1000)), jp.hold(plan)),
         *(fit(plan.scenario, path, plan.goal), scene, scene.cones, Barrier(device=1, zones=(0, 2))),
@@ -280,11 +289,13 @@ def test_every_public_dataclass_shows_itself_whatever_it_holds(cls):
 
 
 def test_what_is_half_made_is_printed_as_its_line(plan):
-    for cls in (jp.Plan, type(plan.report), Tuning, SearchTuning, jp.Study, Constellation):
+    for cls in (jp.Plan, type(plan.certificate), Tuning, SearchTuning, jp.Study, Constellation):
         thing = make(cls, without=[fields(cls)[0].name])
         assert str(thing) == repr(thing)
-    assert str(replace(plan.report, min_margin="wide")).startswith("<Report: certified yes; min margin wide;")
-    assert "certified                  yes" in str(plan.report)
+    assert str(replace(plan.certificate, min_margin="wide")).startswith(
+        "<Report: certified yes; min margin wide;"
+    )
+    assert "certified                  yes" in str(plan.certificate)
 
 
 def test_an_object_is_shown_without_a_warning():
@@ -339,7 +350,7 @@ def test_lines_say_what_a_thing_is(plan, scenario):
     assert repr(plan.path).startswith(f"<Path: edges {plan.path.edges}; length {plan.path.length:.6g} steps;")
     assert f"duration {plan.trajectory.duration:.6g} s" in repr(plan.trajectory)
     assert repr(plan).startswith("<Plan of case 2: status OK; slew angle 55.7")
-    assert repr(plan.report).startswith("<Report: certified yes; min margin ")
+    assert repr(plan.certificate).startswith("<Report: certified yes; min margin ")
 
 
 def test_settings_tell_first_what_somebody_chose():

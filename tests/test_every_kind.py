@@ -43,8 +43,8 @@ def test_every_scene_is_planned_and_no_sample_is_below_what_is_proved(plans):
     for plan in plans:
         assert plan.ok, f"{plan.scenario.name}: {plan.message}"
         least = least_margin(plan.scenario, plan.trajectory)
-        assert least >= plan.report.min_margin >= -ROUNDING
-        assert least <= plan.report.min_margin + np.deg2rad(0.05)
+        assert least >= plan.certificate.min_margin >= -ROUNDING
+        assert least <= plan.certificate.min_margin + np.deg2rad(0.05)
 
 
 def test_each_constraint_by_itself_is_proved_below_its_samples(plans):
@@ -69,7 +69,7 @@ def test_scenarios_and_plans_survive_their_files(plans, tmp_path):
         again = jp.load_plan(tmp_path / "plan.json")
         assert again.scenario == plan.scenario
         assert again.status is plan.status
-        assert again.report.min_margin == plan.report.min_margin
+        assert again.certificate.min_margin == plan.certificate.min_margin
         for one, other in zip(*(jax.tree.leaves(p.trajectory) for p in (plan, again)), strict=True):
             np.testing.assert_array_equal(one, other)
         assert jp.certify(again).certified

@@ -13,11 +13,12 @@ from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan import quaternion
 from jaxplan.cli import main
 from jaxplan.epochs import parse_epoch, utc_texts
 from jaxplan.exporting import FORMATS, formats
 from jaxplan.exporting.devices import labels
-from jaxplan.exporting.sampled import continuous_quaternions, instants, sample
+from jaxplan.exporting.sampled import instants, sample
 
 STEP = 0.05
 
@@ -43,7 +44,7 @@ def test_the_instants_are_multiples_of_the_step_and_the_end():
 def test_quaternions_turn_twice_around_without_a_jump():
     axis = np.array([0.36, -0.48, 0.8])
     turns = Rotation.from_rotvec(np.linspace(0.1, 4 * np.pi, 300)[:, None] * axis).as_matrix()
-    quaternions = continuous_quaternions(turns)
+    quaternions = quaternion.continuous(turns)
     assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.99)
     assert quaternions[0, 0] > 0
     back = Rotation.from_quat(quaternions, scalar_first=True).as_matrix()

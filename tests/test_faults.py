@@ -125,7 +125,7 @@ def test_a_search_that_says_clear_where_it_is_not_is_found_out(monkeypatch):
     monkeypatch.setattr(mha, "straight_paths", blind)
     plan = planned("paper", **{"trajectory.duration_s": 80})
     assert plan.status is jp.Status.UNCERTIFIED
-    assert plan.report.min_margin < 0
+    assert plan.certificate.min_margin < 0
     assert "CZ" in plan.message
 
 

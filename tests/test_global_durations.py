@@ -51,7 +51,7 @@ def bound_of(trajectory, craft, rates=None):
 def test_the_shortest_plans_of_the_paper_are_near_the_strict_bound(number, ends, above):
     plan = planned(number, duration="minimum", end_acceleration=ends)
     assert plan.status is Status.OK, plan.message
-    assert plan.report.certified
+    assert plan.certificate.certified
     craft, trajectory = plan.scenario.spacecraft, plan.trajectory
     assert_kept(trajectory, craft, zones_of(plan.scenario))
     bound = bound_of(trajectory, craft)
@@ -219,7 +219,7 @@ def test_of_a_group_of_keep_in_zones_one_holds_at_every_time(duration):
     scenario = make_relay(160, cameras, *zones)
     plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration=duration)))
     assert plan.status is Status.OK, plan.message
-    assert plan.report.certified
+    assert plan.certificate.certified
     assert_kept(plan.trajectory, scenario.spacecraft, zones_of(scenario))
 
 
@@ -231,7 +231,7 @@ def test_random_scenes_are_certified_at_any_duration(kind):
         craft, zones = scenario.spacecraft, zones_of(scenario)
         plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration="minimum")))
         assert plan.status is Status.OK, (seed, plan.message)
-        assert plan.report.certified
+        assert plan.certificate.certified
         assert_kept(plan.trajectory, craft, zones, count=501)
         above.append(plan.trajectory.duration / bound_of(plan.trajectory, craft) - 1)
         cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)

@@ -80,7 +80,7 @@ def test_every_beam_ends_on_its_target_and_turns_as_it_does(plans, duration):
 def test_free_end_accelerations_do_not_make_it_longer(plans, scene, duration):
     settings = replace(scene.trajectory, duration=duration, end_acceleration="free")
     plan = jp.plan(replace(scene, trajectory=settings))
-    assert plan.report.certified
+    assert plan.certificate.certified
     assert plan.trajectory.duration <= (1 + 1e-3) * plans[duration].trajectory.duration  # goals are others
 
 
@@ -97,8 +97,8 @@ def test_margins_to_zones_that_move_are_proved_below_every_sample_and_near_the_l
     zones = [*plan.scenario.keep_out, *plan.scenario.keep_in]
     margins = sampled(plan.trajectory, plan.scenario.spacecraft, zones, 20_001)
     assert np.all(margins >= 0)
-    assert plan.report.min_margin <= margins.min()
-    assert plan.report.min_margin >= margins.min() - 0.01 * margins.min() - 1e-5
+    assert plan.certificate.min_margin <= margins.min()
+    assert plan.certificate.min_margin >= margins.min() - 0.01 * margins.min() - 1e-5
     for one in check_margins(plan):
         alone = replace(next(zone for zone in zones if zone.name == one.zone), devices=(one.device,))
         least = sampled(plan.trajectory, plan.scenario.spacecraft, [alone], 20_001).min()
@@ -288,7 +288,7 @@ def test_plans_made_together_are_those_made_one_by_one(plans, scene):
     assert plan.ok
     assert other.ok
     np.testing.assert_array_equal(plan.trajectory.coefficients, plans[80.0].trajectory.coefficients)
-    assert plan.report.min_margin == plans[80.0].report.min_margin
+    assert plan.certificate.min_margin == plans[80.0].certificate.min_margin
 
 
 def test_studies_take_scenarios_in_which_something_moves(scene):
@@ -436,7 +436,7 @@ def test_a_spacecraft_that_stays_is_certified_for_all_of_a_given_time(method):
     assert "tracker is 9.74 deg inside the keep-out zone sun at t = 50" in crossed.message
     assert passed.ok
     assert passed.trajectory.duration == 100.0
-    assert passed.report.min_margin == pytest.approx(0.3 - 0.17, abs=1e-3)
+    assert passed.certificate.min_margin == pytest.approx(0.3 - 0.17, abs=1e-3)
     at_once = [
         jp.plan(hold(0.0, word), throw=False) for word in ("stretched", "minimum") if method == "global"
     ]

@@ -48,9 +48,9 @@ def expect_agreement(one: jp.Plan, other: jp.Plan) -> None:
         first, second = (plan.trajectory.sample(share * plan.trajectory.duration) for plan in (one, other))
         np.testing.assert_allclose(first.attitude, second.attitude, atol=1e-6)
         np.testing.assert_allclose(first.joints, second.joints, atol=1e-6)
-    assert (one.report is None) == (other.report is None)
-    if other.report is not None:
-        assert one.report.min_margin == pytest.approx(other.report.min_margin, abs=1e-6)
+    assert (one.certificate is None) == (other.certificate is None)
+    if other.certificate is not None:
+        assert one.certificate.min_margin == pytest.approx(other.certificate.min_margin, abs=1e-6)
 
 
 def test_a_batch_agrees_with_one_by_one(batch):

@@ -35,7 +35,7 @@ def test_a_plan_that_is_loaded_again_is_the_same_to_the_last_bit(plan, tmp_path)
     plan.save(tmp_path / "plan.json")
     again = jp.load_plan(tmp_path / "plan.json")
     assert_same(plan, again)
-    assert certify(again).min_margin == plan.report.min_margin
+    assert certify(again).min_margin == plan.certificate.min_margin
 
 
 def test_plan_files_are_the_same_byte_for_byte_and_times_are_apart(plan, tmp_path):

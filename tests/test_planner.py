@@ -69,15 +69,15 @@ def central(values: np.ndarray, step: float, order: int) -> np.ndarray:
 def test_limits_and_margins_of_the_papers_cases_hold_at_a_hundred_thousand_instants(case_plans, number):
     plan = case_plans[number]
     assert plan.ok
-    assert plan.report.certified
+    assert plan.certificate.certified
     craft, trajectory = plan.scenario.spacecraft, plan.trajectory
     t = np.linspace(0, trajectory.duration, INSTANTS)
     attitudes, joints = evaluate(trajectory, t)
     scene = make_scene(plan.scenario, plan.goal)
     margin = sampled_margin(scene, attitudes, joints)
     assert np.all(margin >= 0)
-    assert margin.min() >= plan.report.min_margin - 1e-9
-    assert margin.min() <= plan.report.min_margin + np.deg2rad(0.05), "the proved bound is not idle"
+    assert margin.min() >= plan.certificate.min_margin - 1e-9
+    assert margin.min() <= plan.certificate.min_margin + np.deg2rad(0.05), "the proved bound is not idle"
     assert np.all(np.abs(joints) <= craft.joint_limits)
 
     step = t[1]
@@ -94,8 +94,8 @@ def test_limits_and_margins_of_the_papers_cases_hold_at_a_hundred_thousand_insta
     }
     for name, ratios in peaks.items():
         assert np.all(ratios <= 1), name
-        assert plan.report.peaks[name] == pytest.approx(ratios.max(), rel=3e-3), name
-        assert plan.report.peaks[name] >= ratios.max() - 1e-6, name
+        assert plan.certificate.peaks[name] == pytest.approx(ratios.max(), rel=3e-3), name
+        assert plan.certificate.peaks[name] >= ratios.max() - 1e-6, name
     sample = trajectory.sample(t[4:-4])
     assert np.allclose(sample.attitude, inner, atol=1e-12)
     assert np.allclose(sample.angular_velocity, omega, atol=1e-9)
@@ -200,9 +200,11 @@ def test_integration_finds_a_rate_that_is_off_by_a_thousandth(case_plans):
 def test_any_number_of_devices_is_planned_and_certified(terminals, instruments):
     scenario = make_scenario(terminals, instruments, turn=(0.2, -0.3, 0.25))
     plan = jp.plan(scenario)
-    assert plan.report.certified
-    assert plan.report.min_margin is None
-    largest = max(plan.report.peaks[name] for name in plan.report.peaks if name not in ("yaw", "pitch"))
+    assert plan.certificate.certified
+    assert plan.certificate.min_margin is None
+    largest = max(
+        plan.certificate.peaks[name] for name in plan.certificate.peaks if name not in ("yaw", "pitch")
+    )
     assert 1 - 1e-4 <= largest <= 1 + 1e-9, "a stretched manoeuvre is at its first limit"
 
 
@@ -210,12 +212,12 @@ def test_stretched_is_much_shorter_than_the_papers_duration():
     scenario = jp.paper_case(2)
     stretched = replace(scenario, trajectory=replace(scenario.trajectory, duration="stretched"))
     plan = jp.plan(stretched)
-    assert plan.report.certified
+    assert plan.certificate.certified
     assert plan.trajectory.duration < 60
 
 
 def test_half_a_turn_is_planned():
-    assert jp.plan(make_scenario(2, turn=(0.0, np.pi, 0.0))).report.certified
+    assert jp.plan(make_scenario(2, turn=(0.0, np.pi, 0.0))).certificate.certified
 
 
 def test_start_equal_to_goal_takes_no_time():
@@ -224,7 +226,7 @@ def test_start_equal_to_goal_takes_no_time():
     assert plan.ok
     assert plan.path.edges == 0
     assert plan.trajectory.duration == 0
-    assert plan.report.certified
+    assert plan.certificate.certified
     assert np.allclose(plan.trajectory.sample(0.0).joints, scenario.start.joints)
 
 
@@ -309,7 +311,7 @@ def test_a_start_or_goal_that_breaks_something_is_named_before_any_search(name):
     assert plan.status.name == status
     assert plan.search is None
     assert plan.path is None
-    assert plan.report is None
+    assert plan.certificate is None
     for word in words:
         assert word in plan.message, plan.message
     with pytest.raises(jp.PlanningError, match=status) as caught:
@@ -572,8 +574,8 @@ def test_what_is_not_proved_is_never_ok(monkeypatch):
     monkeypatch.setitem(METHODS, "paper", straight_on)
     plan = jp.plan(scenario, throw=False)
     assert plan.status is jp.Status.UNCERTIFIED
-    assert not plan.report.certified
-    assert plan.report.min_margin < 0
+    assert not plan.certificate.certified
+    assert plan.certificate.min_margin < 0
     assert plan.trajectory is not None
     assert "CZ" in plan.message
     assert len(attempts) >= len(LADDER)
@@ -584,7 +586,7 @@ def test_the_same_scenario_gives_the_same_plan():
     first, second = (jp.plan(jp.paper_case(3)) for _ in range(2))
     assert np.array_equal(first.trajectory.coefficients, second.trajectory.coefficients)
     assert np.array_equal(first.trajectory.joint_coefficients, second.trajectory.joint_coefficients)
-    assert first.report.min_margin == second.report.min_margin
+    assert first.certificate.min_margin == second.certificate.min_margin
     assert set(first.timings) == {"decompose", "search", "trajectory", "certificate", "compile", "total"}
 
 
@@ -614,14 +616,14 @@ def test_actuator_limits_a_body_axis_are_kept():
     craft = replace(case.spacecraft, inertia=inertia, torque_limit=torque, wheel_momentum_limit=momentum)
     case = replace(case, spacecraft=craft, trajectory=replace(case.trajectory, duration=STRETCHED))
     plan = jp.plan(case, progress=False)
-    assert max(plan.report.peaks.values()) <= 1
-    assert {"torque", "wheel_momentum"} <= set(plan.report.peaks)
+    assert max(plan.certificate.peaks.values()) <= 1
+    assert {"torque", "wheel_momentum"} <= set(plan.certificate.peaks)
     s = plan.trajectory.sample(np.linspace(0, plan.trajectory.duration, 20_001))
     spin = s.angular_velocity @ inertia
     load = s.angular_acceleration @ inertia + np.cross(s.angular_velocity, spin)
     for name, sampled, limit in (("torque", load, torque), ("wheel_momentum", spin, momentum)):
         peak = np.max(np.abs(sampled) / limit)
-        assert peak <= plan.report.peaks[name] <= peak + 1e-3
+        assert peak <= plan.certificate.peaks[name] <= peak + 1e-3
 
 
 def test_a_plan_is_certified_anew_and_what_is_none_is_refused():

@@ -73,7 +73,7 @@ def make_plan(
     )
     goal = Goal(attitude=path.attitudes[-1], joints=path.joints[-1], slew_angle=float(np.linalg.norm(turn)))
     return Plan(
-        scenario=scenario, status=Status.OK, goal=goal, path=path, trajectory=trajectory, report=report
+        scenario=scenario, status=Status.OK, goal=goal, path=path, trajectory=trajectory, certificate=report
     )
 
 
@@ -474,7 +474,7 @@ def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
     for device, line in enumerate(bold):
         np.testing.assert_allclose(np.deg2rad(line.get_ydata()), table[:, :, device].min(axis=0), atol=1e-9)
     (mark,) = [line for line in axes.lines if line.get_marker() == "^"]
-    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (plan.report.worst_time, np.rad2deg(0.02))
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (plan.certificate.worst_time, np.rad2deg(0.02))
     assert any("1.146 deg" in text.get_text() for text in axes.get_legend().get_texts())
     low, high = axes.get_ylim()
     assert low < 0 < np.rad2deg(table.max()) < high, "no line leaves the panel"
@@ -486,7 +486,7 @@ def _margins_of(*lines: np.ndarray, ax: mpl.axes.Axes | None = None) -> mpl.axes
     made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in enumerate(lines)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(samples, "margins", lambda *_: made)
-        axes = jp.plot.margins(replace(plan, report=None), ax=ax)
+        axes = jp.plot.margins(replace(plan, certificate=None), ax=ax)
     axes.figure.draw_without_rendering()
     return axes
 
@@ -609,10 +609,10 @@ def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -
     lines = {device: np.rad2deg(abs(times - place) + 0.005 * device + 0.02) for device in range(4)}
     moves = samples.motion(plan)
     made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in lines.items()]
-    report = replace(plan.report, worst_time=place * 40.0)
+    report = replace(plan.certificate, worst_time=place * 40.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(samples, "margins", lambda *_: made)
-        axes = figure(replace(plan, report=report))
+        axes = figure(replace(plan, certificate=report))
     axes.figure.figure.draw_without_rendering()
     assert len(moves.times) == len(times)
     boxes = [text.get_window_extent() for text in axes.texts]
@@ -805,7 +805,12 @@ def test_figures_are_those_that_the_plan_has(plan: Plan, expected: str) -> None:
 
 def test_a_plan_without_a_trajectory_says_what_it_lacks() -> None:
     failed = replace(
-        make_plan(), status=Status.NODE_LIMIT, message="Raise it.", trajectory=None, report=None, path=None
+        make_plan(),
+        status=Status.NODE_LIMIT,
+        message="Raise it.",
+        trajectory=None,
+        certificate=None,
+        path=None,
     )
     for figure in OVER_TIME:
         with pytest.raises(ValueError, match=r"'test' has no trajectory .* NODE_LIMIT: Raise it\."):
@@ -814,7 +819,7 @@ def test_a_plan_without_a_trajectory_says_what_it_lacks() -> None:
 
 
 def test_the_sphere_of_a_failed_plan_shows_what_there_is() -> None:
-    plan = replace(make_plan(3, 1), status=Status.INFEASIBLE, trajectory=None, report=None)
+    plan = replace(make_plan(3, 1), status=Status.INFEASIBLE, trajectory=None, certificate=None)
     craft = plan.scenario.spacecraft
 
     def marks(plan: Plan) -> dict[str, int]:

@@ -822,7 +822,7 @@ def depth(plan):
 
 def test_a_scenario_of_plain_lists_is_planned_around_its_zone(handed_over):
     assert handed_over.ok
-    assert handed_over.report.certified
+    assert handed_over.certificate.certified
     assert depth(handed_over) < 0
     assert depth(jp.plan(replace(HAND_OVER, keep_out=()), progress=False)) > 10
 

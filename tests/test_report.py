@@ -59,7 +59,7 @@ def whole_plan() -> jp.Plan:
     plan = replace(plan, scenario=scenario, search=found, path=way, timings=timings)
     report = jp.planner.certify(plan)
     assert report.certified, report.faults
-    return replace(plan, report=report)
+    return replace(plan, certificate=report)
 
 
 class Page(HTMLParser):
@@ -161,14 +161,14 @@ def test_names_are_text_and_nothing_else(page):
 def test_the_page_says_what_is_proved(page, plan):
     assert page.texts["strong"] == ["Certified"]
     (margins,) = [table for table in page.texts["table"] if "Margins over all time" in table]
-    bound = f"{np.rad2deg(plan.report.min_margin):.3f}"
+    bound = f"{np.rad2deg(plan.certificate.min_margin):.3f}"
     assert bound in margins
     assert margins.index(bound) < margins.index("wide") or "wide" in margins.split(bound)[0]
     (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
-    for peak in plan.report.peaks.values():
+    for peak in plan.certificate.peaks.values():
         assert f"{100 * peak:.1f}" in peaks
     limit = np.rad2deg(plan.scenario.spacecraft.rate_limit)
-    assert f"{plan.report.peaks['angular_velocity'] * limit:.3f}{limit:.3f}deg/s" in peaks
+    assert f"{plan.certificate.peaks['angular_velocity'] * limit:.3f}{limit:.3f}deg/s" in peaks
     assert any("7 of at most" in table and "7.50 steps" in table for table in page.texts["table"])
     assert any("compiling2.000" in table for table in page.texts["table"])
 
@@ -191,7 +191,7 @@ def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, mon
         "search": came >= 2,
         "path": came >= 3,
         "trajectory": status is Status.UNCERTIFIED,
-        "report": status is Status.UNCERTIFIED,
+        "certificate": status is Status.UNCERTIFIED,
     }
     parts = {name: getattr(plan, name) if there else None for name, there in known.items()}
     failed = replace(plan, status=status, message=f"so & so: {NASTY}", timings={}, **parts)
@@ -205,7 +205,7 @@ def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, mon
 
 
 def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
-    failed = replace(plan, status=Status.NODE_LIMIT, path=None, trajectory=None, report=None)
+    failed = replace(plan, status=Status.NODE_LIMIT, path=None, trajectory=None, certificate=None)
     page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
     assert [name for name in page.attributes("id") if "figure" in name] == ["figure-globe", "figure-sphere"]
 
@@ -237,17 +237,17 @@ def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):
         craft, terminals=tuple(replace(t, yaw_limit=3.1, pitch_limit=1.5) for t in craft.terminals)
     )
     plan = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
-    plan = replace(plan, report=jp.planner.certify(plan))
+    plan = replace(plan, certificate=jp.planner.certify(plan))
     page = Page(jp.report_html(plan, tmp_path / "loads.html").read_text(encoding="utf-8"))
     (given,) = [table for table in page.texts["table"] if "limits of each body axis" in table]
     for text in ("Torque90, 91, 92 N m", "Wheel momentum55.5 N m s", f"Jerk{np.rad2deg(0.025):.6g} deg/s³"):
         assert text in given
     (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
     jerk = np.rad2deg(0.025)
-    assert f"{plan.report.peaks['jerk'] * jerk:.3f}{jerk:.3f}deg/s³" in peaks
-    assert f"{plan.report.peaks['wheel_momentum'] * 55.5:.3f}55.500N m s" in peaks
+    assert f"{plan.certificate.peaks['jerk'] * jerk:.3f}{jerk:.3f}deg/s³" in peaks
+    assert f"{plan.certificate.peaks['wheel_momentum'] * 55.5:.3f}55.500N m s" in peaks
     assert "90.000 to 92.000N m" in peaks
-    assert [limit.quantity.name for limit in limits(craft)] == list(plan.report.peaks)
+    assert [limit.quantity.name for limit in limits(craft)] == list(plan.certificate.peaks)
     assert all(limit.quantity.label in peaks for limit in limits(craft))
 
 

@@ -230,7 +230,9 @@ def test_plans_whose_group_changes_hands_are_replanned_as_they_are():
             )
     plan = jp.plan(replace(scenario, keep_in=tuple(wide)))
     plan = follow(plan, replace(scenario, keep_in=tuple(tight)))
-    assert plan.report.min_margin <= np.deg2rad(0.3) + 1e-6  # one of them binds where the other takes over
+    assert (
+        plan.certificate.min_margin <= np.deg2rad(0.3) + 1e-6
+    )  # one of them binds where the other takes over
     assert_replanned(plan)
 
 

@@ -36,8 +36,8 @@ def test_a_row_says_what_the_plan_of_its_scene_says(study):
         assert row["interior_nodes"] == plan.path.edges - 1
         assert row["length_steps"] == plan.path.length
         assert row["duration_s"] == plan.trajectory.duration > row["duration_bound_s"] > 0
-        assert row["min_margin_deg"] == np.rad2deg(plan.report.min_margin) > 0
-        assert row["peak"] == max(plan.report.peaks.values())
+        assert row["min_margin_deg"] == np.rad2deg(plan.certificate.min_margin) > 0
+        assert row["peak"] == max(plan.certificate.peaks.values())
         assert times["name"] == row["name"]
         assert times["total_s"] == pytest.approx(
             sum(times[f"{step}_s"] for step in plan.timings if step in STEPS)

@@ -329,3 +329,14 @@ def test_half_a_turn_in_one_edge_is_passed():
     path = turning([0, 180])
     trajectory = fit_paper(path, make_spacecraft(0), TrajectorySettings()).trajectory
     assert np.all(np.abs(trajectory.sample(trajectory.duration).attitude - path.attitudes[1]) <= 1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_quaternions_of_samples_are_those_of_scipy_without_jumps(name):
+    curve = stored(name, None)
+    times = np.linspace(0, curve.duration, 200)
+    found = curve.sample(times)
+    np.testing.assert_allclose(Rotation.from_quat(found.quaternion).as_matrix(), found.attitude, atol=1e-12)
+    assert np.all(np.sum(found.quaternion[1:] * found.quaternion[:-1], axis=1) > 0.9)
+    np.testing.assert_array_equal(curve.sample(times[7]).quaternion.shape, (4,))
+    assert found.quaternion[0, 3] >= 0

@@ -215,7 +215,7 @@ def test_ready_made_objectives_are_those_of_dense_samples():
     expected = {
         "peak_torque": np.abs(torque).max(),
         "effort": np.rad2deg(np.rad2deg(np.trapezoid(squares, t))),
-        "smallest_margin": -np.rad2deg(plan.report.min_margin),
+        "smallest_margin": -np.rad2deg(plan.certificate.min_margin),
     }
     asked = {name: OBJECTIVES[name] for name in expected}
     asked["weighted"] = make_objective({"duration": 2.0, "effort": 0.5})

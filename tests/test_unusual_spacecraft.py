@@ -101,10 +101,10 @@ def assert_certified(plan: jp.Plan) -> None:
     """The plan is proved, and so it looks when it is sampled."""
     keep_out, keep_in = margins(plan)
     worst = np.min([*np.min(keep_out, axis=1), *([np.min(np.max(keep_in, axis=0))] if len(keep_in) else [])])
-    assert plan.report.certified
+    assert plan.certificate.certified
     assert worst >= 0
-    assert plan.report.min_margin <= worst + 1e-9
-    assert plan.report.min_margin >= worst - np.deg2rad(0.1)
+    assert plan.certificate.min_margin <= worst + 1e-9
+    assert plan.certificate.min_margin >= worst - np.deg2rad(0.1)
     states = plan.trajectory.sample(np.array([0.0, plan.trajectory.duration]))
     turn = plan.scenario.goal.rotation_vector[2]
     goal = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
@@ -182,7 +182,7 @@ def test_a_spacecraft_of_trackers_alone_turns_round_the_sun(make, method):
     plan = jp.plan(make(method))
     assert_certified(plan)
     assert plan.path.joints.shape[1] == plan.goal.joints.size == 0
-    assert {"yaw", "pitch", "joint_rates"}.isdisjoint(plan.report.peaks)
+    assert {"yaw", "pitch", "joint_rates"}.isdisjoint(plan.certificate.peaks)
 
 
 def test_a_tracker_may_look_where_another_must_not():
@@ -200,7 +200,7 @@ def test_plans_of_groups_are_kept_and_proved_again(relay_plans, method, tmp_path
     again = jp.load_plan(tmp_path / "plan.json")
     assert again.scenario == plan.scenario
     assert [zone.any_of for zone in again.scenario.keep_in] == ["relay"] * 2
-    assert certify(again).min_margin == plan.report.min_margin
+    assert certify(again).min_margin == plan.certificate.min_margin
     apart = replace(plan.scenario, keep_in=tuple(replace(z, any_of=None) for z in plan.scenario.keep_in))
     assert not certify(replace(again, scenario=apart)).certified
 
@@ -208,7 +208,7 @@ def test_plans_of_groups_are_kept_and_proved_again(relay_plans, method, tmp_path
 def test_the_command_line_draws_instruments_and_groups(relay_plans, tmp_path, monkeypatch, capsys):
     jp.save_scenario(behind_the_sun("mha"), tmp_path / "scene.toml")
     assert main(["plan", str(tmp_path / "scene.toml"), "-o", str(tmp_path)]) == 0
-    assert f"{np.rad2deg(relay_plans['mha'].report.min_margin):.3f} deg" in capsys.readouterr().out
+    assert f"{np.rad2deg(relay_plans['mha'].certificate.min_margin):.3f} deg" in capsys.readouterr().out
     pictures = {file.stem for file in tmp_path.glob("*.png")}
     assert pictures == {"overview", "sphere", "rates", "accelerations", "margins"}
     axes = jp.plot.sphere(relay_plans["mha"])

@@ -21,6 +21,7 @@ from jaxplan.model.path import Goal, motion
 from jaxplan.model.scenario import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft, body_boresights, joints_along
 from jaxplan.model.zones import tabulate
+from jaxplan.runtime.quick_jit import quick_jit
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
@@ -60,7 +61,7 @@ def setting() -> tuple[Spacecraft, Targets]:
     )
 
 
-@jax.jit
+@quick_jit
 def _lines_of_sight(node: Array, anomaly: Array) -> Array:
     satellites = orbits.position(500.0, math.radians(10.0), node, anomaly)
     return orbits.line_of_sight(satellites[0], satellites[1:])

@@ -179,8 +179,10 @@ def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[
     stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
     still = np.ones(len(cones.axis), bool)
     still[: len(stands)] = stands
+    unclear: list[str] = []
     for name, array in _arrays(cones).items():
-        yield from _finite(f"cones.{name}", array[still] if name == "axis" else array)
+        unclear += _finite(f"cones.{name}", array[still] if name == "axis" else array)
+    yield from unclear
     for name, vectors in (("axis", cones.axis[still]), ("body", cones.body), ("carried", cones.carried)):
         yield from _unit(f"cones.{name}", vectors)
     of_joints = cones.frame == JOINTS
@@ -192,7 +194,7 @@ def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[
         yield f"cones has zones that bind devices beyond the {zones} that have a name"
     if np.any(cones.axis[of_joints, 2:] != 0):
         yield "cones.axis of a row of joints is not of yaw and pitch alone"
-    if all(np.all(np.isfinite(array)) for name, array in _arrays(cones).items() if name != "axis"):
+    if not unclear:
         yield from (*_kinds(cones, terminals), *_nests(cones))
 
 

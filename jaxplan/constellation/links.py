@@ -17,6 +17,7 @@ from jax import Array
 
 from jaxplan import orbits
 from jaxplan.constellation.shell import Shell
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.scenario import ScenarioError
 
 WHEN = ("before", "after")
@@ -109,7 +110,7 @@ def lines_of_sight(positions: np.ndarray, topology: np.ndarray) -> tuple[np.ndar
     return found[..., :3], found[..., 3]
 
 
-@jax.jit
+@quick_jit
 def _lines_of_sight(here: Array, there: Array) -> Array:
     direction, lowest = orbits.line_of_sight(here, there), orbits.grazing_altitude(here, there)
     return jax.numpy.concatenate([direction, lowest[..., None]], axis=-1)

@@ -20,6 +20,7 @@ from jax import Array
 from jaxplan import orbits
 from jaxplan.display import shown
 from jaxplan.given import number
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.scenario import ScenarioError
 
 PATTERNS = ("delta", "star")
@@ -237,7 +238,7 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
-@jax.jit
+@quick_jit
 def _states(altitude: Array, inclination: Array, nodes: Array, latitudes: Array, time: Array) -> Array:
     elements = (altitude, inclination, nodes, latitudes, time)
     return jax.numpy.stack([orbits.position(*elements), orbits.velocity(*elements)])

@@ -8,7 +8,6 @@ where all are, the problem is proved to have no solution.
 
 from functools import lru_cache
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -16,6 +15,7 @@ from jax import Array
 from jaxplan.decomposition.caps import Caps
 from jaxplan.decomposition.groups import group_excess
 from jaxplan.geometry import rotations
+from jaxplan.runtime.quick_jit import quick_jit
 
 POINTS = 4096
 RADIUS = 0.25
@@ -83,7 +83,7 @@ def depths(caps: Caps, seed: int) -> np.ndarray:
     )
 
 
-@jax.jit
+@quick_jit
 def _depths(entries: Array, excluded: Array, rotations: Array, member: Array, group: Array) -> Array:
     depth = entries @ rotations - excluded[:, None]
     return jnp.max(group_excess(depth, member, group), axis=0)

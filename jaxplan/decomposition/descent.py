@@ -26,6 +26,7 @@ from jaxplan.decomposition.lanes import identity, least_eigenvalue, sum_of_squar
 from jaxplan.decomposition.quadratic import MET, Active
 from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
+from jaxplan.runtime.quick_jit import quick_jit
 
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
@@ -77,7 +78,7 @@ class _Point(NamedTuple):
     normals: Array  # (3, 3, K), gradients of the active caps, the component first
 
 
-@jax.jit
+@quick_jit
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:

@@ -13,6 +13,7 @@ from jaxplan.decomposition.caps import assemble
 from jaxplan.decomposition.descent import descent_ends
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
+from jaxplan.runtime.quick_jit import quick_jit
 
 TOGETHER = 256
 """Problems of one call: there is one shape to compile."""
@@ -64,4 +65,4 @@ def _nearest(
     return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
 
 
-_descents = jax.jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))
+_descents = quick_jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))

@@ -13,6 +13,7 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.quick_jit import quick_jit
 
 
 def tracking_rates(
@@ -55,4 +56,4 @@ def tracking_rates(
         return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
 
 
-_followed = jax.jit(goal_in_time)
+_followed = quick_jit(goal_in_time)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan import quaternion
 from jaxplan.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def sample(plan: "Plan", start: np.datetime64 | None, times: np.ndarray) -> Samp
         start=start,
         times=times,
         values=values,
-        quaternions=continuous_quaternions(values.attitude),
+        quaternions=quaternion.continuous(values.attitude),
     )
 
 
@@ -88,23 +89,6 @@ def instants(duration: float, step: float) -> np.ndarray:
     grid = step * np.arange(int(duration / step) + 1)
     apart = max(1e-3 * min(step, duration), SHORTEST_STEP)
     return np.append(grid[grid < duration - apart], duration) if duration > apart else np.zeros(1)
-
-
-def continuous_quaternions(attitude: np.ndarray) -> np.ndarray:
-    """Unit quaternions of a continuous sequence of attitudes, without changes of sign.
-
-    Args:
-        attitude: (k, 3, 3).
-
-    Returns:
-        (k, 4), scalar first; the first scalar part is not negative.
-    """
-    from scipy.spatial.transform import Rotation
-
-    quaternions = Rotation.from_matrix(attitude).as_quat(canonical=True, scalar_first=True)
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    quaternions[1:][np.cumsum(flips) % 2 == 1] *= -1
-    return np.asarray(quaternions)
 
 
 def _evaluated(trajectory: "Trajectory", times: np.ndarray) -> "Samples":

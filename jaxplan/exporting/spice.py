@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan import quaternion
 from jaxplan.epochs import ephemeris_time
 from jaxplan.exporting.devices import instrument_frames, labels, terminal_motion
-from jaxplan.exporting.sampled import Sampled, continuous_quaternions
+from jaxplan.exporting.sampled import Sampled
 from jaxplan.exporting.text import plain, progress
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def _motions(
     yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
     for number, frame in enumerate(terminals):
         matrices, rates = terminal_motion(sampled, number)
-        yield frame.number, _BUS_NAME, continuous_quaternions(matrices), rates
+        yield frame.number, _BUS_NAME, quaternion.continuous(matrices), rates
 
 
 def _write_segment(

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxplan import quaternion
 from jaxplan.exporting.devices import labels, terminal_motion
-from jaxplan.exporting.sampled import Sampled, continuous_quaternions
+from jaxplan.exporting.sampled import Sampled
 from jaxplan.exporting.text import progress, table_lines
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
@@ -29,7 +30,7 @@ def write_stk(sampled: Sampled, folder: Path) -> None:
     names = labels((t.name for t in sampled.spacecraft.terminals), taken=(), longest=100)
     for number, name in enumerate(names):
         frames, _ = terminal_motion(sampled, number)
-        _write(sampled, folder / f"{name}.sp", continuous_quaternions(frames), ())
+        _write(sampled, folder / f"{name}.sp", quaternion.continuous(frames), ())
 
 
 def _write(sampled: Sampled, path: Path, quaternions: np.ndarray, axes: tuple[str, ...]) -> None:

@@ -43,6 +43,7 @@ from jaxplan.geometry.arrays import AnyArray, array_module, arrays
 from jaxplan.geometry.directions import separation
 from jaxplan.model.moving import DirectionPath
 from jaxplan.model.sights import Sights
+from jaxplan.once import made_once
 from jaxplan.runtime.batching import padded_count
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
@@ -165,6 +166,7 @@ class Constraints:
         )
 
     @property
+    @made_once
     def single(self) -> np.ndarray:
         """(Z,) bool, the rows that hold by themselves at every instant: their constraint has one entry."""
         entries = np.bincount(self.group[np.unique(self.entry)], minlength=len(self.group))

@@ -40,7 +40,7 @@ def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
 
 def judged(so_far: Plan, report: Report) -> Plan:
     """The plan with a report on its trajectory, certified or not."""
-    so_far = replace(so_far, report=report)
+    so_far = replace(so_far, certificate=report)
     if so_far.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
         return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(report))
     return so_far

@@ -148,8 +148,8 @@ def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> 
     return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
 
 
-def _make_plan(scenario: Scenario, *, status: str, **parts: Any) -> Plan:
-    return Plan(scenario=scenario, status=Status[status], **parts)
+def _make_plan(scenario: Scenario, *, status: str, report: Report | None = None, **parts: Any) -> Plan:
+    return Plan(scenario=scenario, status=Status[status], certificate=report, **parts)
 
 
 def check_agreement(read: Mapping[str, Any], root: Place) -> None:

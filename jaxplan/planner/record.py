@@ -50,7 +50,7 @@ def report_summary(report: Report | None) -> dict[str, Any]:
     "search.expansions",
     "path.edges",
     "trajectory.duration s",
-    "report.min_margin deg",
+    "certificate.min_margin deg",
     heading="Plan of {0.scenario.name}",
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ class Plan:
         search: the result of step 2.
         path: the nodes that the trajectory passes.
         trajectory: the manoeuvre as a function of time.
-        report: the certificate.
+        certificate: what is proved of the trajectory; `report` is another name for it.
         timings: seconds by step without those of compiling, then these, and in all: the one part that is
             not deterministic.
     """
@@ -77,13 +77,18 @@ class Plan:
     search: SearchResult | None = None
     path: Path | None = None
     trajectory: Trajectory | None = None
-    report: Report | None = None
+    certificate: Report | None = None
     timings: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
         """Whether this is a certified plan."""
         return self.status is Status.OK
+
+    @property
+    def report(self) -> Report | None:
+        """The certificate, by the name that it had before."""
+        return self.certificate
 
     @property
     def goal_chosen(self) -> bool:
@@ -136,8 +141,8 @@ class Plan:
                 text += f"; {100 * above:.1f} % above the strict bound of {bound:.2f} s"
                 text += " for this goal" if self.goal_chosen else ""
             rows.append(("trajectory", text))
-        if self.report is not None:
-            rows += self.report.rows()
+        if self.certificate is not None:
+            rows += self.certificate.rows()
         return rows
 
     def summary(self) -> dict[str, Any]:
@@ -154,7 +159,7 @@ class Plan:
             "duration_s": None if trajectory is None else trajectory.duration,
             "duration_bound_s": self.duration_bound,
             "goal_chosen": self.goal_chosen,
-            **report_summary(self.report),
+            **report_summary(self.certificate),
             "timings_s": dict(self.timings),
         }
 

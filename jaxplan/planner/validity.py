@@ -120,13 +120,16 @@ def constraint_breaches(
         The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
     """
     sights = rows.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
+    worst = np.min(table, axis=-1, initial=np.inf)
+    leaders = np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING))
+    if not len(leaders):
+        return
     called = sight_names(spacecraft.device_names, rows)
     beams = [f"the beam of {name}" for name in spacecraft.device_names]
     axes = beams + called[len(beams) :]
-    table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
-    worst = np.min(table, axis=-1, initial=np.inf)
     chosen = chosen_entries(rows, worst)
-    for leader in np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING)):
+    for leader in leaders:
         row = int(np.argmin(np.where(rows.entry == chosen[leader], worst, np.inf)))
         sight = int(np.argmin(table[row]))
         name = names[row] if groups[row] is None else f"{names[row]}, the nearest of group {groups[row]}"

@@ -182,7 +182,7 @@ def _within(centre: np.ndarray, extent: np.ndarray, size: np.ndarray) -> bool:
 
 def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
     """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
-    report = plan.report
+    report = plan.certificate
     if report is None or report.min_margin is None or report.worst_time is None:
         return []
     bound = float(np.rad2deg(report.min_margin))

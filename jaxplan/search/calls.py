@@ -22,6 +22,7 @@ from jax import Array
 
 from jaxplan.display import shown
 from jaxplan.runtime.batching import Run, Seconds, in_groups, run_all
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.search.problem import Scene
 
 # Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
@@ -46,8 +47,8 @@ class Kernel:
     """
 
     def __init__(self, function: Callable[..., Array]) -> None:
-        self._one = jax.jit(function)
-        self._many = jax.jit(partial(_many, function), static_argnames="vectorized")
+        self._one = quick_jit(function)
+        self._many = quick_jit(partial(_many, function), static_argnames="vectorized")
 
     def __call__(self, scene: Scene, *arguments: Any) -> np.ndarray:
         """The answer for one scene, which is on the device."""

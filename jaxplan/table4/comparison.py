@@ -14,6 +14,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
 from jaxplan.table4.rows import Row
 
@@ -98,7 +99,7 @@ def _row(
     )
 
 
-@jax.jit
+@quick_jit
 def _edges(
     scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
 ) -> jax.Array:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
@@ -45,7 +46,7 @@ from jaxplan.trajectory.splines import Basis
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
 Blocks = dict[str, ConstraintBlock]  # by name
 
-_inputs = jax.jit(gather_inputs)
+_inputs = quick_jit(gather_inputs)
 
 
 @shown()

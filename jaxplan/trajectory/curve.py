@@ -22,16 +22,17 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import so3
+from jaxplan import quaternion, so3
 from jaxplan.display import shown
 from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
-from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory.basis import derivative_matrix, legendre
 
-# Times are padded to few numbers, so that one compiled kernel serves many trajectories.
-_FEWEST_TIMES, _MOST_TIMES = 128, 16384  # in one call; more would not be quicker
+# Times of a kernel call, the last one padded: always as many, so that the kernel is compiled once whatever is
+# sampled. More would make single times slower, and fewer long vectors of them.
+_TIMES = 256
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -172,6 +173,13 @@ class Samples:
     joint_accelerations: np.ndarray
     joint_jerks: np.ndarray
 
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(k, 4) attitude as ``x y z w``, body to inertial, as scipy has it; no sign jumps between rows."""
+        scalar_first = quaternion.continuous(self.attitude)
+        rolled: np.ndarray = scalar_first[..., [1, 2, 3, 0]]
+        return rolled
+
     def kinematics(self, inertia: ArrayLike | None = None) -> Kinematics:
         """What limited quantities are computed from, for a spacecraft of this inertia (3, 3) in kg m^2."""
         spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
@@ -256,9 +264,9 @@ class Trajectory:
         filled[: flat.size] = flat
         breaks, found = self.joint_breaks, []
         with jax.enable_x64(True):
-            for first in range(0, len(filled), _MOST_TIMES):
-                own_times = filled[first : first + _MOST_TIMES]
-                part = np.zeros(padded_count(len(own_times), _FEWEST_TIMES))
+            for first in range(0, len(filled), _TIMES):
+                own_times = filled[first : first + _TIMES]
+                part = np.zeros(_TIMES)
                 part[: len(own_times)] = own_times
                 on = np.searchsorted(self.breaks[:-1], part, side="right") - 1
                 own = jax.tree.map(lambda array, on=on: np.asarray(array)[on], self.platform_pieces)
@@ -332,4 +340,4 @@ def _joints_at(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
 
 
 # Compiled apart, since the platform's kernel, by far the larger, does not depend on the number of joints.
-_platform_kernel, _joint_kernel = jax.jit(_platform_at), jax.jit(_joints_at)
+_platform_kernel, _joint_kernel = quick_jit(_platform_at), quick_jit(_joints_at)

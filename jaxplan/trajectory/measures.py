@@ -170,7 +170,7 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
         ValueError: if one moves.
     """
     if cones.paths:
-        raise ValueError("cones: zones that move have no margin here; plan.report has it")
+        raise ValueError("cones: zones that move have no margin here; plan.certificate has it")
 
     sights = cones.sights(craft.mounts, craft.fixed_boresights)
 

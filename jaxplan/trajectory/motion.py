@@ -28,6 +28,7 @@ from jaxplan.model.constraints import (
 )
 from jaxplan.model.limits import Kinematics, highest_derivative, values
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory.curve import chart_motion
 from jaxplan.trajectory.problem import System
 
@@ -308,7 +309,7 @@ def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[s
     return values(names, Kinematics(spin=spin, inertia=inertia))
 
 
-@partial(jax.jit, static_argnames="names")
+@partial(quick_jit, static_argnames="names")
 def motion_at(
     attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
 ) -> tuple[Array, Array, Array]:
@@ -327,7 +328,7 @@ def motion_at(
     return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
 
 
-@partial(jax.jit, static_argnames="names")
+@partial(quick_jit, static_argnames="names")
 def load_slopes(
     turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
 ) -> Array:

@@ -208,14 +208,14 @@ class FitInputs:
     names: tuple[str, ...] = field(metadata={"static": True})
 
 
-@jax.jit
+@quick_jit
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
     z = jnp.asarray(z)
     return residual(held, inputs, z), matrix(held, inputs, z)
 
 
-@jax.jit
+@quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """Coefficients (n, A) of the curve of a root, and its duration."""
     x, _, duration = _split(held, inputs, jnp.asarray(z))

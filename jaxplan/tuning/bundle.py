@@ -4,12 +4,14 @@ import os
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Self
 
 import jax
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.runtime.threads import one_thread
 from jaxplan.scenario.numbers import with_numbers
 from jaxplan.sensitivity import Held, replan
@@ -69,7 +71,7 @@ def bare(scenario: Scenario) -> Scenario:
     return replace(scenario, name="", epoch=None)
 
 
-@jax.jit(static_argnums=(3, 4))
+@partial(quick_jit, static_argnums=(3, 4))
 def _slope(
     free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
 ) -> tuple[jax.Array, jax.Array]:

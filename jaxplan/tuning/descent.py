@@ -8,6 +8,7 @@ best numbers whose plans are all certified are the answer; those to begin with a
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,6 +22,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.asked import as_filed
 from jaxplan.progress import progress_bar
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.scenario import scenario_to_dict
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, follow_and_hold, hold
@@ -295,7 +297,7 @@ def _number(plan: Plan, aim: Objective) -> float:
     return float(_valued(*jax.tree.map(np.asarray, (curve, bare(plan.scenario))), aim))
 
 
-@jax.jit(static_argnums=2)
+@partial(quick_jit, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
     return aim(trajectory, scenario)
 

@@ -44,9 +44,13 @@ def examine(plan: jp.Plan) -> None:
     kept_in_a_file(plan)
     if not plan.ok:
         assert plan.message, "no word on what is wrong"
-        assert plan.report is None or not plan.report.certified or plan.status is jp.Status.LIMITS_TOO_TIGHT
+        assert (
+            plan.certificate is None
+            or not plan.certificate.certified
+            or plan.status is jp.Status.LIMITS_TOO_TIGHT
+        )
         return
-    assert plan.report.certified
+    assert plan.certificate.certified
     trajectory, scenario = plan.trajectory, plan.scenario
     craft, zones = scenario.spacecraft, [*scenario.keep_out, *scenario.keep_in]
     if trajectory.duration > 0:

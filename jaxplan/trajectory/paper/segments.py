@@ -29,7 +29,7 @@ accelerations alone, and (43) for the platform.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,7 @@ from jax import Array
 from jaxplan import so3
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.runtime.batching import run_all
+from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory.basis import end_derivatives, energy, legendre
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.paper import qp
@@ -251,7 +252,7 @@ def assembled(
     return rows(times[joint_nodes]), rows(own_times), b, rate, back[:, -1]
 
 
-_assemble = partial(jax.jit, static_argnames="order")(assembled)
+_assemble = quick_jit(assembled, static_argnames="order")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,46 @@
+"""Kernels that are ready soon are ordinary jitted functions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxplan.runtime import quick_jit as quick
+from jaxplan.runtime.quick_jit import quick_jit
+
+
+@quick_jit
+def cubed(x):
+    if x.ndim > 1:
+        raise ValueError("too many axes")
+    return jnp.sin(x) * x**2
+
+
+def test_it_computes_what_the_function_does_at_top_level_and_inside_other_functions():
+    x = np.linspace(0.5, 1, 4)
+    np.testing.assert_allclose(cubed(x), np.sin(x) * x**2, rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(lambda y: cubed(y) + 1)(x), np.sin(x) * x**2 + 1, rtol=1e-12)
+    np.testing.assert_allclose(jax.vmap(cubed)(x), np.sin(x) * x**2, rtol=1e-12)
+    np.testing.assert_allclose(
+        jax.jit(jax.vmap(jax.grad(cubed)))(x), np.cos(x) * x**2 + 2 * x * np.sin(x), rtol=1e-12
+    )
+
+
+def test_faults_of_the_function_itself_are_raised():
+    with pytest.raises(ValueError, match="too many axes"):
+        cubed(np.ones((2, 2)))
+
+
+def test_static_arguments_are_static():
+    power = quick_jit(lambda x, n: x**n, static_argnums=1)
+    assert power(2.0, 3) == 8
+
+
+def test_an_xla_that_knows_no_such_option_compiles_as_usual(monkeypatch):
+    monkeypatch.setattr(quick, "_SOON", {"xla_no_such_option": False})
+    quick._known.cache_clear()
+    try:
+        assert quick_jit(lambda x: x + 1)(1.0) == 2
+        assert not quick._known()
+    finally:
+        quick._known.cache_clear()
