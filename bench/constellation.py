@@ -65,14 +65,13 @@ def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
     processes = [os.getpid()]
     if options.workers > 1:
         pool = ProcessPoolExecutor(options.workers, get_context("spawn"))
-        chunks = 4 * options.workers  # small ones, so that every process gets some
         rehearsal = evenly(total, _REHEARSAL * options.workers)
         jp.plan_constellation(
             switch,
             satellites=rehearsal,
             planner=options.planner,
             executor=pool,
-            chunk=max(1, len(rehearsal) // chunks),
+            chunk=1,
         )
         processes += list(pool._processes)
     else:

@@ -68,4 +68,4 @@ def die(_given: object) -> None:
 
 if __name__ == "__main__":
     os.environ[SECONDS] = sys.argv[3]
-    run_task(task(int(sys.argv[2])), None, sys.argv[1], 3, False, plan_nothing)
+    run_task(task(int(sys.argv[2])), None, sys.argv[1], 1, False, plan_nothing)

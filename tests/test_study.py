@@ -131,7 +131,7 @@ def test_all_faults_of_settings_are_named_before_anything_is_planned(monkeypatch
         (ValueError, "there is nothing to plan", {"scenarios_or_seeds": []}),
         (ValueError, "kind = 'easy': must be one of keep_out", {"kind": "easy"}),
         (ValueError, "planner = 'a-star': must be one of mha", {"planner": "a-star"}),
-        (ValueError, "chunk = 0: must be a number of scenes", {"chunk": 0}),
+        (ValueError, "chunk = 0: must be a number of blocks of scenes", {"chunk": 0}),
     ],
 )
 def test_what_makes_no_study_is_refused_with_a_reason(error, words, arguments):

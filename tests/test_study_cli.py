@@ -81,16 +81,16 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
 
 def test_an_interrupted_study_says_how_it_goes_on(capsys, monkeypatch, tmp_path):
     def interrupted(chunk):
-        if 5 in chunk.numbers:
+        if 20 in chunk.numbers:
             raise KeyboardInterrupt
         return plan_nothing(chunk)
 
     monkeypatch.setattr("jaxplan.study.run.plan_chunk", interrupted)
-    code, out, err = run(capsys, "study", "-n", 9, "--out", tmp_path)
+    code, out, err = run(capsys, "study", "-n", 24, "--out", tmp_path)
     assert code == 130
-    assert "4 done of 9" in out
-    assert "interrupted after 4 of 9 scenes: the same command goes on" in err
+    assert "16 done of 24" in out
+    assert "interrupted after 16 of 24 scenes: the same command goes on" in err
     monkeypatch.setattr("jaxplan.study.run.plan_chunk", plan_nothing)
-    code, out, _ = run(capsys, "study", "-n", 9, "--out", tmp_path)
+    code, out, _ = run(capsys, "study", "-n", 24, "--out", tmp_path)
     assert code == 0
-    assert "6: 66.67 %" in out
+    assert "16: 66.67 %" in out

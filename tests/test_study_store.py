@@ -17,11 +17,11 @@ from jaxplan.study.run import run_task
 from jaxplan.study.store import Store
 from jaxplan.study.task import make_task
 
-SCENES = 20
+SCENES = 70
 
 
 def run(folder: Path | None, scenes: int = SCENES, planner: str = "mha", work=plan_nothing) -> jp.Study:
-    return run_task(task(scenes, planner), None, folder, 3, False, work)
+    return run_task(task(scenes, planner), None, folder, 1, False, work)
 
 
 def text(study: jp.Study) -> str:
@@ -53,7 +53,7 @@ def test_what_is_done_is_not_planned_again(tmp_path):
 @pytest.mark.parametrize("kills", [2])
 def test_a_killed_study_goes_on_to_the_same_table(tmp_path, kills):
     chance = random.Random(0)
-    command = [sys.executable, fake_study.__file__, str(tmp_path), str(SCENES), "0.05"]
+    command = [sys.executable, fake_study.__file__, str(tmp_path), str(SCENES), "0.02"]
     table = tmp_path / "table.jsonl"
     killed = 0
     for _ in range(kills):
@@ -65,11 +65,12 @@ def test_a_killed_study_goes_on_to_the_same_table(tmp_path, kills):
         process.send_signal(signal.SIGKILL)
         killed += process.wait() == -signal.SIGKILL
     assert killed == kills
-    done = len(jp.load_study(tmp_path).table)
-    assert 0 < done < SCENES
+    done = jp.load_study(tmp_path).table
+    assert 0 < len(done) < SCENES
     planned = []
     study = run(tmp_path, work=lambda chunk: planned.extend(chunk.numbers) or plan_nothing(chunk))
-    assert len(planned) == SCENES - done
+    assert set(planned) >= set(range(SCENES)) - {row["scene"] for row in done}
+    assert len(planned) < SCENES
     assert text(study) == text(run(None))
 
 
@@ -98,7 +99,7 @@ def test_another_study_is_refused_and_the_message_names_what_differs(tmp_path):
     first = text(run(tmp_path))
     with pytest.raises(StudyFolderError, match=r'planner "mha" there, "wastar" here'):
         run(tmp_path, planner="wastar")
-    with pytest.raises(StudyFolderError, match=r"scenes 20 there, 21 here; seeds \[\[0, 19\]\] there"):
+    with pytest.raises(StudyFolderError, match=r"scenes 70 there, 71 here; seeds \[\[0, 69\]\] there"):
         run(tmp_path, SCENES + 1)
     header = tmp_path / "study.json"
     header.write_text(header.read_text().replace(jp.__version__, "0.0.1"))
@@ -165,15 +166,15 @@ def test_a_full_disk_ends_the_study_and_loses_nothing(tmp_path, monkeypatch):
 
 def test_an_interrupted_study_is_returned_as_far_as_it_is_and_goes_on(tmp_path):
     def interrupted(chunk):
-        if 10 in chunk.numbers:
+        if 40 in chunk.numbers:
             raise KeyboardInterrupt
         return plan_nothing(chunk)
 
     for folder in (tmp_path, None):
         part = run(folder, work=interrupted)
-        assert [row["scene"] for row in part.table] == list(range(9))
+        assert [row["scene"] for row in part.table] == list(range(32))
         assert not part.complete
-        assert "9 done of 20" in str(part.summary())
+        assert "32 done of 70" in str(part.summary())
     assert text(run(tmp_path)) == text(run(None))
 
 
@@ -181,8 +182,8 @@ def test_settings_that_are_infinite_are_kept_as_files_have_them(tmp_path):
     settings = {"trajectory.node_tube_deg": float("inf")}
     asked = make_task(range(4), None, "mha", settings)
     assert asked.settings == {"trajectory.node_tube_deg": "inf"}
-    first = run_task(asked, None, tmp_path, 3, False, plan_nothing)
-    assert text(run_task(asked, None, tmp_path, 3, False, never)) == text(first)
+    first = run_task(asked, None, tmp_path, 1, False, plan_nothing)
+    assert text(run_task(asked, None, tmp_path, 1, False, never)) == text(first)
     with pytest.raises(ValueError, match="settings"):
         make_task(range(4), None, "mha", {"trajectory.rate_weight": float("nan")})
 

@@ -1,6 +1,7 @@
 """Who plans the scenes of a study does not matter, and a worker that dies costs its own scene alone."""
 
 import json
+import math
 import multiprocessing
 import random
 import subprocess
@@ -15,11 +16,12 @@ from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.chunks import AIM, FIRST, LARGEST, Chunks
+from jaxplan.study.blocks import AIM, BLOCK, LARGEST, Blocks, in_blocks
 from jaxplan.study.engine import by_workers
 from jaxplan.study.run import run_task
+from jaxplan.study.work import APART, plan_chunk
 
-SCENES = 40
+SCENES = 90
 
 
 def run(executor=None, chunk=None, work=plan_nothing, scenes: int = SCENES, out=None) -> list:
@@ -61,18 +63,18 @@ class Fragile:
         self.broken, self.lives = False, self.lives + 1
 
 
-def answered(crew, chunk: int | None = 4, scenes: int = SCENES) -> list:
+def answered(crew, chunk: int | None = 2, scenes: int = SCENES) -> list:
     rows = [
         row
-        for answer in by_workers(Chunks(task(scenes), range(scenes), chunk), plan_nothing, crew)
+        for answer in by_workers(Blocks(task(scenes), range(scenes), chunk), plan_nothing, crew)
         for row in answer.table
     ]
     return sorted(rows, key=lambda row: row["scene"])
 
 
-@pytest.mark.parametrize("chunk", [1, 3, 16, 100, None])
+@pytest.mark.parametrize("chunk", [1, 2, 5, 100, None])
 def test_chunks_do_not_change_the_table(chunk):
-    assert json.dumps(run(chunk=chunk)) == json.dumps(run(chunk=7))
+    assert json.dumps(run(chunk=chunk)) == json.dumps(run(chunk=3))
 
 
 def test_the_order_in_which_workers_get_done_does_not_change_the_table(monkeypatch):
@@ -83,10 +85,10 @@ def test_the_order_in_which_workers_get_done_does_not_change_the_table(monkeypat
         return plan_nothing(chunk)
 
     with ThreadPoolExecutor(4) as executor:
-        assert json.dumps(run(executor, 3, slowly)) == json.dumps(run())
+        assert json.dumps(run(executor, 1, slowly)) == json.dumps(run())
 
 
-@pytest.mark.parametrize("deadly", [set(), {0}, {17}, {39}, {4, 5, 30}])
+@pytest.mark.parametrize("deadly", [set(), {0}, {17}, {89}, {4, 5, 80}])
 @pytest.mark.parametrize("workers", [1, 3])
 def test_a_scene_that_kills_its_worker_is_the_only_one_to_crash(deadly, workers):
     crew = Fragile(workers, deadly)
@@ -96,7 +98,7 @@ def test_a_scene_that_kills_its_worker_is_the_only_one_to_crash(deadly, workers)
     assert all("its worker died, 2 times" in rows[number]["message"] for number in deadly)
     well = [row for row in rows if row["scene"] not in deadly]
     assert json.dumps(well) == json.dumps([row for row in run() if row["scene"] not in deadly])
-    assert crew.lives <= 1 + 4 * len(deadly)
+    assert crew.lives <= 1 + 6 * len(deadly)
 
 
 def test_a_worker_that_dies_idle_or_by_chance_costs_nothing():
@@ -138,29 +140,68 @@ def test_a_task_that_dask_gives_up_is_a_death_and_another_error_ends_the_study()
 
 
 def test_chunks_grow_and_shrink_to_take_as_long_as_they_should():
-    chunks = Chunks(task(100_000), range(100_000), None)
+    chunks = Blocks(task(100_000), range(100_000), None)
     sizes = []
-    for seconds in [0.01] * 10 + [1.0] * 10:
+    for seconds in [0.0125] * 10 + [1e-4] * 10 + [1.0] * 10:
         chunk = chunks.take(0)
-        sizes.append(len(chunk.scenes))
+        sizes.append(len(chunk.scenes) / BLOCK)
         chunks.learn(len(chunk.scenes), seconds * len(chunk.scenes))
-    assert sizes[0] == FIRST
-    assert sizes[9] == AIM / 0.01
-    assert sizes[-1] == AIM / 1.0
-    assert max(sizes) <= LARGEST
-    assert Chunks(task(10), range(10), None).take(0).numbers == tuple(range(FIRST))
+    assert sizes[0] == 1
+    assert sizes[9] == AIM / 0.0125 / BLOCK
+    assert sizes[19] == LARGEST
+    assert sizes[-1] == 1  # a block is planned together, however long it takes
+    assert Blocks(task(10), range(10), None).take(0).numbers == tuple(range(10))
 
 
 def test_the_last_chunks_are_small_where_several_plan():
-    chunks = Chunks(task(200), range(200), None)
+    chunks = Blocks(task(3200), range(3200), None)
     sizes = []
     while (chunk := chunks.take(0, most=4)) is not None:
-        sizes.append(len(chunk.scenes))
-        chunks.learn(len(chunk.scenes), 0.01 * len(chunk.scenes))
+        sizes.append(len(chunk.scenes) // BLOCK)
+        chunks.learn(len(chunk.scenes), 1e-3 * len(chunk.scenes))
     assert sum(sizes) == 200
-    assert max(sizes) <= 50
+    assert max(sizes) <= LARGEST
     assert sizes[-4:] == [1] * 4
-    assert len(sizes) < 30
+    assert len(sizes) < 40
+
+
+def test_scenes_of_a_block_are_planned_together_however_a_study_is_cut_and_interrupted(tmp_path):
+    def in_company(chunk):
+        companies.update(tuple(block.numbers) for block in in_blocks(chunk))
+        answer = plan_nothing(chunk)
+        for block in in_blocks(chunk):
+            for number in block.numbers:
+                answer.table[chunk.numbers.index(number)]["slew_deg"] = float(sum(block.numbers))
+        return answer
+
+    def interrupted(chunk):
+        if 50 in chunk.numbers:
+            raise KeyboardInterrupt
+        return in_company(chunk)
+
+    companies = set()
+    whole = json.dumps(run(work=in_company))
+    assert companies == {tuple(range(first, min(first + BLOCK, SCENES))) for first in range(0, SCENES, BLOCK)}
+    for chunk in (2, 5, None):
+        assert json.dumps(run(chunk=chunk, work=in_company)) == whole
+    with ThreadPoolExecutor(3) as executor:
+        assert json.dumps(run(executor, 1, in_company)) == whole
+    run(chunk=1, work=interrupted, out=tmp_path)
+    table = tmp_path / "table.jsonl"
+    table.write_bytes(b"".join(table.read_bytes().splitlines(keepends=True)[:20]))  # a block done in part
+    assert json.dumps(run(chunk=4, work=in_company, out=tmp_path)) == whole
+    assert len(companies) == math.ceil(SCENES / BLOCK)
+
+
+def test_rows_of_a_block_that_kills_its_process_say_that_they_were_planned_apart():
+    crew = Fragile(2, {DEADLY})
+    crew.submit = lambda chunk_work, chunk, submit=crew.submit: submit(plan_chunk, chunk)
+    rows = [
+        row for answer in by_workers(Blocks(task(20), range(20), 2), plan_chunk, crew) for row in answer.table
+    ]
+    apart = {row["scene"] for row in rows if APART in row["message"]}
+    assert apart == set(range(BLOCK)) - {DEADLY}
+    assert len(rows) == 20
 
 
 def test_idle_workers_are_found_out_and_get_more_to_do():
@@ -184,18 +225,20 @@ def test_idle_workers_are_found_out_and_get_more_to_do():
     running, most = [], []
     with Wide(6) as crew:
         rows = [
-            row for answer in by_workers(Chunks(task(80), range(80), 1), sleepy, crew) for row in answer.table
+            row
+            for answer in by_workers(Blocks(task(40 * BLOCK), range(40 * BLOCK), 1), sleepy, crew)
+            for row in answer.table
         ]
-    assert len(rows) == 80
+    assert len(rows) == 40 * BLOCK
     assert max(most) >= 5
     assert max(under_way) <= 12
 
 
 def test_processes_of_our_own_survive_a_death_and_are_gone_at_the_end(tmp_path):
-    rows = run(1, 4, die_at_one, 12, tmp_path)
+    rows = run(1, 1, die_at_one, 20, tmp_path)
     assert [row["scene"] for row in rows if row["status"] == "crashed"] == [DEADLY]
     assert json.dumps([row for row in rows if row["scene"] != DEADLY]) == json.dumps(
-        [row for row in run(scenes=12) if row["scene"] != DEADLY]
+        [row for row in run(scenes=20) if row["scene"] != DEADLY]
     )
     assert not multiprocessing.active_children()
 
@@ -213,7 +256,7 @@ def test_processes_are_ended_at_once_when_they_wait_for_work(monkeypatch):
     crew = Crew(2)
     rows = [
         row
-        for answer in by_workers(Chunks(task(80), range(80), 1), plan_nothing, crew)
+        for answer in by_workers(Blocks(task(80), range(80), 1), plan_nothing, crew)
         for row in answer.table
     ]
     assert len(rows) == 80

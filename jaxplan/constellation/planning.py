@@ -24,7 +24,7 @@ def plan_constellation(
 ) -> Constellation:
     """Plan the manoeuvres of a shell's satellites from their links before a switch to those after it.
 
-    A Monte-Carlo study of the switch's scenarios: `plan_batch` plans them chunk by chunk, nothing raises for
+    A Monte-Carlo study of the switch's scenarios: `plan_batch` plans them block by block, nothing raises for
     a satellite, and the table is the same whoever plans. Durations are "stretched" unless settings say
     otherwise. Plans are not kept, since thousands of them take much memory: ``jp.plan(switch.scenario(17))``
     makes one again.
@@ -36,7 +36,8 @@ def plan_constellation(
         settings: that differ from the defaults, such as ``{"trajectory.duration_s": "minimum"}``.
         executor: who plans: None for this process, a number of processes, or an executor.
         out: a folder where each chunk is safe once it is done.
-        chunk: satellites that are handed out together; by default as many as take some two seconds.
+        chunk: blocks of 16 satellites that are handed out together; by default as many as take some two
+            seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.chunks import Chunks
+from jaxplan.study.blocks import Blocks
 from jaxplan.study.task import Chunk
 from jaxplan.study.work import Answer, Work, died
 
@@ -13,7 +13,7 @@ _UNDER_WAY = 2  # chunks a worker, so that none waits for the next
 _IDLE = 1.5  # a chunk that is done within so many times its own time has hardly waited
 
 
-def in_this_process(chunks: Chunks, work: Work) -> Iterator[Answer]:
+def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
     """Answer one chunk after the other."""
     while (chunk := chunks.take(0)) is not None:
         answer = work(chunk)
@@ -21,11 +21,11 @@ def in_this_process(chunks: Chunks, work: Work) -> Iterator[Answer]:
         yield answer
 
 
-def by_workers(chunks: Chunks, work: Work, crew: Crew) -> Iterator[Answer]:
+def by_workers(chunks: Blocks, work: Work, crew: Crew) -> Iterator[Answer]:
     """Answer chunks as workers get done with them.
 
     As many are handed out at once as keep all workers busy: more and more, as long as they are begun at once.
-    Answers that are there when a worker dies count; the other chunks are planned again, see `Chunks`.
+    Answers that are there when a worker dies count; the other chunks are planned again, see `Blocks`.
 
     Raises:
         RuntimeError: if workers die before they do anything.
@@ -63,7 +63,7 @@ def by_workers(chunks: Chunks, work: Work, crew: Crew) -> Iterator[Answer]:
 
 
 def _after_a_death(
-    chunks: Chunks, crew: Crew, running: dict["Future[Answer]", tuple[Chunk, float]], lost: list[Chunk]
+    chunks: Blocks, crew: Crew, running: dict["Future[Answer]", tuple[Chunk, float]], lost: list[Chunk]
 ) -> Iterator[Answer]:
     """Keep what is done, put back what is lost, and begin anew."""
     for future in wait(running).done:  # a broken pool ends them all

@@ -13,7 +13,7 @@ from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
 from jaxplan.progress import progress_bar
 from jaxplan.runtime.workers import Crew, WorkersDiedError, check_executor
-from jaxplan.study.chunks import Chunks
+from jaxplan.study.blocks import Blocks
 from jaxplan.study.engine import by_workers, in_this_process
 from jaxplan.study.lines import TABLE, TIMINGS
 from jaxplan.study.result import Study
@@ -35,9 +35,12 @@ def run_study(
 ) -> Study:
     """Plan many scenes, and note what became of each.
 
-    The table is the same to the last bit on one kind of processor, whatever executor and chunks: searches
-    have no time limit here, whatever the scenarios say. A scene whose planning raises an error, or kills its
-    process, is a row with status ``crashed``. Ctrl-C ends the study early and returns what is done.
+    On one machine the table is always the same to the last bit, whoever plans and however often the study
+    is interrupted: scenes are planned together in blocks of 16 by their number, and searches have no time
+    limit here, whatever the scenarios say. A scene whose planning raises an error, or kills its process, is
+    a row with status ``crashed``; the others of its block are planned one by one then, and may differ in
+    last digits from the same scenes in a study where nothing crashes. Ctrl-C ends the study early and returns
+    what is done.
 
     Args:
         scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
@@ -50,7 +53,7 @@ def run_study(
         out: a folder for the results, where each chunk is safe once it is done. If it holds the same study
             already, only what is missing is planned; another study is refused. Without it rows are kept
             in memory.
-        chunk: scenes that are handed out together; by default as many as take some two seconds.
+        chunk: blocks that are handed out together; by default as many as take some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
@@ -58,7 +61,7 @@ def run_study(
 
     Raises:
         TypeError: for scenes, an executor or a folder that are none.
-        ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one scene.
+        ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one block.
         ScenarioError: for settings, or a scenario, that a file could not hold; all faults are named.
         StudyFolderError: if the folder holds something else or is in use.
         RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
@@ -69,7 +72,7 @@ def run_study(
     """
     given: object = chunk
     if (given is not None and not (isinstance(given, int | np.integer) and given >= 1)) or given is True:
-        raise ValueError(f"chunk = {chunk!r}: must be a number of scenes, at least 1")
+        raise ValueError(f"chunk = {chunk!r}: must be a number of blocks of scenes, at least 1")
     if executor is not None:
         check_executor(executor)
     if out is not None:
@@ -93,7 +96,7 @@ def run_task(
     store: Store | _Memory
     with _Memory(task) if out is None else Store(out, task) as store:
         left = (number for number, done in enumerate(store.done) if not done)
-        chunks = Chunks(task, left, chunk)
+        chunks = Blocks(task, left, chunk)
         with progress_bar(
             f"study: {task.planner}",
             "scenes",
@@ -106,6 +109,7 @@ def run_task(
             try:
                 with closing(_answers(chunks, executor, work, all(store.done))) as answers:
                     for answer in answers:
+                        answer = answer.without(store.done)
                         store.add(answer)
                         planned += sum(row["status"] == OK for row in answer.table)
                         bar.step("")
@@ -124,7 +128,7 @@ def run_task(
 
 
 def _answers(
-    chunks: Chunks, executor: Executor | int | None, work: Work, over: bool
+    chunks: Blocks, executor: Executor | int | None, work: Work, over: bool
 ) -> Generator[Answer, None, None]:
     if over:
         return

@@ -1,8 +1,8 @@
 """What a study plans: which scenes, by which planner, with which settings.
 
-A scene's random streams follow from its own seed and settings, never from where or when it is planned, and
-no scene has a time limit: so a study's table is the same however its scenes are cut into chunks, and whoever
-plans them.
+A scene's random streams follow from its own seed and settings, never from where or when it is planned, no
+scene has a time limit, and which scenes are planned together is fixed (`blocks`): so a study's table is the
+same whoever plans it, and however often it is interrupted.
 """
 
 import hashlib
@@ -64,7 +64,7 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chunk:
-    """Scenes that are planned together, as they are sent to a worker.
+    """Scenes as they are sent to a worker: some blocks of those that are planned together, or one scene.
 
     Attributes:
         numbers: their places in the study.
@@ -72,6 +72,7 @@ class Chunk:
         kind: as in `Task`, and the rest likewise.
         version: of jaxplan, which must be the worker's.
         deaths: of workers that had nothing else to do.
+        apart: whether it is a scene of a block that was given up, as it killed its workers.
     """
 
     numbers: tuple[int, ...]
@@ -81,6 +82,7 @@ class Chunk:
     settings: Mapping[str, Any]
     version: str = __version__
     deaths: int = 0
+    apart: bool = False
 
     def name(self, place: int) -> str:
         """Of a scene, as its scenario has it."""
@@ -99,13 +101,6 @@ class Chunk:
             assert self.kind is not None
             scene = random_scenario(scene, self.kind)
         return prepared(scene, self.planner, self.settings)
-
-    def one_by_one(self) -> list["Chunk"]:
-        """Its scenes as chunks of their own."""
-        return [
-            replace(self, numbers=(number,), scenes=(scene,))
-            for number, scene in zip(self.numbers, self.scenes, strict=True)
-        ]
 
 
 def make_task(

@@ -1,14 +1,15 @@
 """What a worker does: plan the scenes of a chunk, and answer with rows alone.
 
-Nothing that a scene raises gets out: it is a row with status ``crashed``, and the others of its chunk are
-planned as if it were not there.
+Nothing that a scene raises gets out: it is a row with status ``crashed``, and the others of its block are
+planned one by one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from jaxplan.planner import Plan, plan, plan_batch
 from jaxplan.runtime.stopwatch import working_time
+from jaxplan.study.blocks import in_blocks
 from jaxplan.study.rows import Row, crashed, no_times, row_of, times_of
 from jaxplan.study.task import Chunk
 from jaxplan.version import __version__
@@ -28,12 +29,22 @@ class Answer:
     timings: list[Row]
     seconds: float = 0.0
 
+    def without(self, done: Sequence[int]) -> "Answer":
+        """The rows of scenes that are not done yet, (scenes,) true where one is."""
+        table, timings = (
+            [row for row in rows if not done[row["scene"]]] for rows in (self.table, self.timings)
+        )
+        return Answer(table, timings, self.seconds)
+
 
 Work = Callable[[Chunk], Answer]
 
+APART = "planned by itself, since a scene of its block killed its process"
+"""What the rows of a block that is planned scene by scene say."""
+
 
 def plan_chunk(chunk: Chunk) -> Answer:
-    """Plan the scenes of a chunk in lockstep; after an unexpected error one by one, to find whose it is.
+    """Plan the scenes of a chunk, those of a block together.
 
     Raises:
         RuntimeError: if the chunk is from another version of jaxplan, which may plan otherwise.
@@ -44,22 +55,29 @@ def plan_chunk(chunk: Chunk) -> Answer:
             "install the same on all machines"
         )
     began = working_time()
-    places = range(len(chunk.scenes))
-    found: list[Plan | Exception]
-    try:
-        found = list(plan_batch([chunk.scenario(place) for place in places], progress=False))
-    except Exception:
-        found = [_plan_or_error(chunk, place) for place in places]
-    table, timings = [], []
-    for place, result in enumerate(found):
-        first = head(chunk, place)
-        if isinstance(result, Plan):
-            table.append(row_of(result, first))
-            timings.append(times_of(result.timings, first))
-        else:
-            table.append(crashed(f"{type(result).__name__}: {result}", first))
-            timings.append(no_times(first))
+    table: list[Row] = []
+    timings: list[Row] = []
+    for block in in_blocks(chunk):
+        for place, result in enumerate(_plans(block)):
+            first = head(block, place)
+            if isinstance(result, Plan):
+                table.append(row_of(result, first))
+                timings.append(times_of(result.timings, first))
+            else:
+                table.append(crashed(f"{type(result).__name__}: {result}", first))
+                timings.append(no_times(first))
+    if chunk.apart:
+        table = [{**row, "message": "; ".join(filter(None, (row["message"], APART)))} for row in table]
     return Answer(table, timings, working_time() - began)
+
+
+def _plans(block: Chunk) -> list[Plan | Exception]:
+    """The plans of a block made together; after an unexpected error one by one, to find whose it is."""
+    places = range(len(block.scenes))
+    try:
+        return [*plan_batch([block.scenario(place) for place in places], progress=False)]
+    except Exception:
+        return [_plan_or_error(block, place) for place in places]
 
 
 def died(chunk: Chunk) -> Answer:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxplan.progress import Bar
 from jaxplan.study import Study, run_study
-from jaxplan.study.chunks import LARGEST
+from jaxplan.study.blocks import LARGEST
 from jaxplan.study.rows import OK
 from jaxplan.study.task import Task
 from jaxplan.tuning.ranges import Range
