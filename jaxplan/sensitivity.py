@@ -74,9 +74,10 @@ def hold(plan: Plan) -> Held:
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
-            motion with rates at its ends, a target or a zone moves and the duration is not given, another
-            limit is about to bind, or its goal leans on what step 1 leaves open (`decomposition.beside`).
+        ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
+            shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
+            another limit is about to bind, or its goal leans on what step 1 leaves open
+            (`decomposition.beside`).
     """
     make_room()
     expect("plan", plan, Plan, _A_PLAN)
@@ -84,7 +85,7 @@ def hold(plan: Plan) -> Held:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
-    _expect_known_time(plan.scenario)
+    expect_known_time(plan.scenario)
     return _held(plan, fit(plan.scenario, plan.path, plan.goal))
 
 
@@ -145,7 +146,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     craft, start = scenario.spacecraft, scenario.start.attitude
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
-    _expect_known_time(scenario)
+    expect_known_time(scenario)
     attitude, joints, at_goal = _goal_of(held, scenario)
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
@@ -238,7 +239,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     """The plan near another, and its fit where there is one."""
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
-    _expect_known_time(scenario)
+    expect_known_time(scenario)
     make_room()
     clock = Clock(np.inf)
     duration = scenario.trajectory.duration
@@ -286,7 +287,7 @@ def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
     return velocity, rates
 
 
-def _expect_known_time(scenario: Scenario) -> None:
+def expect_known_time(scenario: Scenario) -> None:
     """Raise where something moves and the duration is not given: it and the goal would settle each other."""
     if moves(scenario) and not scenario.trajectory.timed:
         raise ValueError(

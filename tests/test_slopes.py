@@ -19,7 +19,7 @@ def asking(scenario, **settings):
 
 
 SCENES = {
-    "shortest": lambda: asking(make_scenario(2), duration="minimum"),
+    "shortest": lambda: asking(make_scenario(1), duration="minimum"),
     "in low orbit": lambda: asking(jp.load_scenario(LOW_ORBIT), duration=80.0),
     "joints alone, through nodes": lambda: asking(
         make_scenario(4, turn=(0.0, 0.0, 0.0)), duration=40.0, node_tube=0.0
@@ -62,7 +62,8 @@ def test_slopes_are_those_of_plans_made_anew(name):
     plan = jp.plan(SCENES[name](), progress=False)
     timed = not isinstance(plan.scenario.trajectory.duration, str)
     measure = jp.measures.effort if timed else jp.measures.duration
-    changes = {own: change for own, change in CHANGES.items() if timed or own != "duration"}
+    # Of shortest motions other rows bind soon where weights change.
+    changes = {own: change for own, change in CHANGES.items() if timed or own in ("joint rates", "platform")}
     told = quick_jit(jax.value_and_grad(lambda own, held: measure(jp.replan(held, own)), allow_int=True))
 
     def at(scenario, held):
