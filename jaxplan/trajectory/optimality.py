@@ -251,28 +251,39 @@ def _on(held: ActiveSet) -> Traced:
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
-def _lagrangian(held: ActiveSet, inputs: FitInputs, x: Traced, y: Traced, time: Traced) -> Traced:
-    """Of a shortest motion, as a function of the logarithm of its duration too."""
-    duration = jnp.exp(time)
-    c = held.free @ x + offset_of(held, inputs, duration)
-    energy = jnp.sum(c * (energy_of(held, inputs, duration) @ c)) / 2
-    bound = jnp.where(_on(held), y * _values(held, inputs, c, duration), 0)
-    return time + options.SQP.energy_weight * jnp.log(energy) + jnp.sum(bound)
-
-
 def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """``F``; a row that is padding stands for its multiplier, which is zero."""
     x, y, duration = _split(held, inputs, z)
     c, on = held.free @ x + offset_of(held, inputs, duration), _on(held)
     values, slopes = _values(held, inputs, c, duration), _slopes(held, inputs, c, duration)
-    gradient = energy_of(held, inputs, duration) @ c
     if held.free_time:
-        gradient = gradient * (options.SQP.energy_weight * 2 / jnp.sum(c * gradient))
+        by_time, gradient = _log_energy_slopes(held, inputs, c, z[-1])
+    else:
+        gradient = energy_of(held, inputs, duration) @ c
     pull = held.free.T @ gradient + jnp.tensordot(jnp.where(on, y, 0), slopes, axes=1)
     parts = [pull.ravel(), jnp.where(on, values, y)]
     if held.free_time:
-        parts.append(jax.grad(_lagrangian, 4)(held, inputs, x, y, z[-1])[None])
+        shares = jnp.where(on, _powers(held, inputs) * (values + 1), 0)
+        parts.append((1 + by_time - jnp.sum(y * shares))[None])
     return jnp.concatenate(parts)
+
+
+def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Traced) -> tuple[Traced, Traced]:
+    """Derivatives of what little a shortest motion has of its energy's logarithm, in ``t`` and in ``c``."""
+
+    def little(time: Traced, c: Traced) -> Traced:
+        energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
+        return options.SQP.energy_weight * jnp.log(energy)
+
+    slopes: tuple[Traced, Traced] = jax.grad(little, (0, 1))(time, c)
+    return slopes
+
+
+def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
+    """(R,) of the duration by which rows fall; a motion from rest to rest depends on it in no other way."""
+    linear = inputs.powers[held.linear.scale]
+    loads = jnp.array(inputs.load_powers, float)[held.loads.load]
+    return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
@@ -297,9 +308,9 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     values = [_linear_factors(held, inputs, duration) * (value - centre) - 1]
     if len(loads.on):
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
-        values.append(_of_loads(_load_row)(inputs, duration, loads, local))
+        values.append(_load_values(inputs, duration, loads, local))
     if len(zones.on):
-        values.append(_of_zones(_zone_row)(inputs, zones, inputs.axes, zones.row @ c))
+        values.append(_zone_values(inputs, zones, inputs.axes, zones.row @ c))
     return jnp.concatenate(values)
 
 
@@ -311,23 +322,13 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     slopes = [jnp.einsum("rk,ra->rka", rows, jnp.eye(axes)[linear.axis])]
     if len(loads.on):
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
-        slope = _of_loads(jax.jacfwd(_load_row, 3))(inputs, duration, loads, local)
+        slope = _load_slopes(inputs, duration, loads, local)
         own = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, slope)
         slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - 3))))
     if len(zones.on):
-        slope = _of_zones(jax.jacfwd(_zone_row, 3))(inputs, zones, inputs.axes, zones.row @ c)
+        slope = _zone_slopes(inputs, zones, inputs.axes, zones.row @ c)
         slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
     return jnp.concatenate(slopes)
-
-
-def _of_loads(function: Callable[..., Traced]) -> Callable[..., Traced]:
-    """A function like `_load_row` of one row, for all of them."""
-    return jax.vmap(function, (None, None, 0, 0))
-
-
-def _of_zones(function: Callable[..., Traced]) -> Callable[..., Traced]:
-    """A function like `_zone_row` of one row, for all of them."""
-    return jax.vmap(function, (None, 0, 0, 0))
 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
@@ -348,6 +349,19 @@ def _zone_row(inputs: FitInputs, row: BindingMargins, axis: Traced, z: Traced) -
     return inputs.wanted[row.device, row.zone] - margin[0]
 
 
+def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
+    """A function of one row for all of them, its derivative in what it depends on, and the second one.
+
+    They are jitted, so that however often a program calls them they are traced and compiled once.
+    """
+    slope = jax.jacfwd(row, 3)
+    return tuple(jax.jit(jax.vmap(one, axes)) for one in (row, slope, jax.jacfwd(slope, 3)))
+
+
+_load_values, _load_slopes, _load_bends = _with_slopes(_load_row, (None, None, 0, 0))
+_zone_values, _zone_slopes, _zone_bends = _with_slopes(_zone_row, (None, 0, 0, 0))
+
+
 def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """Derivative of `residual` in ``z``, put together from small blocks at the rows that bind."""
     x, y, duration = _split(held, inputs, z)
@@ -364,17 +378,24 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     if len(loads.on):
         basis = loads.rows @ free
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
-        bend = _of_loads(jax.jacfwd(jax.jacfwd(_load_row, 3), 3))(inputs, duration, loads, local)
+        bend = _load_bends(inputs, duration, loads, local)
         own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
         curved = curved.at[:, :3, :, :3].add(own)
     if len(zones.on):
         basis = zones.row @ free
-        bend = _of_zones(jax.jacfwd(jax.jacfwd(_zone_row, 3), 3))(inputs, zones, inputs.axes, zones.row @ c)
+        bend = _zone_bends(inputs, zones, inputs.axes, zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
     jacobian = _slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -options.ACTIVE_SET.regularisation, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
     if not held.free_time:
         return at_time
-    by_time = jax.jvp(lambda z: residual(held, inputs, z), (z,), (jnp.zeros_like(z).at[-1].set(1),))[1]
+    falls = jnp.where(on, _powers(held, inputs), 0)
+    shares = falls * (_values(held, inputs, c, duration) + 1)
+    _, (corner, of_c) = jax.jvp(
+        lambda time: _log_energy_slopes(held, inputs, c, time), (z[-1],), (jnp.ones_like(z[-1]),)
+    )
+    beside = (free.T @ of_c).ravel() - jnp.tensordot(y * falls, jacobian, axes=1)
+    corner = corner + jnp.sum(y * falls * shares)
+    by_time = jnp.concatenate([beside, -shares, corner[None]])
     return jnp.block([[at_time, by_time[:-1, None]], [by_time[None]]])  # symmetric, as of a gradient
