@@ -1,50 +1,104 @@
 """Slopes of plans beside differences of plans that are made anew along the same path.
 
-Plans random scenes in a given duration by the method "global", takes the slope of the effort by the duration,
-the weight of the rate, the half angle of the nearest zone and the limit of the rate, and makes two plans anew
-for each (`jaxplan.follow`, taken to its optimum), a little to either side. Prints for each number how many
-slopes there are, how many are not comparable since other rows bind on the two sides, or a side is not held,
-and the median and largest error, as a share of the difference or of a thousandth of the effort for each
-relative change of the number, whichever is larger. What the plan's effort is above its optimum's follows.
+Three groups of plans by the method "global": in a given duration among hard zones, in a given duration in low
+orbit where targets and zones move, and shortest ones. Of each the slopes of the effort, or of the shortest
+duration, by the duration, weights, the half angle of the nearest zone and limits of rates, and two plans made
+anew for each (`jaxplan.follow`, taken to its optimum), a little to either side. Prints for each number how
+many slopes there are, how many are told apart since other rows, places or peaks bind on the two sides, or a
+side is not held, and the median and largest error, as a share of the difference or of a thousandth of what is
+measured for each relative change of the number, whichever is larger. What a plan's own is above its optimum's
+follows.
 
-    python bench/slopes.py [-n 30] [--kind hard_keep_out] [--duration 60] [--step 1e-4]
+    python bench/slopes.py [-n 30] [--moving 10] [--shortest 10] [--duration 60] [--step 1e-4]
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from _machine import print_machine
-from _options import positive
+from _options import not_negative
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS
-from jaxplan.derivatives import Differentiable
+from jaxplan.sensitivity import Held
+from jaxplan.trajectory.measures import time_factors
 
 Change = Callable[[jp.Scenario, float], jp.Scenario]
+Measure = Callable[[jp.Trajectory], Any]
+Place = Callable[[Any], Any]  # from the slopes by a scenario that by one number
+
+LOW_ORBIT = Path(__file__).parents[1] / "tests" / "scenarios" / "low_orbit.toml"
+SAME_PEAK = 1e-3  # of the duration: peaks that are farther apart are two
+# Without optimisation and XLA's newer emitters a sixth of the time; what is computed is small.
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 
 
-def numbers(plan: jp.Plan) -> dict[str, tuple[float, Change]]:
-    """What is changed: its value, and the scenario with another one."""
+@cache
+def compiled(measure: Measure) -> Callable[..., Any]:
+    """Value, trajectory and slopes of a measure, compiled once for all plans of equal shapes."""
+
+    def measured(own: jp.Scenario, held: Held) -> tuple[Any, jp.Trajectory]:
+        trajectory = jp.replan(held, own)
+        return measure(trajectory), trajectory
+
+    return jax.jit(
+        jax.value_and_grad(measured, has_aux=True, allow_int=True),
+        compiler_options=QUICKLY if jax.default_backend() == "cpu" else {},
+    )
+
+
+def told(scenario: jp.Scenario, held: Held, measure: Measure) -> tuple[float, jp.Trajectory, jp.Scenario]:
+    """The measure, the trajectory, and the slopes by all numbers of the scenario, in 64 bits."""
+    plain = jax.tree.map(np.asarray, replace(scenario, name=""))  # names would be compiled for anew
+    with jax.enable_x64(True):
+        (value, trajectory), slopes = compiled(measure)(plain, held)
+    return float(value), jax.tree.map(np.asarray, trajectory), slopes
+
+
+def numbers(plan: jp.Plan) -> Iterator[tuple[str, float, Change, Place]]:
+    """What is changed: its name and value, the scenario with another one, and its place among slopes."""
     scenario = plan.scenario
     craft, settings = scenario.spacecraft, scenario.trajectory
-    found: dict[str, tuple[float, Change]] = {
-        "duration": (
-            settings.duration,
-            lambda own, value: replace(own, trajectory=replace(own.trajectory, duration=value)),
-        ),
-        "rate weight": (
-            settings.rate_weight,
-            lambda own, value: replace(own, trajectory=replace(own.trajectory, rate_weight=value)),
-        ),
-        "rate limit": (
-            craft.rate_limit,
-            lambda own, value: replace(own, spacecraft=replace(own.spacecraft, rate_limit=value)),
-        ),
-    }
+
+    def of_settings(name: str) -> tuple[str, float, Change, Place]:
+        return (
+            name.replace("_", " "),
+            getattr(settings, name),
+            lambda own, value: replace(own, trajectory=replace(own.trajectory, **{name: value})),
+            lambda slopes: getattr(slopes.trajectory, name),
+        )
+
+    def of_craft(name: str) -> tuple[str, float, Change, Place]:
+        return (
+            name.replace("_", " "),
+            getattr(craft, name),
+            lambda own, value: replace(own, spacecraft=replace(own.spacecraft, **{name: value})),
+            lambda slopes: getattr(slopes.spacecraft, name),
+        )
+
+    if settings.timed:
+        yield of_settings("duration")
+    yield of_settings("rate_weight")
+    yield of_settings("acceleration_weight")
+    yield of_craft("rate_limit")
+
+    def slower(own: jp.Scenario, value: float) -> jp.Scenario:
+        terminals = tuple(replace(one, rate_limit=value) for one in own.spacecraft.terminals)
+        return replace(own, spacecraft=replace(own.spacecraft, terminals=terminals))
+
+    if len({one.rate_limit for one in craft.terminals}) == 1:
+        yield (
+            "joint rate limit",
+            craft.terminals[0].rate_limit,
+            slower,
+            lambda slopes: sum(one.rate_limit for one in slopes.spacecraft.terminals),
+        )
     nearest = [zone for zone in scenario.keep_out if zone.name == plan.certificate.worst_zone]
     if nearest:
         index = scenario.keep_out.index(nearest[0])
@@ -54,86 +108,112 @@ def numbers(plan: jp.Plan) -> dict[str, tuple[float, Change]]:
             zones[index] = replace(zones[index], half_angle=value)
             return replace(own, keep_out=tuple(zones))
 
-        found["half angle"] = nearest[0].half_angle, wider
-    return found
+        yield (
+            "half angle",
+            nearest[0].half_angle,
+            wider,
+            lambda slopes: slopes.keep_out[index].half_angle,
+        )
 
 
-# Compiled once for all plans of equal shapes.
-_effort = jax.jit(lambda held, scenario: jp.measures.effort(jp.replan(held, scenario)))
-
-
-def effort(function: Differentiable) -> float:
-    """Of the plan at its optimum, in 64 bits."""
-    with jax.enable_x64(True):
-        return float(jp.measures.effort(function.optimum.trajectory))
-
-
-def binding(function: Differentiable) -> list[np.ndarray]:
+def binding(held: Held) -> list[np.ndarray]:
     """Which rows bind, as arrays to be compared."""
-    fit = function.held.fit
+    fit = held.fit
     rows = [leaf for part in (fit.linear, fit.loads, fit.zones) for leaf in jax.tree.leaves(part)]
     return [np.asarray(row) for row in rows if np.asarray(row).dtype.kind in "bi"]
 
 
-def anew(plan: jp.Plan, scenario: jp.Scenario) -> Differentiable | None:
-    """The plan of a scenario near another's, made anew along its path; None where it cannot be held."""
+def same(lows: list[np.ndarray], highs: list[np.ndarray]) -> bool:
+    """Whether the same binds."""
+    return len(lows) == len(highs) and all(map(np.array_equal, lows, highs))
+
+
+def peak_time(trajectory: jp.Trajectory, scenario: jp.Scenario) -> float:
+    """When a motion is at the limit that it leans on most, as a share of its duration."""
+    shares = np.linspace(0, 1, 10_001)
+    factors = time_factors(trajectory.sample(shares * trajectory.duration), scenario.spacecraft)
+    return float(shares[np.argmax(np.asarray(factors))])
+
+
+def anew(plan: jp.Plan, scenario: jp.Scenario) -> Held | None:
+    """What is held of the plan of a scenario near another's, made anew along its path; None if nothing is."""
     try:
-        return jp.differentiable(jp.follow(plan, scenario))
+        return jp.hold(jp.follow(plan, scenario))
     except ValueError:
         return None
 
 
 def compare(plan: jp.Plan, step: float, errors: dict[str, list[float]]) -> float | None:
-    """Add the errors of a plan's slopes, NaN for what cannot be compared; its effort above the optimum's."""
+    """Add the errors of a plan's slopes, NaN for what is told apart; what it has above its optimum."""
+    measure = jp.measures.effort if plan.scenario.trajectory.timed else jp.measures.duration
     try:
-        function = jp.differentiable(plan)
+        held = jp.hold(plan)
     except ValueError:
         return None
-    own = effort(function)
-    with jax.enable_x64(True):
-        for name, (value, change) in numbers(plan).items():
-            slope = float(jax.grad(lambda v, c=change: _effort(function.held, c(plan.scenario, v)))(value))
-            sides = [anew(plan, change(plan.scenario, value * (1 + sign * step))) for sign in (-1, 1)]
-            low, high = sides
-            alike = (
-                low is not None
-                and high is not None
-                and len(binding(low)) == len(binding(high))
-                and all(map(np.array_equal, binding(low), binding(high)))
-            )
-            if not alike:
-                errors.setdefault(name, []).append(np.nan)
+    own, _, slopes = told(plan.scenario, held, measure)
+    for name, value, change, place in numbers(plan):
+        slope = float(place(slopes))
+        changed = [change(plan.scenario, value * (1 + sign * step)) for sign in (-1, 1)]
+        low, high = (anew(plan, other) for other in changed)
+        errors.setdefault(name, []).append(np.nan)
+        if low is None or high is None or not same(binding(low), binding(high)):
+            continue
+        ends, curves, _ = zip(
+            *(told(other, its, measure) for other, its in zip(changed, (low, high), strict=True)), strict=True
+        )
+        if not plan.scenario.trajectory.timed:
+            peaks = [peak_time(curve, other) for curve, other in zip(curves, changed, strict=True)]
+            if abs(peaks[1] - peaks[0]) > SAME_PEAK:
                 continue
-            difference = (effort(high) - effort(low)) / (2 * step * value)
-            least = 1e-3 * own / value
-            errors.setdefault(name, []).append(abs(slope - difference) / max(abs(difference), least))
-        return float(jp.measures.effort(plan.trajectory)) / own - 1
+        difference = (ends[1] - ends[0]) / (2 * step * value)
+        errors[name][-1] = abs(slope - difference) / max(abs(difference), 1e-3 * own / value)
+    with jax.enable_x64(True):
+        return float(measure(plan.trajectory)) / own - 1
+
+
+def show(name: str, scenes: list[jp.Scenario], step: float) -> None:
+    """Plan a group, compare its slopes, and print what came of it."""
+    plans = [plan for plan in jp.plan_batch(scenes, progress=False) if plan.ok]
+    errors: dict[str, list[float]] = {}
+    above = [compare(plan, step, errors) for plan in tqdm(plans, leave=False)]
+    held = [own for own in above if own is not None]
+    print(f"\n{name}: {len(scenes)} scenes, {len(plans)} planned, {len(held)} held")
+    print(f"{'number':<20}{'slopes':>8}{'apart':>8}{'median':>12}{'largest':>12}")
+    errors["all"] = [error for own in errors.values() for error in own]
+    for label, own in errors.items():
+        kept = [error for error in own if np.isfinite(error)]
+        found = f"{np.median(kept):>12.1e}{np.max(kept):>12.1e}" if kept else ""
+        print(f"{label:<20}{len(kept):>8}{len(own) - len(kept):>8}{found}")
+    if held:
+        print(f"above the optimum: median {np.median(held):.1e}, largest {np.max(held, key=abs):.1e}")
+
+
+def in_time(scenes: Iterable[jp.Scenario], duration: float | str) -> list[jp.Scenario]:
+    """Scenes by the global method in a given duration, or the shortest one."""
+    return [
+        replace(own, trajectory=replace(own.trajectory, method="global", duration=duration)) for own in scenes
+    ]
+
+
+def low_orbit(count: int) -> list[jp.Scenario]:
+    """Hand-overs of links in low orbit, in durations from 66 to 102 s."""
+    scene = jp.load_scenario(LOW_ORBIT)
+    return [own for duration in np.linspace(66.0, 102.0, count) for own in in_time([scene], float(duration))]
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("-n", "--plans", type=positive, default=30)
-    parser.add_argument("--kind", choices=RANDOM_KINDS, default="hard_keep_out")
-    parser.add_argument("--duration", type=float, default=60.0, help="s")
+    parser.add_argument("-n", "--plans", type=not_negative, default=30, help="among hard zones")
+    parser.add_argument("--moving", type=not_negative, default=10, help="plans in low orbit")
+    parser.add_argument("--shortest", type=not_negative, default=10, help="shortest plans")
+    parser.add_argument("--duration", type=float, default=60.0, help="s, among hard zones")
     parser.add_argument("--step", type=float, default=1e-4, help="to either side, relative")
     options = parser.parse_args()
     print_machine()
-    scenes = [jp.random_scenario(seed, options.kind) for seed in range(options.plans)]
-    scenes = [
-        replace(own, trajectory=replace(own.trajectory, method="global", duration=options.duration))
-        for own in scenes
-    ]
-    errors: dict[str, list[float]] = {}
-    plans = [plan for plan in jp.plan_batch(scenes, progress=False) if plan.ok]
-    above = [compare(plan, options.step, errors) for plan in tqdm(plans, leave=False)]
-    held = [own for own in above if own is not None]
-    print(f"{len(scenes)} scenes, {len(plans)} planned, {len(held)} held")
-    print(f"{'number':<14}{'slopes':>8}{'apart':>8}{'median':>12}{'largest':>12}")
-    for name, own in errors.items():
-        told = np.array([error for error in own if np.isfinite(error)])
-        print(
-            f"{name:<14}{len(told):>8}{len(own) - len(told):>8}{np.median(told):>12.1e}{np.max(told):>12.1e}"
-        )
-    print(f"effort above that of the optimum: median {np.median(held):.1e}, largest {np.max(held):.1e}")
+    hard = [jp.random_scenario(seed, "hard_keep_out") for seed in range(options.plans)]
+    show("hard_keep_out", in_time(hard, options.duration), options.step)
+    show("low orbit, moving", low_orbit(options.moving), options.step)
+    hard = [jp.random_scenario(seed, "hard_keep_out") for seed in range(options.shortest)]
+    show("shortest", in_time(hard, "minimum"), options.step)

@@ -41,7 +41,8 @@ def differentiable(plan: Plan) -> "Differentiable":
     and nodes bind. A plan that is made anew chooses all of these again.
 
     Args:
-        plan: an OK one, in a given duration or one stretched to the limits, in which nothing moves.
+        plan: an OK one, in a given duration, or from rest to rest the shortest one or one stretched to the
+            limits; where targets or zones move, in a given duration.
 
     Returns:
         A function of a scenario like that of the plan, see `Differentiable`.

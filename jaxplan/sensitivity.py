@@ -4,11 +4,12 @@
     >>> jax.grad(lambda scenario: jp.measures.effort(jp.replan(held, scenario)))(plan.scenario)
 
 What a planner chooses has no derivative and is held fixed: the goal among the local minima of step 1 and the
-limits and zones it leans on, the interior nodes of the path, when nodes are passed as shares of the duration,
-the pace of the global method, and which limits, zones and nodes bind in step 3. All else follows the
-scenario: first and last node are its start and its goal, and the trajectory is the optimum of step 3. Where a
-choice is about to change, the derivative is that of the side that is held. After tuning, plan again: another
-path may have become better.
+limits and zones it leans on, the interior nodes of the path, and which limits, zones and nodes bind in
+step 3. All else follows the scenario: first and last node are its start and its goal, in the global method
+nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets
+or zones move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is
+about to change, the derivative is that of the side that is held. After tuning, plan again: another path may
+have become better.
 """
 
 from dataclasses import dataclass, is_dataclass, replace
@@ -20,18 +21,19 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.decomposition.pairs import leaves_open
-from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.decomposition.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.display import shown
 from jaxplan.given import expect
 from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.planner import Plan
 from jaxplan.planner.asked import as_filed
 from jaxplan.planner.chain import fit, fitted_plan, judged
 from jaxplan.planner.check import prove
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
+from jaxplan.planner.record import end_rates
 from jaxplan.runtime.kernel_room import make_room
 from jaxplan.runtime.threads import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory
@@ -67,13 +69,15 @@ def hold(plan: Plan) -> Held:
     """What is held fixed of a plan while its scenario changes.
 
     Args:
-        plan: with a trajectory in a given duration, or one whose time was stretched to the limits.
+        plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
+            time was stretched to the limits.
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if it has no trajectory that can be followed: it failed, nothing moves, it is a shortest
-            motion, a target or a zone moves, another limit is about to bind, or its goal leans on what step 1
-            leaves open (`decomposition.beside`).
+        ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
+            shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
+            another limit is about to bind, or its goal leans on what step 1 leaves open
+            (`decomposition.beside`).
     """
     make_room()
     expect("plan", plan, Plan, _A_PLAN)
@@ -81,7 +85,7 @@ def hold(plan: Plan) -> Held:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
-    _expect_still(plan.scenario)
+    expect_known_time(plan.scenario)
     return _held(plan, fit(plan.scenario, plan.path, plan.goal))
 
 
@@ -97,7 +101,8 @@ def _held(plan: Plan, fitted: Fit) -> Held:
             f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
             "turn, and how it moves with that is not known"
         )
-    at_speed = any(np.any(rate) for end in _ends(plan.scenario) for rate in end)
+    ends = (*_start_rates(plan.scenario), *end_rates(plan.scenario, plan.goal))
+    at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     return Held(
         goal=plan.goal,
@@ -110,12 +115,14 @@ def _held(plan: Plan, fitted: Fit) -> Held:
 
 def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
     """Whether a goal is the optimum that `differentiable_goal` takes it for, or given as it is."""
-    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints
-    sights = rows.sights(craft.mounts, craft.fixed_boresights)
-    if not isinstance(asked, Targets) or not leaves_open(rows, sights, asked.directions):
+    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints.at(goal.time)
+    if isinstance(asked, GivenState):
+        return True
+    targets = asked.at(goal.time)
+    if not leaves_open(rows, rows.sights(craft.mounts, craft.fixed_boresights), targets.directions):
         return True
     with jax.enable_x64(True):
-        optimum = differentiable_goal(goal, craft, scenario.start.attitude, asked, rows)
+        optimum = differentiable_goal(_place(goal), craft, scenario.start.attitude, targets, rows)
     return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
 
 
@@ -136,17 +143,11 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
     scenario = _of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
-    craft, asked = scenario.spacecraft, scenario.goal
+    craft, start = scenario.spacecraft, scenario.start.attitude
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
-    if scenario.goal.moves:
-        raise ValueError(f"{scenario.name} has targets that move: `hold` refuses them")
-    cones, start = scenario.constraints, scenario.start.attitude
-    if isinstance(asked, GivenState):
-        attitude, joints = jnp.asarray(asked.attitude), jnp.asarray(asked.joints)
-    else:
-        goal: Any = differentiable_goal(held.goal, craft, start, asked, cones)
-        attitude, joints = goal.attitude, goal.joints
+    expect_known_time(scenario)
+    attitude, joints, at_goal = _goal_of(held, scenario)
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
 
@@ -159,11 +160,42 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
         edge_costs=np.zeros(0),
     )
-    rates = [jnp.concatenate([jnp.asarray(rate) for rate in end]) for end in _ends(scenario)]
-    # Time that is stretched starts and ends at rest: with a rate it would be another motion.
-    ends = jnp.stack(rates) * (0.0 if held.fit.stretched else 1.0)
+    rates = [
+        jnp.concatenate([jnp.asarray(rate) for rate in end]) for end in (_start_rates(scenario), at_goal)
+    ]
+    # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
+    ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
     refit: Any = REFITS[scenario.trajectory.method]
-    return refit(held.fit, path, craft, scenario.trajectory, cones, ends)
+    return refit(held.fit, path, craft, scenario.trajectory, scenario.constraints, ends)
+
+
+def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]:
+    """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
+    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints
+    rates = _rates(scenario, asked)
+    if isinstance(asked, GivenState):
+        return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates
+    time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
+    place, targets, then = _place(held.goal), asked.at(time), rows.at(time)
+    start = scenario.start.attitude
+    if not asked.moves:
+        goal: Any = differentiable_goal(place, craft, start, targets, then)
+        return goal.attitude, goal.joints, rates
+    goal = goal_in_time(
+        place,
+        craft,
+        start,
+        targets,
+        then,
+        target_rates=asked.rates(time),
+        axis_rates=rows.axis_rates(time),
+    )
+    return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
+
+
+def _place(goal: Goal) -> Goal:
+    """A goal without time and rates."""
+    return Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
 
 
 @one_thread()
@@ -207,10 +239,11 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     """The plan near another, and its fit where there is one."""
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
-    _expect_still(scenario)
+    expect_known_time(scenario)
     make_room()
     clock = Clock(np.inf)
-    goals = find_goals(scenario)
+    duration = scenario.trajectory.duration
+    goals = find_goals(scenario, None if isinstance(duration, str) else float(duration))
     if isinstance(goals, Plan):
         return goals, None
     earlier = plan.goal.attitude
@@ -241,20 +274,23 @@ def _of_arrays(scenario: Scenario) -> Scenario:
     return arrays
 
 
-def _ends(scenario: Scenario) -> list[tuple[Any, Any]]:
-    """Angular velocity and joint rates at start and goal, of which none moves."""
-    ends: tuple[Any, Any] = scenario.start, scenario.goal
-    joints = 2 * len(scenario.spacecraft.terminals)
-
-    def or_zeros(rates: Any, count: int) -> Any:
-        return np.zeros(count) if rates is None else rates
-
-    return [(or_zeros(end.angular_velocity, 3), or_zeros(end.joint_rates, joints)) for end in ends]
+def _start_rates(scenario: Scenario) -> tuple[Any, Any]:
+    return _rates(scenario, scenario.start)
 
 
-def _expect_still(scenario: Scenario) -> None:
-    """Raise where something moves: the goal would depend on the duration, and zones on the time."""
-    if moves(scenario):
+def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
+    """Angular velocity and joint rates that are asked for at start or goal, zeros where none are."""
+    given, counts = (end.angular_velocity, end.joint_rates), (3, 2 * len(scenario.spacecraft.terminals))
+    velocity, rates = (
+        np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
+    )
+    return velocity, rates
+
+
+def expect_known_time(scenario: Scenario) -> None:
+    """Raise where something moves and the duration is not given: it and the goal would settle each other."""
+    if moves(scenario) and not scenario.trajectory.timed:
         raise ValueError(
-            f"{scenario.name} has targets or zones that move: derivatives and tuning know fixed ones only"
+            f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "
+            "durations only, set trajectory.duration_s to a number"
         )

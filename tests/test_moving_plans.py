@@ -342,14 +342,15 @@ def test_a_fixed_goal_among_zones_that_move_is_met_at_rest(scene, plans):
         assert any("goal" in fault and "0.01 rad/s" in fault for fault in report.faults), report.faults
 
 
-def test_derivatives_and_tuning_refuse_what_moves(plans, scene):
-    words = "targets or zones that move"
+@pytest.mark.parametrize("duration", ["minimum", "stretched"])
+def test_derivatives_and_tuning_refuse_what_moves_in_a_time_that_is_not_given(plans, scene, duration):
+    words = "low orbit has targets or zones that move: .* set trajectory.duration_s to a number"
     with pytest.raises(ValueError, match=words):
-        jp.hold(plans[80.0])
+        jp.hold(plans[duration])
     with pytest.raises(ValueError, match=words):
-        jp.follow(plans[80.0], scene)
+        jp.follow(plans[80.0], with_duration(scene, duration))
     with pytest.raises(ValueError, match=words):
-        jp.tune(scene, "effort", over=["trajectory.rate_weight"], steps=1)
+        jp.tune(with_duration(scene, duration), "effort", over=["trajectory.rate_weight"], steps=1)
 
 
 def test_a_group_whose_zones_move_is_held_by_one_of_them_at_every_instant(scene):

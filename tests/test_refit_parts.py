@@ -25,6 +25,7 @@ from jaxplan.model.path import Path
 from jaxplan.planner.chain import fit
 from jaxplan.trajectory.basis import end_derivatives
 from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.optimality import energy_of, offset_of
 from jaxplan.trajectory.paper import segments
 from jaxplan.trajectory.paper.derivative import PaperFitRecord, nominal_duration, refit
 from jaxplan.trajectory.paper.segments import ChainRequest, PathNodes, plan_chains
@@ -55,31 +56,37 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
         edge_costs=np.zeros(0),
     )
     with jax.enable_x64(True):
-        inputs = jax.tree.map(
-            np.asarray, gather_inputs(held, path, craft, settings, problem.cones, problem.rates, duration)
-        )
+        on_breaks, inputs = gather_inputs(held, path, craft, settings, problem.cones, problem.rates)
+        offset, energy_form = offset_of(held, inputs, duration), energy_of(held, inputs, duration)
+        inputs = jax.tree.map(np.asarray, inputs)
+    for own, other in zip(jax.tree.leaves(on_breaks), jax.tree.leaves(held), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-12, atol=1e-12)  # the pace is that of the fit
+    np.testing.assert_allclose(inputs.moved, 0, atol=1e-12)
+    np.testing.assert_allclose(inputs.duration, duration, rtol=1e-12)
     system, space, places = discrete.system, discrete.space, origin.attempt.request.mesh.places
     chart, count = system.chart, len(places)
     expected = {
         "attitude": chart.attitude,
         "turn": chart.turn,
-        "offset": space.fixed + duration * space.by_time,
-        "limits": system.limits * duration ** system.powers[:, None],
+        "limits": system.limits,
         "wanted": discrete.wanted,
         "inertia": system.inertia,
     }
     for part, own in expected.items():
         np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
+    assert inputs.load_powers == tuple(system.powers)
+    np.testing.assert_allclose(offset, space.fixed + duration * space.by_time, rtol=1e-11, atol=1e-13)
     nodes = np.concatenate([chart.coordinates(problem.attitudes, places), problem.joints], axis=1)
     np.testing.assert_allclose(inputs.nodes[:count], nodes, atol=1e-12)
     energy = weighted(space.energies[None], np.array([duration]), np.array([discrete.weights]))[0]
-    np.testing.assert_allclose(inputs.energy / inputs.energy.max(), energy / energy.max(), atol=1e-13)
+    np.testing.assert_allclose(energy_form / energy_form.max(), energy / energy.max(), atol=1e-13)
     rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
     radius = (
         [] if discrete.tube is None else discrete.tube.radius
     )  # there is none where nodes are passed exactly
     scales = np.concatenate([*rates, craft.joint_limits, radius])
-    np.testing.assert_allclose(inputs.scales[: len(scales)], scales, rtol=1e-12)
+    found = inputs.scales * duration**inputs.powers
+    np.testing.assert_allclose(found[: len(scales)], scales, rtol=1e-12)
 
 
 @pytest.mark.parametrize("deciding", [0, 1])

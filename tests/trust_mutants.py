@@ -51,7 +51,7 @@ PARTS = {
     ),
     "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
     "refit": (
-        ["trajectory/paper/derivative.py", "trajectory/derivative.py"],
+        ["trajectory/paper/derivative.py", "trajectory/derivative.py", "trajectory/optimality.py"],
         ["test_refit_parts.py", "test_sensitivity.py"],
     ),
 }

@@ -7,9 +7,9 @@ found, and with the caps of `caps` and the terms of `descent`, the optimum is wh
     eta + sum of m_i n_i = 0        n_i the gradient of the excess over cap i, m_i its multiplier
     excess_i = 0                    of all caps that are leant on, at most three
 
-One step of Newton's method from the goal found, with that goal and the equations' derivative in ``d`` and
-``m`` as constants, changes nothing but rounding, and its own derivative is that of the optimum. The curvature
-of objective and caps is in the equations' derivative.
+At the goal found ``d`` is zero, and Newton's method changes nothing but rounding. The curvature of objective
+and caps is in the equations' matrix. As the goal is followed in time, so are its rates (`goal_in_time`): they
+are derivatives already, and have first ones themselves.
 
 Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
 """
@@ -19,16 +19,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion
+from jaxplan import quaternion, so3
 from jaxplan.decomposition import quadratic
 from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
 from jaxplan.decomposition.pairs import pairs_at_goal, single_yaws
-from jaxplan.decomposition.quadratic import MET
-from jaxplan.first_order import first_derivatives_only
+from jaxplan.decomposition.quadratic import MET, Active
 from jaxplan.geometry.vectors import length
+from jaxplan.implicit import Equations, implicit_root
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
@@ -72,12 +73,66 @@ def differentiable_goal(
         ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
         >>> jax.grad(slew)(cones.half_angle)
     """
+    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones)
+
+
+def goal_in_time(
+    goal: Goal,
+    spacecraft: Spacecraft,
+    start_attitude: ArrayLike,
+    targets: Targets,
+    cones: Constraints,
+    *,
+    target_rates: ArrayLike,
+    axis_rates: ArrayLike,
+) -> Goal:
+    """A goal that follows what moves, with its rates, as a function of the problem that it solves.
+
+    Args:
+        goal: as of `differentiable_goal`, and so are all others.
+        spacecraft: terminals and instruments.
+        start_attitude: (3, 3) ``R0``, body to inertial.
+        targets: where they are when the manoeuvre ends, with limits.
+        cones: all constraints as they are then.
+        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
+        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
+
+    Returns:
+        The goal as of `differentiable_goal`, with the platform's angular velocity and the joints' rates that
+        keep every terminal on its target; these have first derivatives, too.
+    """
+
+    def at(directions: Array, axes: Array) -> Goal:
+        moved: Targets = replace(targets, directions=directions)
+        zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
+        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones)
+
+    directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
+    rates = jnp.asarray(target_rates, directions.dtype), jnp.asarray(axis_rates, axes.dtype)
+    found, rate = jax.jvp(at, (directions, axes), rates)
+    attitude: Any = found.attitude
+    spin = so3.vee(attitude.T @ jnp.asarray(rate.attitude))
+    return replace(found, angular_velocity=spin, joint_rates=rate.joints)
+
+
+def _optimum(
+    equations: Equations,
+    goal: Goal,
+    spacecraft: Spacecraft,
+    start_attitude: ArrayLike,
+    targets: Targets,
+    cones: Constraints,
+) -> Goal:
+    """The goal as `differentiable_goal` describes it, differentiable once or again as the equations are."""
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
     caps = _caps(spacecraft, start, targets, cones)
     matter = _matter(found, *jax.lax.stop_gradient((spacecraft, targets, cones)))
-    optimum = turned(turn, _following_step(turn, caps, matter)[:, None])
+    number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter)
+    conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
+    guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
+    optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
 
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
@@ -99,47 +154,58 @@ class _Caps(NamedTuple):
     half_angle: Array  # (m,)
 
 
-def _newton_step(turn: Array, caps: _Caps, matter: Array) -> Array:
-    """The turn (3,) from the goal found to the optimum, zero but for rounding.
+class _Conditions(NamedTuple):
+    """What the conditions of optimality depend on.
 
-    What is leant on, and how much, is told by the quadratic program of the least turn with the caps taken as
-    linear. At an optimum its answer is no turn at all; where more than three caps are touched, it chooses.
+    Attributes:
+        turn: (4, 1) quaternion of the turn from the start to the goal found.
+        caps: the three that may be leant on.
+        used: (3,) bool, whether they are.
     """
-    fixed = jax.lax.stop_gradient(caps)
-    _, eta, hessian = angle_terms(turn)
-    body, excess, gradients = cap_terms(turn, *fixed)
+
+    turn: Array
+    caps: _Caps
+    used: Array
+
+
+def _leant_on(turn: Array, caps: _Caps, matter: Array) -> tuple[Array, Array]:
+    """Numbers (3,) of the caps that the goal found leans on, -1 for none, and their multipliers (3,).
+
+    They are told by the quadratic program of the least turn with the caps taken as linear. At an optimum its
+    answer is no turn at all; where more than three caps are touched, it chooses.
+    """
+    _, eta, _ = angle_terms(turn)
+    _, excess, gradients = cap_terms(turn, *caps)
     excess = jnp.where(matter[:, None], excess, MET)
     identity = jnp.eye(3, dtype=turn.dtype)
     _, active, _ = quadratic.solve(identity[:, :, None], eta, gradients, excess)
-    curved, normals, _ = active_terms(active, fixed.axis, body, excess, gradients)
-    number, multiplier = active.number[:, 0], active.multiplier[:, 0]
-    used, normal = number >= 0, normals[:, :, 0]
-    free = jnp.diag(jnp.where(used, 0, jnp.ones_like(multiplier)))
+    return active.number[:, 0], active.multiplier[:, 0]
+
+
+def _gradient(own: _Conditions, z: Array) -> Array:
+    """What is zero at the optimum, of the turn (3,) from the goal found and multipliers (3,)."""
+    turn = turned(own.turn, z[:3, None])
+    _, eta, _ = angle_terms(turn)
+    _, depth, slope = cap_terms(turn, *own.caps)
+    push = slope[:, :, 0] @ jnp.where(own.used, z[3:], 0)
+    return jnp.concatenate([eta[:, 0] + push, jnp.where(own.used, depth[:, 0], z[3:])])
+
+
+def _inverse_curvature(own: _Conditions, z: Array) -> Array:
+    """Inverse (6, 6) of its derivative where there is one; where nothing is decided it gives zero."""
+    turn = turned(own.turn, z[:3, None])
+    _, _, hessian = angle_terms(turn)
+    body, depth, slope = cap_terms(turn, *own.caps)
+    active = Active(number=jnp.where(own.used, np.arange(3), -1)[:, None], multiplier=z[3:, None])
+    curved, normals, _ = active_terms(active, own.caps.axis, body, depth, slope)
+    normal, free = normals[:, :, 0], jnp.diag(jnp.where(own.used, 0, jnp.ones_like(z[3:])))
     derivative = jnp.block([[(hessian + curved)[:, :, 0], normal], [normal.T, free]])
-
-    leant_on = _Caps(*(part[jnp.maximum(number, 0)] for part in caps))
-    _, depth, slope = cap_terms(turn, *leant_on)
-    depth, push = jnp.where(used, depth[:, 0], 0), slope[:, :, 0] @ multiplier
-    return -(_inverse(derivative) @ jnp.concatenate([eta[:, 0] + push, depth]))[:3]
-
-
-@jax.custom_jvp
-def _following_step(turn: Array, caps: _Caps, matter: Array) -> Array:
-    """`_newton_step`, whose derivative by the caps is the optimum's, but the derivative of that is not."""
-    return _newton_step(turn, caps, matter)
-
-
-@_following_step.defjvp
-def _follow(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
-    turn, caps, matter = first_derivatives_only(primals)
-    _, tangent = jax.jvp(lambda caps: _newton_step(turn, caps, matter), (caps,), (tangents[1],))
-    return _following_step(*primals), tangent
-
-
-def _inverse(derivative: Array) -> Array:
-    """Inverse (6, 6) where there is one; directions in which nothing is decided get zero."""
     decided = float(jnp.finfo(derivative.dtype).eps) ** (2 / 3)
     return jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
+
+
+_ONCE = Equations(residual=_gradient, factor=_inverse_curvature, solve=jnp.matmul, steps=1, tolerance=0.0)
+_AGAIN = replace(_ONCE, again=True)
 
 
 def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: Constraints) -> _Caps:

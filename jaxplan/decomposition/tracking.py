@@ -5,19 +5,14 @@ derivative (`sensitivity`) by their directions, times the rates of these, is the
 with it the joints' rates are those that keep every terminal on its target.
 """
 
-from dataclasses import replace
-
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from jaxplan import so3
-from jaxplan.decomposition.sensitivity import differentiable_goal
+from jaxplan.decomposition.sensitivity import goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
-from jaxplan.model.spacecraft import Spacecraft, joints_toward
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.quick_jit import quick_jit
 
 
@@ -49,33 +44,16 @@ def tracking_rates(
     """
     place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
     with jax.enable_x64(True):
-        found = _rates(place, spacecraft, start_attitude, targets, cones, target_rates, axis_rates)
-        spin, rates = (np.asarray(part) for part in found)
-    return spin, rates
+        found = _followed(
+            place,
+            spacecraft,
+            start_attitude,
+            targets,
+            cones,
+            target_rates=target_rates,
+            axis_rates=axis_rates,
+        )
+        return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
 
 
-@quick_jit
-def _rates(
-    goal: Goal,
-    spacecraft: Spacecraft,
-    start_attitude: Array,
-    targets: Targets,
-    cones: Constraints,
-    target_rates: Array,
-    axis_rates: Array,
-) -> tuple[Array, Array]:
-    def attitude(directions: Array, axes: Array) -> Array:
-        moved: Targets = replace(targets, directions=directions)
-        zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
-        return jnp.asarray(differentiable_goal(goal, spacecraft, start_attitude, moved, zones).attitude)
-
-    directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
-    _, turning = jax.jvp(attitude, (directions, axes), (target_rates, axis_rates))
-    found = jnp.asarray(goal.attitude)
-    spin = so3.vee(found.T @ turning)
-    _, rates = jax.jvp(
-        lambda attitude, directions: joints_toward(spacecraft.mounts, attitude, directions),
-        (found, directions),
-        (found @ so3.hat(spin), target_rates),
-    )
-    return spin, rates
+_followed = quick_jit(goal_in_time)

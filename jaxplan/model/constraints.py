@@ -30,6 +30,7 @@ size share compiled kernels. All of it computes with numpy or JAX, as its argume
 devices first (terminals, then instruments), then axes of the body, then vectors of moving parts; Z rows.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -108,24 +109,25 @@ class Constraints:
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
-    def axes(self, times: ArrayLike) -> np.ndarray:
+    def axes(self, times: ArrayLike) -> AnyArray:
         """Axes (..., Z, 3) at times (...), s: those that move where they are then, the others as they are."""
-        t = np.asarray(times, float)
-        found = np.broadcast_to(self.axis, (*t.shape, *self.axis.shape)).copy()
-        for row, path in enumerate(self.paths):
-            if path is not None:
-                found[..., row, :] = path.at(t)
-        return found
+        xp, t, still = arrays(times, self.axis)
+        return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
-    def axis_rates(self, time: float) -> np.ndarray:
+    def axis_rates(self, time: ArrayLike) -> AnyArray:
         """(Z, 3) 1/s, how fast axes turn at an instant, s; zero for those that stand still."""
-        rates = np.zeros(self.axis.shape)
-        for row, path in enumerate(self.paths):
-            if path is not None:
-                rates[row] = path.rate(time)
-        return rates
+        return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
-    def at(self, time: float) -> Self:
+    def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
+        """Vectors (..., Z, 3), of the axes that move in place of those of the others."""
+        if not self.paths:
+            return still
+        columns = [
+            still[..., row, :] if path is None else of_path(path) for row, path in enumerate(self.paths)
+        ]
+        return array_module(*columns).stack(columns, axis=-2)
+
+    def at(self, time: ArrayLike) -> Self:
         """The constraints as they are at an instant, s; no axis moves."""
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 

@@ -12,9 +12,11 @@ from typing import Any, ClassVar, Self
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
+from jaxplan.geometry.arrays import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.equality import same
 from jaxplan.model.moving import DirectionPath, as_path
@@ -107,18 +109,20 @@ class Targets:
         """Whether any moves."""
         return isinstance(self.directions, list | tuple) and any(path.moves for path in self.paths)
 
-    def at(self, time: float) -> Self:
+    def at(self, time: ArrayLike) -> Self:
         """The targets where they are at an instant, s; of such as move, at rest."""
         if not self.moves:
             return self
-        seen = np.array([path.at(time) for path in self.paths])
+        each = [path.at(time) for path in self.paths]
+        seen = array_module(*each).stack(each)
         return replace(
             self, directions=seen, angular_velocity=np.zeros(3), joint_rates=np.zeros(2 * len(seen))
         )
 
-    def rates(self, time: float) -> np.ndarray:
+    def rates(self, time: ArrayLike) -> AnyArray:
         """(n, 3) 1/s, how fast the directions turn at an instant, s."""
-        return np.array([path.rate(time) for path in self.paths]).reshape(-1, 3)
+        each = [path.rate(time) for path in self.paths]
+        return array_module(*each).stack(each) if each else np.zeros((0, 3))
 
 
 @shown(
@@ -215,6 +219,11 @@ class TrajectorySettings:
     jerk_weight: float = 30.0
     node_tube: float | None = None
     end_acceleration: str = _static(default="zero")
+
+    @property
+    def timed(self) -> bool:
+        """Whether the duration is given, rather than what the motion takes."""
+        return not isinstance(self.duration, str)
 
 
 @shown(

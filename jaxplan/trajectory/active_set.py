@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxplan.display import shown
 from jaxplan.model.path import Path
-from jaxplan.model.scenario import MINIMUM
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
@@ -27,21 +26,25 @@ from jaxplan.trajectory.constraints import (
     JointDerivativeBlock,
     LoadBlock,
 )
-from jaxplan.trajectory.derivative import (
+from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.discretisation import DiscreteProblem, end_margins, on_mesh
+from jaxplan.trajectory.iterates import Iterates, Stack
+from jaxplan.trajectory.optimality import (
     ActiveSet,
     BindingLinear,
     BindingLoads,
     BindingMargins,
+    curve_of,
     filled,
-    gather_inputs,
+    flat,
     linearised,
 )
-from jaxplan.trajectory.discretisation import DiscreteProblem, end_margins
-from jaxplan.trajectory.iterates import Iterates, Stack
-from jaxplan.trajectory.problem import FitProblem
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.problem import FitProblem, Mesh
+from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
+from jaxplan.trajectory.splines import Basis
 
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
+Blocks = dict[str, ConstraintBlock]  # by name
 
 _inputs = quick_jit(gather_inputs)
 
@@ -65,17 +68,20 @@ class FitRecord:
         """The active set, with all else that derivatives hold fixed.
 
         Raises:
-            ValueError: if it is not an optimum in a given time or without limits, or if no set of rows is
-                found that binds there, as where one is about to.
+            ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
+                rest to rest, or if no set of rows is found that binds there, as where one is about to.
         """
         discrete, solution = self.attempt.discrete, self.attempt.solution
         asked = self.problem.settings.duration
-        if asked == MINIMUM or (isinstance(asked, str) and not self.stretched):
-            raise ValueError("a shortest motion has no derivatives: set trajectory.duration_s to a number")
-        if not self.stretched and (discrete.free_time or not discrete.limited):
+        if not isinstance(asked, str) and (discrete.free_time or not discrete.limited):
             raise ValueError(
                 f"for a duration of {asked:g} s a quicker motion was slowed, which has no derivatives: try "
                 "another trajectory.duration_s, above all a longer one"
+            )
+        if isinstance(asked, str) and not self.stretched:
+            raise ValueError(
+                "a shortest motion with rates at its ends has no derivatives: set trajectory.duration_s to a "
+                "number"
             )
         first = sqp.InitialGuess(
             discrete=discrete,
@@ -87,18 +93,21 @@ class FitRecord:
         stack = Stack.of([discrete])  # of one
         at = stack.iterates(solution.coefficients[None], np.array([solution.duration]))
         objective = sqp.Objective(stack, at)
-        penalty = sqp.penalties(False)[None]
+        penalty = sqp.penalties(discrete.free_time)[None]
         quadratic = objective.program(at, np.zeros(1), penalty)
         rows = {block.name: block for block in quadratic.blocks}
-        multipliers = program.solve(quadratic, {}).multipliers
+        proposal = program.solve(quadratic, {})
+        multipliers = proposal.multipliers
+        if discrete.free_time:  # limits by coefficients ask for more time than those at the places
+            at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
         binding = {name: own > 0 for name, own in multipliers.items()}
-        crowded = False
+        crowded, share = False, float(objective.share[0])
         for _ in range(options.ACTIVE_SET.looks):
-            held = self._held(at, rows, binding, multipliers, float(objective.share[0]))
+            held = self._held(at, rows, binding, multipliers, share)
             root = self._root(held)
             if root is not None:
-                coefficients, found = root
-                at = stack.iterates(coefficients[None], at.duration)
+                coefficients, found, duration = root
+                at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
                 quadratic = objective.program(at, np.zeros(1), penalty)
                 rows = {block.name: block for block in quadratic.blocks}
                 multipliers = _named(rows, binding, held, found)
@@ -108,7 +117,10 @@ class FitRecord:
                     for name, own in binding.items()
                 }
                 if all(np.array_equal(after[name], own) for name, own in binding.items()):
-                    return replace(held, x=self._free(at), multipliers=found)
+                    held = replace(held, x=self._free(at), multipliers=found, duration=at.duration[0])
+                    by_flank = self._by_flank(rows, binding)
+                    by_flank |= {name: by_flank[name] / share for name in by_flank if name == "energies"}
+                    return replace(held, by_flank=by_flank)
                 binding = after
             elif crowded:
                 break
@@ -122,20 +134,19 @@ class FitRecord:
             "trajectory.duration_s a little"
         )
 
-    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray] | None:
-        """Coefficients and multipliers where ``F`` is zero, by Newton's method; None if it does not end."""
-        problem, solution = self.problem, self.attempt.solution
+    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Coefficients, multipliers and duration where ``F`` is zero, by Newton's method, or None."""
+        problem = self.problem
         path = Path(
             attitudes=padded(problem.attitudes, FEWEST_NODES),
             joints=padded(problem.joints, FEWEST_NODES),
             edge_costs=np.zeros(0),
         )
-        settings = replace(problem.settings, duration=0.0)  # given beside
-        z = np.concatenate([held.x.ravel(), held.multipliers])
+        asked = problem.settings.duration
+        settings = replace(problem.settings, duration=0.0 if isinstance(asked, str) else asked)
+        z = flat(held)
         with jax.enable_x64(True):
-            inputs = _inputs(
-                held, path, problem.spacecraft, settings, problem.cones, problem.rates, solution.duration
-            )
+            held, inputs = _inputs(held, path, problem.spacecraft, settings, problem.cones, problem.rates)
             best, least = z, np.inf
             for _ in range(options.ACTIVE_SET.steps):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
@@ -147,10 +158,74 @@ class FitRecord:
                 if least <= options.ACTIVE_SET.residual:
                     break
                 z = z - np.linalg.solve(matrix, left)
-        if not least <= options.ACTIVE_SET.rounded:
-            return None
-        x = best[: held.x.size].reshape(held.x.shape)
-        return held.free @ x + np.asarray(inputs.offset), best[held.x.size :]
+            if not least <= options.ACTIVE_SET.rounded:
+                return None
+            coefficients, duration = (np.asarray(part) for part in curve_of(held, inputs, best))
+        return coefficients, best[held.x.size :][: len(held.multipliers)], float(duration)
+
+    @property
+    def _flank(self) -> float:
+        """Share of the duration that a flank of the pace along the path takes."""
+        profile, asked = self.problem.quickest(), self.problem.settings.duration
+        if not isinstance(asked, str):
+            profile = TrapezoidalProfile.within(asked, profile.length, self.problem.rise)
+        return float(profile.flank_share)
+
+    @property
+    def _exact(self) -> bool:
+        """Whether nodes are passed exactly."""
+        return self.attempt.radius == 0
+
+    def _by_flank(self, rows: Blocks, binding: Masks) -> dict[str, np.ndarray]:
+        """Derivatives by the flank's share of the duration of all that lies on breaks which follow it."""
+        exact = self._exact and self._pace == "paced"
+        if np.isnan(self.attempt.request.mesh.flank) and not exact:
+            return {}
+        here = self._flank
+        step = options.ACTIVE_SET.flank_step * here
+        after, before = (
+            self._on_mesh(self._at_flank(flank), rows, binding) for flank in (here + step, here - step)
+        )
+        return {name: (after[name] - before[name]) / (2 * step) for name in after}
+
+    def _at_flank(self, flank: float) -> DiscreteProblem:
+        """The problem on the breaks of another pace, at whose places nodes are that are passed exactly."""
+        problem, discrete, mesh = self.problem, self.attempt.discrete, self.attempt.request.mesh
+        profile = TrapezoidalProfile(length=0.0, duration=1.0, flank=flank)
+        intervals, nodes = len(mesh.basis.breaks) - 1, len(mesh.places)
+        places = mesh.places
+        if self._exact:
+            places = profile.places(node_fractions(problem.times))
+            breaks = np.interp(np.linspace(0, nodes - 1, intervals + 1), np.arange(nodes), places)
+        else:
+            breaks = profile.breaks(intervals)
+        return on_mesh(problem, discrete, replace(mesh, basis=Basis.on(breaks), places=places))
+
+    @property
+    def _pace(self) -> str:
+        """What says when nodes are passed, as `ActiveSet` has it."""
+        if self.problem.fractions is not None:
+            return "given"
+        return "steady" if self.problem.at_speed else "paced"
+
+    def _on_mesh(self, discrete: DiscreteProblem, rows: Blocks, binding: Masks) -> dict[str, np.ndarray]:
+        """What lies on the breaks, by the names of the attributes of what is held."""
+        space = discrete.space
+        none = {name: np.zeros(block.slack.shape) for name, block in rows.items()}
+        linear, loads, zones, _ = _gathered(discrete, self.attempt.request.mesh, rows, binding, none)
+        return {
+            "free": space.free,
+            "of_values": space.of_values,
+            "of_rates": space.of_rates,
+            "energies": space.energies[1:],
+            "pieces": space.basis.pieces(np.eye(space.basis.size)),
+            "breaks": space.basis.breaks,
+            "linear.rows": linear.rows,
+            "loads.place": loads.place,
+            "loads.rows": loads.rows,
+            "zones.place": zones.place,
+            "zones.row": zones.row,
+        }
 
     def _widened(self) -> float:
         """Ratio of the tube radius that was used to the one asked for; 1 without a tube, or a width."""
@@ -166,16 +241,17 @@ class FitRecord:
     def _held(
         self,
         at: Iterates,
-        rows: dict[str, ConstraintBlock],
+        rows: Blocks,
         binding: Masks,
         multipliers: Masks,
         share: float,
     ) -> ActiveSet:
+        """All that is held with some rows that bind; their multipliers, and the curve, are to begin with."""
         problem, discrete = self.problem, self.attempt.discrete
         space, system = discrete.space, discrete.system
-        inner = np.arange(1, len(problem.attitudes) - 1) if self.attempt.radius == 0 else np.zeros(0, int)
-        linear, loads, zones, flat = _gathered(discrete, rows, binding, multipliers)
-        places = self.attempt.request.mesh.places
+        inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
+        mesh = self.attempt.request.mesh
+        linear, loads, zones, multipliers_of = _gathered(discrete, mesh, rows, binding, multipliers)
         return ActiveSet(
             free=space.free,
             of_values=space.of_values,
@@ -183,24 +259,29 @@ class FitRecord:
             energies=space.energies[1:] / share,
             pieces=space.basis.pieces(np.eye(space.basis.size)),
             breaks=space.basis.breaks,
-            places=padded(places, FEWEST_NODES),
+            places=padded(mesh.places, FEWEST_NODES),
+            flank=np.array(self._flank),
+            least_length=np.array(problem.least_length),
+            by_flank={},
             given=np.concatenate([[0, len(problem.attitudes) - 1], inner]),
-            windings=padded(_windings(system.chart, problem.attitudes, places), FEWEST_NODES),
+            windings=padded(_windings(system.chart, problem.attitudes, mesh.places), FEWEST_NODES),
             long_way=np.array(float(np.linalg.norm(system.chart.turn) > np.pi)),
             share=np.array(system.share),
             widened=np.array(self._widened()),
             counted=np.isfinite(end_margins(system, problem.attitudes, problem.joints)),
-            duration=np.array(at.duration[0] if self.stretched else np.nan),
+            duration=np.array(at.duration[0]),
             linear=linear,
             loads=loads,
             zones=zones,
             x=self._free(at),
-            multipliers=flat,
-            stretched=self.stretched,
+            multipliers=multipliers_of,
+            pace=self._pace,
+            stretched=self.stretched and not discrete.free_time,
+            free_time=discrete.free_time,
         )
 
 
-def _order(blocks: dict[str, ConstraintBlock], binding: Masks) -> list[tuple[str, Index]]:
+def _order(blocks: Blocks, binding: Masks) -> list[tuple[str, Index]]:
     """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
     joints = [name for name, block in blocks.items() if isinstance(block, JointDerivativeBlock)]
     loads = [name for name, block in blocks.items() if isinstance(block, LoadBlock)]
@@ -209,9 +290,7 @@ def _order(blocks: dict[str, ConstraintBlock], binding: Masks) -> list[tuple[str
     return [(name, index[1:]) for name, index in found.items()]  # of the one curve
 
 
-def _named(
-    blocks: dict[str, ConstraintBlock], binding: Masks, held: ActiveSet, multipliers: np.ndarray
-) -> Masks:
+def _named(blocks: Blocks, binding: Masks, held: ActiveSet, multipliers: np.ndarray) -> Masks:
     """Multipliers of all rows by block."""
     on = np.concatenate([held.linear.on, held.loads.on, held.zones.on])
     flat = multipliers[on]
@@ -223,7 +302,7 @@ def _named(
 
 
 def _gathered(
-    discrete: DiscreteProblem, blocks: dict[str, ConstraintBlock], binding: Masks, given: Masks
+    discrete: DiscreteProblem, mesh: Mesh, blocks: Blocks, binding: Masks, given: Masks
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins, np.ndarray]:
     """The rows that bind, padded, with their multipliers in the same order."""
     system, basis = discrete.system, discrete.space.basis
@@ -231,21 +310,22 @@ def _gathered(
     quantities = [limit.quantity for limit in system.joint_limits]
     matrices = {quantity.name: basis.differences[quantity.power] for quantity in quantities}
     matrices["range"] = np.eye(basis.size)
+    steady = {name: np.pad(own[:, None], ((0, 0), (0, 3), (0, 0))) for name, own in matrices.items()}
     if discrete.tube is not None:
-        matrices["tube"] = discrete.tube.rows
+        steady["tube"] = np.swapaxes(basis.rows(mesh.places[1:-1]), 0, 1)
     none = np.zeros(0, int)
-    linear = [(np.zeros((0, basis.size)), np.zeros(0), none, none, none)]
+    linear = [(np.zeros((0, 4, basis.size)), np.zeros(0), none, none, none)]
     loads = [(none, np.zeros(0), none, none)]
     zones: Index = (none, none, none)
     multipliers: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(3)]
     for name, index in _order(blocks, binding):
-        if name in matrices:
+        if name in steady:
             sign, row, axis = index
             of_nodes = name == "tube"
             first = 0 if of_nodes else 3
             node = row + 1 if of_nodes else np.full(len(row), -1)
-            scale = list(matrices).index(name) * joints + axis
-            linear.append((matrices[name][row], SIGNS[sign], axis + first, node, scale))
+            scale = list(steady).index(name) * joints + axis
+            linear.append((steady[name][row], SIGNS[sign], axis + first, node, scale))
             multipliers[0].append(given[name][0][index])
         elif name == "zone":
             zones = index
@@ -265,7 +345,7 @@ def _gathered(
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     of_linear = BindingLinear(
         on=np.arange(counts[0]) < len(sign),
-        row=filled(row, counts[0]),
+        rows=filled(row, counts[0]),
         sign=filled(sign, counts[0]),
         axis=filled(axis, counts[0]),
         node=filled(node, counts[0]),

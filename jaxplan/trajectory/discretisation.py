@@ -1,6 +1,6 @@
 """From a path to the problem in finitely many numbers that `sqp` works on, and a first curve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ def discretise(request: AttemptRequest) -> tuple[DiscreteProblem, np.ndarray] | 
         The problem, and coefficients (n, A) of the spline nearest to the path; None if the nodes leave every
         chart.
     """
-    problem, mesh, inner = request.problem, request.mesh, slice(1, -1)
+    problem, mesh = request.problem, request.mesh
     chart, b = fitting(problem.attitudes, mesh.places)
     if not farthest(chart, b, mesh.places) <= options.CHART.reach:
         return None
@@ -103,12 +103,7 @@ def discretise(request: AttemptRequest) -> tuple[DiscreteProblem, np.ndarray] | 
         share=1 - request.tighter,
     )
     nodes = np.column_stack([b, problem.joints])
-    space = CurveSpace.of(mesh.basis, nodes[[0, -1]], _rates(problem, system), rest=problem.rests)
-    if mesh.radius == 0 and len(nodes) > 2:
-        space = space.through(mesh.places[inner], nodes[inner])
-    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
-    to_end = highest_derivative(system.names) > 2 or not problem.rests
-    places, rows = mesh.basis.within(mesh.points, to_end=to_end)
+    space, places, rows = _curves(problem, system, mesh, nodes)
     discrete = DiscreteProblem(
         system=system,
         space=space,
@@ -121,6 +116,28 @@ def discretise(request: AttemptRequest) -> tuple[DiscreteProblem, np.ndarray] | 
         free_time=request.free_time,
     )
     return discrete, _nearest(space, rows[0], along(nodes, mesh.places, places), request.duration)
+
+
+def _curves(
+    problem: FitProblem, system: System, mesh: Mesh, nodes: np.ndarray
+) -> tuple[CurveSpace, np.ndarray, np.ndarray]:
+    """The curves that may be chosen, and the places (S,) that are looked at with the rows there."""
+    inner = slice(1, -1)
+    space = CurveSpace.of(mesh.basis, nodes[[0, -1]], _rates(problem, system), rest=problem.rests)
+    if mesh.radius == 0 and len(nodes) > 2:
+        space = space.through(mesh.places[inner], nodes[inner])
+    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
+    to_end = highest_derivative(system.names) > 2 or not problem.rests
+    return space, *mesh.basis.within(mesh.points, to_end=to_end)
+
+
+def on_mesh(problem: FitProblem, discrete: DiscreteProblem, mesh: Mesh) -> DiscreteProblem:
+    """The same problem on a mesh with as many breaks a little elsewhere."""
+    nodes = np.column_stack(
+        [discrete.system.chart.coordinates(problem.attitudes, mesh.places), problem.joints]
+    )
+    space, places, rows = _curves(problem, discrete.system, mesh, nodes)
+    return replace(discrete, space=space, places=places, rows=rows, tube=_tube(mesh, nodes))
 
 
 def _rates(problem: FitProblem, system: System) -> np.ndarray:

@@ -155,8 +155,11 @@ class Stack:
         """The systems of the members."""
         return [discrete.system for discrete in self.members]
 
-    def iterates(self, coefficients: np.ndarray, duration: np.ndarray) -> Iterates:
-        """Curves (G, n, A) with all known of them; of free time and rest at both ends, in the time needed."""
+    def iterates(self, coefficients: np.ndarray, duration: np.ndarray, *, as_given: bool = False) -> Iterates:
+        """Curves (G, n, A) with all known of them.
+
+        Those of free time and rest at both ends are taken in the time needed, unless in that which is given.
+        """
         motion = evaluate(self.systems, self.places, self.rows @ coefficients[:, None])
         kind = self.members[0]
         found = np.full((len(self.members), 3), -np.inf)
@@ -165,7 +168,7 @@ class Stack:
         found[:, LIMIT] = _most(np.abs(motion.curves[:, 0, :, 3:]) - ranges[:, None])
         if kind.limited:
             needed = needed_durations(self.systems, motion)
-            if kind.free_time and not np.any(self.by_time):
+            if kind.free_time and not (as_given or np.any(self.by_time)):
                 duration = needed
             found[:, LIMIT] = np.maximum(found[:, LIMIT], needed / duration - 1)
         if kind.tube is not None:

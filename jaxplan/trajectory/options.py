@@ -141,6 +141,7 @@ class ActiveSetOptions:
     touching: float = 1e-6  # slack of a row that may bind
     refit_steps: int = 5  # of Newton's method when inputs have changed, before the last one
     refit_residual: float = 1e-9  # at which these end earlier
+    flank_step: float = 1e-4  # of the pace's flank, to either side, for differences by it
     regularisation: float = 1e-13  # of the matrix, where rows that bind depend on each other
 
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.limits import Kinematics, Limit, limits, timed_limits
+from jaxplan.model.limits import Limit, timed_limits
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.sights import Sights
 from jaxplan.model.spacecraft import Spacecraft
@@ -83,12 +83,14 @@ class Mesh:
         basis: of the splines.
         points: places on each interval at which loads and margins are looked at.
         radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
+        flank: share of the duration about which breaks lie close; NaN where they do not.
     """
 
     places: np.ndarray
     basis: Basis
     points: int
     radius: float
+    flank: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,31 +155,23 @@ class FitProblem:
         )
 
     @cached_property
-    def moves(self) -> np.ndarray:
-        """(m, 3 + 2n) rad along each edge."""
-        return np.column_stack([self.turns, np.diff(self.joints, axis=0)])
-
-    @cached_property
     def times(self) -> np.ndarray:
         """(m,) s of each edge at full speed."""
-        platform, joints = self.moves[:, :3].T, self.moves[:, 3:].T
-        # In a second every edge is gone along at a steady profile, which is to be slowed to the limits.
-        steady = Kinematics(spin=[platform], joints=[0 * joints, joints], inertia=self.spacecraft.inertia)
-        paced = [limit for limit in limits(self.spacecraft) if limit.quantity.power == 1]
-        return np.max(np.concatenate([limit.shares(steady) for limit in paced]), axis=0)
+        return np.asarray(schedule.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @cached_property
     def rise(self) -> float:
         """In which the axis with the longest way reaches its full rate, s."""
-        rate, acceleration, jerk = (_about_any_axis(self.spacecraft, power) for power in (1, 2, 3))
-        needed = rate / acceleration + acceleration / jerk
-        return float(needed[np.argmax(np.sum(np.abs(self.moves), axis=0) / rate)])
+        return float(schedule.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
+
+    @property
+    def least_length(self) -> float:
+        """What a path of next to no length is taken for, s at full speed."""
+        return max(self.bound / 100, 1e-6 * self.rise)
 
     def quickest(self) -> TrapezoidalProfile:
         """The pace at full speed along the path."""
-        return TrapezoidalProfile.quickest(
-            max(float(np.sum(self.times)), self.bound / 100, 1e-6 * self.rise), self.rise
-        )
+        return TrapezoidalProfile.quickest(max(float(np.sum(self.times)), self.least_length), self.rise)
 
     def mesh(self, profile: TrapezoidalProfile, radius: float, finer: int, *, graded: bool) -> Mesh:
         """Where the spline has its breaks, for a pace along the path.
@@ -201,17 +195,18 @@ class FitProblem:
             if np.isfinite(radius)
             else 0.0
         )
+        flank = np.nan
         intervals = (
             finer * options.MESH.intervals * max(1, int(np.ceil(each * count / options.MESH.intervals)))
         )
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
         elif graded and not self.at_speed:
-            basis = Basis.on(profile.breaks(intervals))
+            basis, flank = Basis.on(profile.breaks(intervals)), float(profile.flank_share)
         else:
             basis = Basis.even(intervals)
         points = options.MESH.points if intervals < options.MESH.many else options.MESH.few_points
-        return Mesh(places=places, basis=basis, points=points, radius=radius)
+        return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,21 +230,3 @@ class AttemptRequest:
     free_time: bool
     tighter: float = 0.0
     begin: np.ndarray | None = None
-
-
-def _about_any_axis(spacecraft: Spacecraft, power: int) -> np.ndarray:
-    """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
-
-    Those of the momentum are left to `FitProblem.times`, which knows the axis of each edge.
-    """
-    platform, joints = np.full(3, np.inf), np.full(len(spacecraft.joint_names), np.inf)
-    heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
-    for limit in limits(spacecraft):
-        quantity = limit.quantity
-        if quantity.power != power or (quantity.by_inertia and power == 1):
-            continue
-        if quantity.of_joints:
-            joints = limit.bound
-        else:
-            platform = np.minimum(platform, np.min(limit.bound) / (heaviest if quantity.by_inertia else 1.0))
-    return np.concatenate([platform, joints])

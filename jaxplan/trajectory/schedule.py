@@ -20,6 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+from jaxplan.model.limits import Kinematics, limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -76,21 +78,68 @@ def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.n
     return passed, np.cumsum(kept) - 1
 
 
-def node_fractions(edge_costs: np.ndarray) -> np.ndarray:
+def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray:
     """Times of the nodes as fractions of the duration.
 
     Args:
         edge_costs: (m,) finite and not negative, m >= 1.
+        on: (m,) bool, the edges that count; the others, at the end, are padding. None for all.
 
     Returns:
-        (m + 1,) strictly increasing from 0 to 1.
+        (m + 1,) strictly increasing from 0 to 1, and 1 at padding.
     """
-    mean = np.mean(edge_costs)
-    shares = np.maximum(edge_costs / mean, _LEAST_SHARE) if mean > 0 else np.ones(len(edge_costs))
-    if np.all(np.abs(shares - shares[0]) <= 1e-12 * shares[0]):
+    xp, costs = arrays(edge_costs)
+    own = xp.ones(len(costs), bool) if on is None else on
+    mean = xp.sum(xp.where(own, costs, 0)) / xp.sum(own)
+    shares = xp.maximum(costs / xp.where(mean > 0, mean, 1), xp.where(mean > 0, _LEAST_SHARE, 1.0))
+    if xp is np and np.all(np.abs(shares - shares[0]) <= 1e-12 * shares[0]):
         return np.linspace(0.0, 1.0, len(shares) + 1)
-    ends = np.concatenate([[0.0], np.cumsum(shares)])
+    ends = xp.cumsum(xp.concatenate([xp.zeros(1, costs.dtype), xp.where(own, shares, 0)]))
     return ends / ends[-1]
+
+
+def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
+    """Times (m,) of edges at full speed, s.
+
+    Args:
+        turns: (m, 3) rad, of the platform along each edge, in the axes of its first node.
+        moves: (m, 2n) rad, of the joints.
+        craft: its limits of rates and momentum.
+    """
+    # In a second every edge is gone along at a steady pace, which is to be slowed to the limits.
+    steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.inertia)
+    shares = [limit.shares(steady) for limit in limits(craft) if limit.quantity.power == 1]
+    xp = array_module(*shares)
+    return xp.max(xp.concatenate(shares), axis=0)
+
+
+def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
+    """In which the axis with the longest way along edges reaches its full rate, s; arguments as above."""
+    rate, acceleration, jerk = (_about_any_axis(craft, power) for power in (1, 2, 3))
+    xp, turned, moved, rate, acceleration = arrays(turns, moves, rate, acceleration)
+    needed = rate / acceleration + acceleration / jerk
+    ways = xp.sum(xp.abs(xp.concatenate([turned, moved], axis=1)), axis=0)
+    return needed[xp.argmax(ways / rate)]
+
+
+def _about_any_axis(craft: Spacecraft, power: int) -> AnyArray:
+    """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
+
+    Those of the momentum are left to `edge_times`, which knows the axis of each edge.
+    """
+    bounds = [limit.bound for limit in limits(craft)]
+    xp = array_module(craft.inertia, *bounds)
+    platform, joints = xp.full(3, np.inf), xp.full(len(craft.joint_names), np.inf)
+    heaviest = 1.0 if craft.inertia is None else xp.linalg.norm(xp.asarray(craft.inertia), 2)
+    for limit, bound in zip(limits(craft), bounds, strict=True):
+        quantity = limit.quantity
+        if quantity.power != power or (quantity.by_inertia and power == 1):
+            continue
+        if quantity.of_joints:
+            joints = bound
+        else:
+            platform = xp.minimum(platform, xp.min(bound) / (heaviest if quantity.by_inertia else 1.0))
+    return xp.concatenate([platform, joints])
 
 
 def edge_turns(attitudes: np.ndarray) -> np.ndarray:
@@ -126,52 +175,54 @@ class TrapezoidalProfile:
         flank: s, of each of the two.
     """
 
-    length: float
-    duration: float
-    flank: float
+    length: AnyArray
+    duration: AnyArray
+    flank: AnyArray
 
     @classmethod
-    def quickest(cls, length: float, rise: float) -> "TrapezoidalProfile":
+    def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
         """With full speed, which is reached in ``rise`` seconds, or with as much as there is room for."""
-        if length >= rise:
-            return cls(length=length, duration=length + rise, flank=rise)
-        duration = 2 * np.sqrt(length * rise)
-        return cls(length=length, duration=duration, flank=duration / 2)
+        xp, length, rise = arrays(length, rise)
+        full, least = length >= rise, 2 * _root(length * rise)
+        duration = xp.where(full, length + rise, least)
+        return cls(length=length, duration=duration, flank=xp.where(full, rise, least / 2))
 
     @classmethod
-    def within(cls, duration: float, length: float, rise: float) -> "TrapezoidalProfile":
+    def within(cls, duration: AnyArray, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
         """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
-        steepest = max(options.MESH.steep_rises * rise, options.MESH.steep_flank * duration)
-        flank = np.clip(
-            duration - 2 * length,
-            min(steepest, options.MESH.calm_flank * duration),
-            options.MESH.calm_flank * duration,
-        )
-        if duration > length + rise:
-            flank = min(flank, duration - length)
-        return cls(length=length, duration=duration, flank=float(flank))
+        xp, duration, length, rise = arrays(duration, length, rise)
+        calm = options.MESH.calm_flank * duration
+        steepest = xp.maximum(options.MESH.steep_rises * rise, options.MESH.steep_flank * duration)
+        flank = xp.clip(duration - 2 * length, xp.minimum(steepest, calm), calm)
+        flank = xp.where(duration > length + rise, xp.minimum(flank, duration - length), flank)
+        return cls(length=length, duration=duration, flank=flank)
+
+    @property
+    def flank_share(self) -> AnyArray:
+        """The flank as a share of the duration: all that `progress`, `places` and `breaks` depend on."""
+        return self.flank / self.duration
 
     def progress(self, places: np.ndarray) -> np.ndarray:
         """Share of the path gone at places (S,) in [0, 1] of the duration."""
-        flank = self.flank / self.duration
+        flank = self.flank_share
         speed = 1 / (1 - flank)
         rising = speed * places**2 / (2 * flank)
         falling = 1 - speed * (1 - places) ** 2 / (2 * flank)
         cruising = speed * (places - flank / 2)
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
-    def places(self, shares: np.ndarray) -> np.ndarray:
+    def places(self, shares: AnyArray) -> AnyArray:
         """Where shares (m + 1,) of the path are gone: the inverse of `progress`."""
-        flank = self.flank / self.duration
+        xp, shares, flank = arrays(shares, self.flank_share)
         speed = 1 / (1 - flank)
-        low = np.sqrt(np.maximum(2 * flank * shares / speed, 0))
-        high = 1 - np.sqrt(np.maximum(2 * flank * (1 - shares) / speed, 0))
+        low = _root(2 * flank * shares / speed)
+        high = 1 - _root(2 * flank * (1 - shares) / speed)
         middle = shares / speed + flank / 2
-        return np.where(low < flank, low, np.where(high > 1 - flank, high, middle))
+        return xp.where(low < flank, low, xp.where(high > 1 - flank, high, middle))
 
     def breaks(self, intervals: int) -> np.ndarray:
         """Breaks (intervals + 1,) in [0, 1], close together about the flanks."""
-        flank = self.flank / self.duration
+        flank = self.flank_share
         if 2 * flank < 0.9:
             near = np.arange(options.MESH.flank_breaks + 1) * min(
                 options.MESH.flank_step * flank, 1 / (3 * options.MESH.flank_breaks)
@@ -180,6 +231,13 @@ class TrapezoidalProfile:
             return np.linspace(0, 1, intervals + 1)
         middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * options.MESH.flank_breaks)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
+
+
+def _root(values: AnyArray) -> AnyArray:
+    """Square roots, zero of what is not positive; its derivative at zero is taken as zero."""
+    xp, values = arrays(values)
+    positive = values > 0
+    return xp.where(positive, xp.sqrt(xp.where(positive, values, 1)), 0)
 
 
 def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarray:

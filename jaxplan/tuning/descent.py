@@ -17,7 +17,6 @@ import numpy as np
 import optax
 
 from jaxplan.given import expect, several
-from jaxplan.model.moments import moves
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.asked import as_filed
@@ -25,7 +24,7 @@ from jaxplan.progress import progress_bar
 from jaxplan.runtime.quick_jit import quick_jit
 from jaxplan.scenario import scenario_to_dict
 from jaxplan.scenario.numbers import find_number, with_numbers
-from jaxplan.sensitivity import Held, follow_and_hold, hold
+from jaxplan.sensitivity import Held, expect_known_time, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.bundle import Bundle, bare
@@ -88,8 +87,7 @@ def tune(
         raise TypeError(f"resume must be a Tuning, not {type(resume).__name__}")
     given = tuple(as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given))
     for scenario in given:
-        if moves(scenario):
-            raise ValueError(f"{scenario.name} has targets or zones that move: only fixed ones can be tuned")
+        expect_known_time(scenario)
     aim = make_objective(objective)
     tuned = parameters(given[0], over)
     for scenario in given[1:]:

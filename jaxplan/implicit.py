@@ -1,0 +1,92 @@
+"""Roots of equations as differentiable functions of their inputs, by the implicit function theorem.
+
+Where ``F(z; inputs) = 0`` and the matrix ``K = dF / dz`` has an inverse, ``dz = -K^-1 (dF / d inputs)``.
+Goals of step 1 and trajectories of step 3 are such roots: of the conditions of their optimality, with the
+active set held.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.first_order import first_derivatives_only
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equations:
+    """Equations, as functions of (inputs, z), and how their root is followed; made once, since it is hashed.
+
+    Attributes:
+        residual: ``F`` (n,).
+        factor: of ``K`` at a root or near it, a pytree of arrays from which systems are solved.
+        solve: from factors and a vector (n,) what ``K`` takes to it.
+        steps: of Newton's method at most, before the last one.
+        tolerance: of the residual, below which these end earlier.
+        again: whether derivatives may be differentiated again; else that is refused.
+    """
+
+    residual: Callable[[Any, Array], Array]
+    factor: Callable[[Any, Array], Any]
+    solve: Callable[[Any, Array], Array]
+    steps: int
+    tolerance: float
+    again: bool = False
+
+
+def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
+    """The root near a guess, differentiable in the inputs, forward and backward.
+
+    Args:
+        equations: see there.
+        inputs: all that they depend on, a pytree.
+        guess: (n,) from which Newton's method starts; without influence on the derivative.
+
+    Returns:
+        (n,) where the steps lead; nothing is checked.
+    """
+    return _root(equations, inputs, guess)[0]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
+    """The root, and the factors of the matrix there."""
+
+    def far(at: tuple[Any, ...]) -> Array:
+        count, _, left, _ = at
+        return (count < equations.steps) & ~jnp.all(jnp.abs(left) <= equations.tolerance)
+
+    def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
+        count, z, _, _ = at
+        left, factors = equations.residual(inputs, z), equations.factor(inputs, z)
+        return count + 1, z - equations.solve(factors, left), left, factors
+
+    shapes = jax.eval_shape(equations.factor, inputs, guess)
+    none = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    start = jnp.array(0), guess, jnp.full_like(guess, jnp.inf), none
+    # The factors are those of the step before, which at the root are the same.
+    _, z, _, factors = jax.lax.while_loop(far, ahead, start)
+    return z - equations.solve(factors, equations.residual(inputs, z)), factors
+
+
+@_root.defjvp
+def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    z, factors = _root(equations, *primals)
+    inputs = primals[0]
+    if equations.again:
+        own = equations.factor(inputs, z)
+    else:  # these are constants, and so is what follows from them
+        inputs, own = first_derivatives_only(inputs), factors
+    _, left = jax.jvp(lambda inputs: equations.residual(inputs, z), (inputs,), (tangents[0],))
+    return (z, factors), (-equations.solve(own, left), jax.tree.map(_no_tangent, factors))
+
+
+def _no_tangent(value: Array) -> Any:
+    if jnp.issubdtype(value.dtype, jnp.floating):
+        return jnp.zeros_like(value)
+    return np.zeros(value.shape, jax.dtypes.float0)

@@ -1,0 +1,95 @@
+"""Slopes of a plan's effort or duration beside differences of plans that are made anew along its path."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from moving_scenes import LOW_ORBIT
+from quick import quick_jit
+from scenes import make_scenario
+
+import jaxplan as jp
+
+STEP = 1e-4  # to either side, relative
+
+
+def asking(scenario, **settings):
+    return replace(scenario, trajectory=replace(scenario.trajectory, **settings))
+
+
+SCENES = {
+    "shortest": lambda: asking(make_scenario(1), duration="minimum"),
+    "in low orbit": lambda: asking(jp.load_scenario(LOW_ORBIT), duration=80.0),
+    "joints alone, through nodes": lambda: asking(
+        make_scenario(4, turn=(0.0, 0.0, 0.0)), duration=40.0, node_tube=0.0
+    ),
+}
+
+
+def of_settings(name):
+    return lambda own, factor: asking(own, **{name: factor * getattr(own.trajectory, name)})
+
+
+def of_joints(own, factor):
+    terminals = tuple(replace(one, rate_limit=factor * one.rate_limit) for one in own.spacecraft.terminals)
+    return replace(own, spacecraft=replace(own.spacecraft, terminals=terminals))
+
+
+def of_platform(own, factor):
+    craft = own.spacecraft
+    return replace(
+        own,
+        spacecraft=replace(
+            craft,
+            rate_limit=factor * craft.rate_limit,
+            acceleration_limit=factor * craft.acceleration_limit,
+        ),
+    )
+
+
+CHANGES = {
+    "duration": of_settings("duration"),
+    "rate weight": of_settings("rate_weight"),
+    "acceleration weight": of_settings("acceleration_weight"),
+    "joint rates": of_joints,
+    "platform": of_platform,
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_slopes_are_those_of_plans_made_anew(name):
+    plan = jp.plan(SCENES[name](), progress=False)
+    timed = not isinstance(plan.scenario.trajectory.duration, str)
+    measure = jp.measures.effort if timed else jp.measures.duration
+    # Of shortest motions other rows bind soon where weights change.
+    changes = {own: change for own, change in CHANGES.items() if timed or own in ("joint rates", "platform")}
+    told = quick_jit(jax.value_and_grad(lambda own, held: measure(jp.replan(held, own)), allow_int=True))
+
+    def at(scenario, held):
+        with jax.enable_x64(True):
+            value, slopes = told(jax.tree.map(np.asarray, scenario), held)
+        return float(value), slopes
+
+    value, slopes = at(plan.scenario, jp.hold(plan))
+    optimum = jp.differentiable(plan).optimum
+    assert optimum.ok
+    with jax.enable_x64(True):
+        assert float(measure(optimum.trajectory)) == pytest.approx(value, rel=1e-9)
+    found = {}
+    for own, change in changes.items():
+        ends = []
+        for factor in (1 + STEP, 1 - STEP):
+            scenario = change(plan.scenario, factor)
+            ends.append(at(scenario, jp.hold(jp.follow(plan, scenario)))[0])
+        found[own] = (ends[0] - ends[1]) / (2 * STEP)
+        way = jax.tree.leaves(change(plan.scenario, 2.0))
+        expected = sum(
+            float(np.sum(slope * (np.asarray(there) - np.asarray(here))))
+            for slope, there, here in zip(
+                jax.tree.leaves(slopes), way, jax.tree.leaves(plan.scenario), strict=True
+            )
+            if np.asarray(here).dtype.kind == "f" and np.any(np.asarray(there) != np.asarray(here))
+        )
+        assert expected == pytest.approx(found[own], rel=1e-3, abs=1e-5 * value), own
+    assert max(map(abs, found.values())) > 0.1 * value  # what is asked about matters
