@@ -84,7 +84,7 @@ def plans(count: int, pool: ProcessPoolExecutor, workers: int) -> dict[str, Work
     return {
         "one by one": lambda: [jp.plan(scene, throw=False, progress=False).trajectory for scene in scenes],
         "together": lambda: [plan.trajectory for plan in batch()],
-        f"{workers} processes": lambda: [plan.trajectory for plan in batch(executor=pool)],
+        f"{workers} processes": lambda: [plan.trajectory for plan in batch(workers=pool)],
     }
 
 

@@ -70,7 +70,7 @@ def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
             switch,
             satellites=rehearsal,
             planner=options.planner,
-            executor=pool,
+            workers=pool,
             chunk=1,
         )
         processes += list(pool._processes)
@@ -78,7 +78,7 @@ def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
         jp.plan_constellation(switch, satellites=evenly(total, _REHEARSAL), planner=options.planner)
     began, used = time.perf_counter(), cpu_seconds(processes)
     result = jp.plan_constellation(
-        switch, satellites=evenly(total, options.satellites), planner=options.planner, executor=pool
+        switch, satellites=evenly(total, options.satellites), planner=options.planner, workers=pool
     )
     seconds, used = time.perf_counter() - began, cpu_seconds(processes) - used
     memory = peak_memory(processes)

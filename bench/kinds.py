@@ -85,7 +85,7 @@ if __name__ == "__main__":
     workers = None if options.workers == 1 else options.workers
     found = {
         kind: report(
-            kind, list(jp.plan_batch(scenes(kind, options.first_seed, options.scenes), executor=workers))
+            kind, list(jp.plan_batch(scenes(kind, options.first_seed, options.scenes), workers=workers))
         )
         for kind in options.kinds
     }

@@ -55,7 +55,7 @@ def test_a_plan_reads_what_a_worker_has_compiled(tmp_path):
     study = """
 import jaxplan as jp
 if __name__ == "__main__":
-    jp.run_study(range(1), "keep_out", executor=1)
+    jp.run_study(range(1), "keep_out", workers=1)
 """
     fresh_python(COUNT + study + TELL, tmp_path)
     plan = """

@@ -72,20 +72,20 @@ def test_random_scenes_are_planned_as_the_golden_set_says(batch):
 
 def test_other_processes_give_the_same_plans(batch):
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        for here, there in zip(batch, jp.plan_batch(scenarios(), executor=pool), strict=True):
+        for here, there in zip(batch, jp.plan_batch(scenarios(), workers=pool), strict=True):
             expect_agreement(there, here)
 
 
 def test_a_process_that_dies_is_an_error_that_says_what_outlives_it(monkeypatch):
     monkeypatch.setattr(runs, "_plan_part", die)
     with pytest.raises(RuntimeError, match="run_study outlives"):
-        jp.plan_batch(scenarios()[:1], executor=1)
+        jp.plan_batch(scenarios()[:1], workers=1)
 
 
-@pytest.mark.parametrize("executor", [0, -1, "two", True])
-def test_what_cannot_plan_is_refused_before_anything_is(executor):
-    with pytest.raises((TypeError, ValueError), match="executor"):
-        jp.plan_batch(scenarios(), executor=executor)
+@pytest.mark.parametrize("workers", [0, -1, "two", True])
+def test_what_cannot_plan_is_refused_before_anything_is(workers):
+    with pytest.raises((TypeError, ValueError), match="workers"):
+        jp.plan_batch(scenarios(), workers=workers)
 
 
 def test_scenes_that_fail_do_not_keep_others_from_being_planned(batch):

@@ -188,5 +188,5 @@ def test_dask_workers_give_the_same_table(study):
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        spread = jp.run_study(SEEDS, "keep_in", executor=client.get_executor(), chunk=1, progress=False)
+        spread = jp.run_study(SEEDS, "keep_in", workers=client.get_executor(), chunk=1, progress=False)
     assert text(spread) == text(study)

@@ -266,19 +266,27 @@ def test_processes_are_ended_at_once_when_they_wait_for_work(monkeypatch):
 
 
 def test_executors_that_cannot_work_are_refused():
-    with pytest.raises(
-        TypeError, match=r"executor must be .* not str; a Dask client has one by get_executor"
-    ):
-        jp.run_study(range(3), executor="dask")
+    with pytest.raises(TypeError, match=r"workers must be .* not str; a Dask client has one by get_executor"):
+        jp.run_study(range(3), workers="dask")
     with pytest.raises(TypeError, match="not bool"):
-        jp.run_study(range(3), executor=True)
-    with pytest.raises(ValueError, match="executor = 0: must be at least 1"):
-        jp.run_study(range(3), executor=0)
+        jp.run_study(range(3), workers=True)
+    with pytest.raises(ValueError, match="workers = 0: must be at least 1"):
+        jp.run_study(range(3), workers=0)
     with (
         ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as executor,
-        pytest.raises(ValueError, match=r'executor forks.*get_context\("spawn"\)'),
+        pytest.raises(ValueError, match=r'workers forks.*get_context\("spawn"\)'),
     ):
-        jp.run_study(range(3), executor=executor)
+        jp.run_study(range(3), workers=executor)
+
+
+def test_executor_is_another_name_of_workers_and_not_a_second_one():
+    with ThreadPoolExecutor(1) as pool:
+        (plan,) = jp.plan_batch([jp.paper_case(4)], executor=pool, progress=False)
+        assert plan.ok
+        with pytest.raises(TypeError, match="two names of the same argument: give workers alone"):
+            jp.plan_batch([jp.paper_case(4)], workers=2, executor=pool)
+    with pytest.raises(ValueError, match="executor = 0: must be at least 1"):
+        jp.run_study(range(3), executor=0)
 
 
 def spoken(*words, **options) -> subprocess.CompletedProcess:
@@ -290,7 +298,7 @@ def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path)
     script.write_text(
         "import jaxplan as jp\n"
         "try:\n"
-        "    jp.run_study(range(2), executor=2, out='study', progress=False)\n"
+        "    jp.run_study(range(2), workers=2, out='study', progress=False)\n"
         "finally:\n"
         "    open('cleaned up', 'a').write('once ')\n"
     )
@@ -307,15 +315,15 @@ def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path)
 
 
 UNGUARDED = {
-    "numbers": "jp.run_study(range(2), executor=2, progress=False)",
-    "plans": "jp.plan_batch([jp.paper_case(4)] * 2, executor=2, progress=False)",
+    "numbers": "jp.run_study(range(2), workers=2, progress=False)",
+    "plans": "jp.plan_batch([jp.paper_case(4)] * 2, workers=2, progress=False)",
     "plans by a pool": (
         'with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:\n'
-        "    jp.plan_batch([jp.paper_case(4)], executor=pool, progress=False)"
+        "    jp.plan_batch([jp.paper_case(4)], workers=pool, progress=False)"
     ),
     "a pool": (
         'with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:\n'
-        "    jp.run_study(range(2), executor=pool, progress=False)"
+        "    jp.run_study(range(2), workers=pool, progress=False)"
     ),
 }
 
@@ -345,7 +353,7 @@ def test_what_a_worker_dies_of_as_it_begins_is_told(tmp_path):
         "import jaxplan as jp\n"
         "if multiprocessing.current_process().name != 'MainProcess':\n"
         "    raise OSError('no such antenna')\n"
-        "jp.plan_batch([jp.paper_case(4)], executor=1, progress=False)\n"
+        "jp.plan_batch([jp.paper_case(4)], workers=1, progress=False)\n"
     )
     done = spoken(script)
     assert done.returncode == 1

@@ -27,7 +27,7 @@ PROGRAM = """
 import sys, jaxplan as jp
 if __name__ == "__main__":
     count, kind, planner, workers, folder = sys.argv[1:]
-    jp.run_study(range(int(count)), kind, planner, executor=int(workers) or None, out=folder, progress=False)
+    jp.run_study(range(int(count)), kind, planner, workers=int(workers) or None, out=folder, progress=False)
 """
 
 
@@ -170,7 +170,7 @@ class Trial:
                 range(options.scenes),
                 options.kind,
                 options.planner,
-                executor=client.get_executor(),
+                workers=client.get_executor(),
                 out=self.folder / name,
                 progress=False,
             )

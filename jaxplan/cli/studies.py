@@ -88,7 +88,7 @@ def _study(options: argparse.Namespace) -> int:
         options.kind or "keep_out",
         options.planner or "mha",
         settings,
-        executor=workers,
+        workers=workers,
         out=options.out,
     )
     summary = study.summary()

@@ -2,7 +2,7 @@
 
     >>> shell = jp.walker("53:1584/72/39", 550.0)
     >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
-    >>> print(jp.plan_constellation(switch, executor=2))
+    >>> print(jp.plan_constellation(switch, workers=2))
 
 `shell` says where the satellites are, `links` whom their terminals point at, `sun` which links lead through
 the Sun's cone; `switch` makes `problems` of it, `planning` plans them, and `result` says what came of it.

@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from concurrent.futures import Executor
 from typing import Any
 
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.result import Constellation
 from jaxplan.given import expect
+from jaxplan.runtime.workers import Workers
 from jaxplan.study import run_study
 
 
@@ -17,10 +17,11 @@ def plan_constellation(
     satellites: Iterable[int] | None = None,
     planner: str = "mha",
     settings: Mapping[str, Any] | None = None,
-    executor: Executor | int | None = None,
+    workers: Workers | None = None,
     out: str | os.PathLike[str] | None = None,
     chunk: int | None = None,
     progress: bool = True,
+    executor: Workers | None = None,
 ) -> Constellation:
     """Plan the manoeuvres of a shell's satellites from their links before a switch to those after it.
 
@@ -34,11 +35,12 @@ def plan_constellation(
         satellites: numbers of those that are planned; None for all.
         planner: see `run_study`, and the rest likewise.
         settings: that differ from the defaults, such as ``{"trajectory.duration_s": "minimum"}``.
-        executor: who plans: None for this process, a number of processes, or an executor.
+        workers: who plans: None for this process, a number of processes, or an executor.
         out: a folder where each chunk is safe once it is done.
         chunk: blocks of 16 satellites that are handed out together; by default as many as take some two
             seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+        executor: an older name of workers.
 
     Returns:
         What became of each satellite.
@@ -57,9 +59,10 @@ def plan_constellation(
         switch.scenarios(chosen),
         planner=planner,
         settings=settings,
-        executor=executor,
+        workers=workers,
         out=out,
         chunk=chunk,
         progress=progress,
+        executor=executor,
     )
     return Constellation(switch=switch, satellites=chosen, study=study)

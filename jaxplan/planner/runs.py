@@ -1,7 +1,7 @@
 """Planning one scenario, or many at once."""
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Future
 
 from jaxplan.given import several
 from jaxplan.model.scenario import Scenario
@@ -11,7 +11,7 @@ from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.progress import progress_bar
 from jaxplan.runtime.threads import one_thread
-from jaxplan.runtime.workers import Crew, WorkersDiedError, check_executor
+from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
 
 # Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
@@ -53,15 +53,20 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
 
 
 def plan_batch(
-    scenarios: Iterable[Scenario], *, executor: Executor | int | None = None, progress: bool = True
+    scenarios: Iterable[Scenario],
+    *,
+    workers: Workers | None = None,
+    progress: bool = True,
+    executor: Workers | None = None,
 ) -> list[Plan]:
     """Plan many scenarios, their searches, fits and proofs together.
 
     Args:
         scenarios: the problems, each with its own settings; they need not be alike.
-        executor: who plans: None for this process; a number of processes of its own; or any
+        workers: who plans: None for this process; a number of processes of its own; or any
             `concurrent.futures.Executor`, whose processes keep what they have compiled for the next call.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+        executor: an older name of workers.
 
     Returns:
         The plans in the same order, failed ones with their status and message: none raises. They agree with
@@ -70,7 +75,7 @@ def plan_batch(
         one of what was done at once.
 
     Raises:
-        TypeError: if one of them is no scenario, or the executor is none.
+        TypeError: if one of them is no scenario, or workers are no executor and no number.
         ValueError: as of `plan`, before anything is planned, with the number of the scenario; or for less
             than one process.
         RuntimeError: if worker processes die; `run_study` outlives that.
@@ -79,11 +84,10 @@ def plan_batch(
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
     given = several("scenarios", scenarios, "scenarios")
     scenarios = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given)]
-    if executor is not None:
-        check_executor(executor)
-    if executor is not None and scenarios:
+    chosen = who_works(workers, executor)
+    if chosen is not None and scenarios:
         try:
-            return _by_workers(scenarios, executor, progress)
+            return _by_workers(scenarios, chosen, progress)
         except WorkersDiedError as error:
             raise RuntimeError(str(error)) from None
     return _here(scenarios, progress)
@@ -99,9 +103,9 @@ def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
     return plans
 
 
-def _by_workers(scenarios: Sequence[Scenario], executor: Executor | int, progress: bool) -> list[Plan]:
+def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
     """Plan parts of the scenarios in other processes."""
-    crew = Crew(executor)
+    crew = Crew(workers)
     size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * crew.workers))))
     parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]
     plans: list[Plan] = []

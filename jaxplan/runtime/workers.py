@@ -22,6 +22,9 @@ import numpy as np
 
 from jaxplan.runtime import compiled
 
+Workers = Executor | int
+"""Who works: somebody's executor, or a number of processes of our own."""
+
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
 
@@ -65,19 +68,19 @@ class Crew:
     """Workers, to whom parts of some work are handed.
 
     Args:
-        executor: a number of processes of our own, or somebody's executor.
+        workers: a number of processes of our own, or somebody's executor.
     """
 
-    def __init__(self, executor: Executor | int) -> None:
+    def __init__(self, workers: Workers) -> None:
         self._pool: ProcessPoolExecutor | None = None  # our own
         self._executor: Executor
-        if isinstance(executor, int | np.integer):
-            self._hire(int(executor))
+        if isinstance(workers, int | np.integer):
+            self._hire(int(workers))
         else:
-            self._executor, self.workers = executor, os.cpu_count() or 1
-            if isinstance(executor, ProcessPoolExecutor) and not executor._processes:
+            self._executor, self.workers = workers, os.cpu_count() or 1
+            if isinstance(workers, ProcessPoolExecutor) and not workers._processes:
                 with suppress(BrokenExecutor):  # as it does to whoever hands it work
-                    _bring_up_one(executor)
+                    _bring_up_one(workers)
 
     def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
         """Hand out a part.
@@ -151,36 +154,48 @@ def _guard_advice() -> str:
     )
 
 
-def check_executor(executor: object) -> None:
-    """Raise for what cannot plan, and end one of our processes that is asked while it runs the user's script.
+def who_works(workers: Workers | None, executor: Workers | None) -> Workers | None:
+    """Whom a caller gives as ``workers=`` or by its older name ``executor=``, None for this process.
 
-    It was the same line of the script that began it, which says what to do about it.
+    One of our own processes that is asked this while it runs the user's script ends: it was the same line of
+    the script that began it, which says what to do about it.
 
     Raises:
-        TypeError: if it is neither an executor nor a number.
+        TypeError: if it is neither an executor nor a number, or given by both names.
         ValueError: for less than one process, or a pool that forks.
     """
+    if workers is not None and executor is not None:
+        raise TypeError("workers and executor are two names of the same argument: give workers alone")
+    given = executor if workers is None else workers
+    if given is not None:
+        _expect_guard()
+        _check("executor" if workers is None else "workers", given)
+    return given
+
+
+def _expect_guard() -> None:
     process = current_process()
     if getattr(process, "_inheriting", False):  # it runs the script
         if not process.name.startswith(_WORKER):
             print(_guard_advice(), file=sys.stderr, flush=True)  # who began it may not know what to say
         finish: Any = util
-        finish._run_finalizers(
-            0
-        )  # of a pool of the script's: else warnings of semaphores come after all else
+        finish._run_finalizers(0)  # of a pool of the script's, else warnings of semaphores come last
         os._exit(_UNGUARDED)  # at once: no clean-up of the script's own in its name
-    if isinstance(executor, int | np.integer) and not isinstance(executor, bool):
-        if executor < 1:
-            raise ValueError(f"executor = {executor}: must be at least 1, as a number of processes")
-    elif not isinstance(executor, Executor):
+
+
+def _check(name: str, given: object) -> None:
+    if isinstance(given, int | np.integer) and not isinstance(given, bool):
+        if given < 1:
+            raise ValueError(f"{name} = {given}: must be at least 1, as a number of processes")
+    elif not isinstance(given, Executor):
         raise TypeError(
-            f"executor must be a concurrent.futures.Executor or a number of processes, not "
-            f"{type(executor).__name__}; a Dask client has one by get_executor()"
+            f"{name} must be a concurrent.futures.Executor or a number of processes, not "
+            f"{type(given).__name__}; a Dask client has one by get_executor()"
         )
-    context = getattr(executor, "_mp_context", None)  # of a ProcessPoolExecutor, which tells no other way
+    context = getattr(given, "_mp_context", None)  # of a ProcessPoolExecutor, which tells no other way
     if context is not None and context.get_start_method() == "fork":
         raise ValueError(
-            "executor forks, and JAX hangs in forked processes: give it "
+            f"{name} forks, and JAX hangs in forked processes: give it "
             'mp_context=multiprocessing.get_context("spawn"), or pass a number of processes'
         )
 

@@ -1,6 +1,6 @@
 """Monte-Carlo studies: many scenes planned, by one process or many, with a table that is always the same.
 
-    >>> study = jp.run_study(range(1000), "hard_keep_out", executor=2, out="study")
+    >>> study = jp.run_study(range(1000), "hard_keep_out", workers=2, out="study")
     >>> print(study.summary())
 
 `task` says what a study plans, `chunks` cuts it up, `work` plans a chunk, `engine` shares the chunks out,

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Generator, Iterable, Mapping
-from concurrent.futures import Executor
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
 from jaxplan.progress import progress_bar
-from jaxplan.runtime.workers import Crew, WorkersDiedError, check_executor
+from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
 from jaxplan.study.blocks import Blocks
 from jaxplan.study.engine import by_workers, in_this_process
 from jaxplan.study.lines import TABLE, TIMINGS
@@ -28,10 +27,12 @@ def run_study(
     kind: str | None = None,
     planner: str = "mha",
     settings: Mapping[str, Any] | None = None,
-    executor: Executor | int | None = None,
+    *,
+    workers: Workers | None = None,
     out: str | os.PathLike[str] | None = None,
     chunk: int | None = None,
     progress: bool = True,
+    executor: Workers | None = None,
 ) -> Study:
     """Plan many scenes, and note what became of each.
 
@@ -48,45 +49,45 @@ def run_study(
         planner: "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect".
         settings: that differ from the scenes' own, by dotted names in the keys and units of a scenario file,
             as in ``{"search.max_expansions": 500, "trajectory.duration_s": "minimum"}``.
-        executor: who plans: None for this process; a number of processes of its own, which are begun anew
+        workers: who plans: None for this process; a number of processes of its own, which are begun anew
             when one dies; or any `concurrent.futures.Executor`, such as ``get_executor()`` of a Dask client.
         out: a folder for the results, where each chunk is safe once it is done. If it holds the same study
             already, only what is missing is planned; another study is refused. Without it rows are kept
             in memory.
         chunk: blocks that are handed out together; by default as many as take some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+        executor: an older name of workers.
 
     Returns:
         The study.
 
     Raises:
-        TypeError: for scenes, an executor or a folder that are none.
+        TypeError: for scenes, workers or a folder that are none.
         ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one block.
         ScenarioError: for settings, or a scenario, that a file could not hold; all faults are named.
         StudyFolderError: if the folder holds something else or is in use.
         RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
 
     Example:
-        >>> study = jp.run_study(range(200), "hard_keep_out", executor=2, out="study")
+        >>> study = jp.run_study(range(200), "hard_keep_out", workers=2, out="study")
         >>> print(study.summary())
     """
     given: object = chunk
     if (given is not None and not (isinstance(given, int | np.integer) and given >= 1)) or given is True:
         raise ValueError(f"chunk = {chunk!r}: must be a number of blocks of scenes, at least 1")
-    if executor is not None:
-        check_executor(executor)
+    chosen = who_works(workers, executor)
     if out is not None:
         file_path("out", out)
     task = make_task(scenarios_or_seeds, kind, planner, settings)
     try:
-        return run_task(task, executor, out, chunk, progress, plan_chunk)
+        return run_task(task, chosen, out, chunk, progress, plan_chunk)
     except WorkersDiedError as error:
         raise RuntimeError(str(error)) from None
 
 
 def run_task(
     task: Task,
-    executor: Executor | int | None,
+    workers: Workers | None,
     out: str | os.PathLike[str] | None,
     chunk: int | None,
     progress: bool,
@@ -105,9 +106,9 @@ def run_task(
             shown=progress,
         ) as bar:
             planned = 0
-            bar.step("workers begin, and may compile" if executor is not None else "")
+            bar.step("workers begin, and may compile" if workers is not None else "")
             try:
-                with closing(_answers(chunks, executor, work, all(store.done))) as answers:
+                with closing(_answers(chunks, workers, work, all(store.done))) as answers:
                     for answer in answers:
                         answer = answer.without(store.done)
                         store.add(answer)
@@ -128,14 +129,14 @@ def run_task(
 
 
 def _answers(
-    chunks: Blocks, executor: Executor | int | None, work: Work, over: bool
+    chunks: Blocks, workers: Workers | None, work: Work, over: bool
 ) -> Generator[Answer, None, None]:
     if over:
         return
-    if executor is None:
+    if workers is None:
         yield from in_this_process(chunks, work)
         return
-    crew = Crew(executor)
+    crew = Crew(workers)
     try:
         yield from by_workers(chunks, work, crew)
     except BaseException:  # Ctrl-C here or at whom the answers go to, among others

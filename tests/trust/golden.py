@@ -87,7 +87,7 @@ def file_of(plan: jp.Plan, folder: Path) -> bytes:
 def files(names: Iterable[str], folder: Path, executor: int | None = None) -> dict[str, bytes]:
     """The files of plans made together."""
     names = list(names)
-    plans = jp.plan_batch([scenario_of(name) for name in names], executor=executor, progress=False)
+    plans = jp.plan_batch([scenario_of(name) for name in names], workers=executor, progress=False)
     return {name: file_of(plan, folder) for name, plan in zip(names, plans, strict=True)}
 
 

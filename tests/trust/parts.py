@@ -81,7 +81,7 @@ def _golden(seeds: Sequence[int]) -> list[Tally]:
         company = {
             k: v for n in range(0, len(mixed), 7) for k, v in golden.files(mixed[n : n + 7], there).items()
         }
-        workers = golden.files(names, there, executor=2)
+        workers = golden.files(names, there, workers=2)
 
         def same(name: str) -> None:
             alone = golden.file_of(jp.plan(golden.scenario_of(name), throw=False, progress=False), there)
