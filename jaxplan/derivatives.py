@@ -104,7 +104,7 @@ class Differentiable:
                 found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, scenario))
             return found
         if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            return replan(self.held, scenario)
+            return _replan(self.held, scenario)
         shapes = tuple(np.shape(leaf) for leaf in leaves)
         if (tree, shapes) not in self._known:
             self._known[tree, shapes] = _in_32_bits(

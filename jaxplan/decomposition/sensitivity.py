@@ -29,11 +29,11 @@ from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, 
 from jaxplan.decomposition.pairs import pairs_at_goal, single_yaws
 from jaxplan.decomposition.quadratic import MET, Active
 from jaxplan.geometry.vectors import length
-from jaxplan.implicit import Equations, implicit_root
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft, joints_toward, stacked
+from jaxplan.runtime.implicit import Equations, implicit_root
 
 
 def differentiable_goal(

@@ -1,1 +1,1 @@
-"""How work is done, whatever it is about: many at once."""
+"""How work is done, whatever it is about: many at once, compiled, in threads, roots followed."""

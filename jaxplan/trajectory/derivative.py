@@ -22,12 +22,12 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import length
-from jaxplan.implicit import Equations, implicit_root
 from jaxplan.model.constraints import Constraints, room, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits

@@ -8,14 +8,12 @@ active set held.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-
-from jaxplan.first_order import first_derivatives_only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +79,7 @@ def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any
     if equations.again:
         own = equations.factor(inputs, z)
     else:  # these are constants, and so is what follows from them
-        inputs, own = first_derivatives_only(inputs), factors
+        inputs, own = _first_derivatives_only(inputs), factors
     _, left = jax.jvp(lambda inputs: equations.residual(inputs, z), (inputs,), (tangents[0],))
     return (z, factors), (-equations.solve(own, left), jax.tree.map(_no_tangent, factors))
 
@@ -90,3 +88,22 @@ def _no_tangent(value: Array) -> Any:
     if jnp.issubdtype(value.dtype, jnp.floating):
         return jnp.zeros_like(value)
     return np.zeros(value.shape, jax.dtypes.float0)
+
+
+@jax.custom_jvp
+def _once(value: Any) -> Any:
+    return value
+
+
+@_once.defjvp
+def _refuse(*_: Any) -> NoReturn:
+    raise NotImplementedError(
+        "plans have first derivatives only, since what binds is held: take differences of those"
+    )
+
+
+def _first_derivatives_only(tree: Any) -> Any:
+    """The same tree, whose numbers cannot be differentiated, for use within a rule for tangents."""
+    return jax.tree.map(
+        lambda leaf: _once(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, tree
+    )
