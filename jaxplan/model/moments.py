@@ -1,6 +1,7 @@
 """Scenarios in which something moves: what does, and for how long it is known."""
 
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -10,12 +11,12 @@ from jaxplan.model.scenario import Scenario
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
     """All that moves, with its name in messages: zones by theirs, targets by their terminal's."""
-    targets = zip(scenario.spacecraft.terminals, scenario.goal.paths, strict=False)
-    named = [(f"zone {zone.name}", zone.path) for zone in scenario.zones]
-    named += [(f"the target of {terminal.name}", path) for terminal, path in targets]
-    for name, path in named:
-        if path is not None and path.moves:
-            yield name, path
+    named = ((f"zone {zone.name}", zone.direction) for zone in scenario.zones)
+    targets = zip(scenario.spacecraft.terminals, scenario.goal.directions, strict=False)
+    named_targets = ((f"the target of {terminal.name}", direction) for terminal, direction in targets)
+    for name, direction in chain(named, named_targets):
+        if isinstance(direction, DirectionPath) and direction.moves:
+            yield name, direction
 
 
 def moves(scenario: Scenario) -> bool:
