@@ -1,7 +1,6 @@
 """Scenarios in which something moves: what does, and for how long it is known."""
 
 from collections.abc import Iterator
-from itertools import chain
 
 import numpy as np
 
@@ -11,12 +10,13 @@ from jaxplan.model.scenario import Scenario
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
     """All that moves, with its name in messages: zones by theirs, targets by their terminal's."""
-    named = ((f"zone {zone.name}", zone.direction) for zone in scenario.zones)
-    targets = zip(scenario.spacecraft.terminals, scenario.goal.directions, strict=False)
-    named_targets = ((f"the target of {terminal.name}", direction) for terminal, direction in targets)
-    for name, direction in chain(named, named_targets):
-        if isinstance(direction, DirectionPath) and direction.moves:
-            yield name, direction
+    for zone in scenario.zones:
+        if zone.moves and zone.path is not None:
+            yield f"zone {zone.name}", zone.path
+    if scenario.goal.moves:
+        for terminal, path in zip(scenario.spacecraft.terminals, scenario.goal.paths, strict=True):
+            if path.moves:
+                yield f"the target of {terminal.name}", path
 
 
 def moves(scenario: Scenario) -> bool:

@@ -107,7 +107,8 @@ class Targets:
     @property
     def moves(self) -> bool:
         """Whether any moves."""
-        return isinstance(self.directions, list | tuple) and any(path.moves for path in self.paths)
+        each = self.directions if isinstance(self.directions, list | tuple) else ()
+        return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
         """The targets where they are at an instant, s; of such as move, at rest."""

@@ -70,7 +70,7 @@ class _Cone:
     @property
     def moves(self) -> bool:
         """Whether its axis is inertial and moves."""
-        return self.path is not None and self.path.moves
+        return isinstance(self.direction, DirectionPath) and self.direction.moves
 
     @property
     def is_inertial(self) -> bool:
