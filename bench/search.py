@@ -18,7 +18,7 @@ from _options import positive
 
 from jaxplan.cases import paper_case
 from jaxplan.planner.goals import find_goals
-from jaxplan.search import PLANNERS, make_scene, mha_rules
+from jaxplan.search import PLANNERS, make_scene, mha
 from jaxplan.search.calls import Scenes
 from jaxplan.search.fields import distance_fields
 from jaxplan.search.kernels import expansion_call
@@ -42,7 +42,7 @@ def expansion_times(repeats: int) -> None:
     scene = make_scene(scenario, find_goals(scenario)[0])
     with jax.enable_x64(True):
         node, rng = make_root(scene), np.random.default_rng(0)
-        moves = mha_rules.propose(scene, node, rng, scenario.search, 0)
+        moves = mha.propose(scene, node, rng, scenario.search, 0)
         clearance = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         fields = distance_fields(scene).table
         arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance, fields)
@@ -54,7 +54,7 @@ def expansion_times(repeats: int) -> None:
         kernel = median_us(lambda: Scenes([scene]).answers([call]), repeats)
         print(f"the expansion kernel           {kernel:10.0f} us")
         whole = []
-        rules = mha_rules.rules(scene)
+        rules = mha.rules(scene)
         without_shortcut = replace(rules, direct=False)
         for seed in range(max(repeats // 20, 5)):
             whole += _times_of_expansions(scene, replace(scenario.search, seed=seed), without_shortcut)

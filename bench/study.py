@@ -19,12 +19,10 @@ from _options import positive
 
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.blocks import Blocks
-from jaxplan.study.engine import by_workers
+from jaxplan.study.blocks import Answer, Blocks, by_workers, head, plan_chunk
 from jaxplan.study.rows import STEPS, crashed, times_of
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
-from jaxplan.study.work import Answer, head, plan_chunk
 
 _REHEARSALS = 2  # of the whole study, after which each process has compiled what it uses
 

@@ -15,9 +15,8 @@ from pathlib import Path
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
 from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.reference import Entry, entries
+from jaxplan.scenario.spelling import Entry, entries, template
 from jaxplan.scenario.tables import Either, Rows, Table
-from jaxplan.scenario.template import template
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = ROOT / "notebooks"

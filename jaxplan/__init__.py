@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.derivatives import differentiable
     from jaxplan.exporting import export
-    from jaxplan.model.moving import DirectionPath
+    from jaxplan.model.directions import DirectionPath
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
     from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
     from jaxplan.model.status import Status
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
-    from jaxplan.runtime.compiled import compilation_cache
+    from jaxplan.runtime.jit import compilation_cache
     from jaxplan.scenario import ScenarioError, load_scenario, save_scenario
     from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Constellation": "jaxplan.constellation",
-    "DirectionPath": "jaxplan.model.moving",
+    "DirectionPath": "jaxplan.model.directions",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.scenario",
     "Instrument": "jaxplan.model.spacecraft",
@@ -63,7 +63,7 @@ _HOMES = {
     "Tuning": "jaxplan.tuning",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
-    "compilation_cache": "jaxplan.runtime.compiled",
+    "compilation_cache": "jaxplan.runtime.jit",
     "differentiable": "jaxplan.derivatives",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.sensitivity",

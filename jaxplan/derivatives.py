@@ -23,8 +23,8 @@ from jaxplan.given import expect
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.chain import judged
 from jaxplan.planner.check import prove
+from jaxplan.planner.meeting import judged
 from jaxplan.sensitivity import Held, hold, replan
 from jaxplan.trajectory import Trajectory
 

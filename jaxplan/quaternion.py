@@ -2,15 +2,14 @@
 
 A quaternion and its negative are the same rotation; those handed out have a scalar part that is not
 negative. Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their
-dtype (`jaxplan.geometry.arrays`), and composes with ``jit``, ``vmap`` and ``grad``.
+dtype (`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``.
 """
 
 import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry import rotations
-from jaxplan.geometry.arrays import AnyArray, arrays
-from jaxplan.geometry.vectors import components, unit
+from jaxplan.geometry.vectors import AnyArray, arrays, components, unit
 
 
 def from_matrix(attitude: ArrayLike) -> AnyArray:

@@ -20,23 +20,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.decomposition.pairs import leaves_open
+from jaxplan.decomposition.caps import leaves_open
 from jaxplan.decomposition.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.display import shown
 from jaxplan.given import expect
-from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.planner import Plan
-from jaxplan.planner.asked import as_filed
-from jaxplan.planner.chain import fit, fitted_plan, judged
 from jaxplan.planner.check import prove
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import find_goals
+from jaxplan.planner.meeting import fit, fitted_plan, judged
 from jaxplan.planner.record import end_rates
-from jaxplan.runtime.kernel_room import make_room
-from jaxplan.runtime.threads import one_thread
-from jaxplan.trajectory import REFITS, Fit, Trajectory
+from jaxplan.planner.runs import as_filed
+from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.workers import one_thread
+from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
@@ -165,7 +164,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     ]
     # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
     ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
-    refit: Any = REFITS[scenario.trajectory.method]
+    refit: Any = by_name(REFITS, scenario.trajectory.method)
     return refit(held.fit, path, craft, scenario.trajectory, scenario.constraints, ends)
 
 

@@ -3,7 +3,7 @@
 Conventions. A rotation matrix ``R`` maps body to inertial coordinates; a rotation vector ``w`` (rad)
 is its exponential coordinates, ``R = exp(w^)``. Angular velocities are in body axes: ``R' = R omega^``.
 Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their dtype
-(`jaxplan.geometry.arrays`), and composes with ``jit``, ``vmap`` and ``grad``. The coefficients are even
+(`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``. The coefficients are even
 functions of the angle, so they are computed as smooth functions of its square: below one radian by their
 series, above by the closed form. That keeps values and first derivatives right down to zero, where the
 printed closed forms lose all digits (Lemma 3 of the paper, with the sign and the threshold of its errata).
@@ -15,8 +15,7 @@ from math import factorial
 from jax.typing import ArrayLike
 
 from jaxplan import quaternion
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.vectors import components, length
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components, length
 from jaxplan.given import expect_numbers
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.

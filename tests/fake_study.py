@@ -8,10 +8,10 @@ import signal
 import sys
 import time
 
+from jaxplan.study.blocks import Answer, head
 from jaxplan.study.rows import COLUMNS, TIMES
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
-from jaxplan.study.work import Answer, head
 
 DEADLY = 5
 SECONDS = "FAKE_STUDY_SECONDS"

@@ -6,7 +6,7 @@ import numpy as np
 from manoeuvres import boresights_of
 from scipy.interpolate import CubicSpline
 
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import KeepOut
 
 LOW_ORBIT = Path(__file__).parent / "scenarios" / "low_orbit.toml"

@@ -9,7 +9,7 @@ from manoeuvres import attitudes_of, holding, joints_of
 from moving_scenes import seen
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import JointBound, KeepIn
 
 SAMPLES = 5_003

@@ -8,7 +8,7 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import Targets
 from jaxplan.model.zones import KeepOut
 from jaxplan.scenario import ScenarioError

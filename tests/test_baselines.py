@@ -16,10 +16,9 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.goals import find_goals
 from jaxplan.scenario import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
-from jaxplan.search.corners import between
 from jaxplan.search.problem import steps_between
-from jaxplan.search.rrt import INTERVALS, Space
-from jaxplan.search.samples import draw
+from jaxplan.search.smoothing.shortcut import between
+from jaxplan.search.trees import INTERVALS, Space, draw
 
 WHOLE_EDGES = ("rrt_star", "rrt_connect")
 BASELINES = ("wastar", *WHOLE_EDGES)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from manoeuvres import craft, ends, manoeuvre, unit
 
-from jaxplan.certificate import Claim, bounds, certify_batch, errors, proof
-from jaxplan.model.moving import DirectionPath
+from jaxplan.certificate import Claim, bounds, certify_batch, proof
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 LIMITED = {"rate_limit": 0.05, "acceleration_limit": 0.01, "jerk_limit": 0.01}
@@ -125,7 +125,7 @@ def test_reports_made_together_are_those_made_alone(claims, alone, together, mon
 
 @pytest.mark.parametrize(("name", "most"), [("_MOST_ROWS", 40), ("_MOST_INTERVALS", 3)])
 def test_a_budget_of_work_is_each_trajectorys_own(claims, name, most, monkeypatch):
-    monkeypatch.setattr(bounds if name == "_MOST_ROWS" else errors, name, most)
+    monkeypatch.setattr(bounds, name, most)
     tight = [certify_batch([one])[0] for one in claims[:24]]
     reports = certify_batch(claims[:24])
     assert [repr(vars(report)) for report in reports] == [repr(vars(report)) for report in tight]

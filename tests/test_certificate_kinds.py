@@ -10,10 +10,10 @@ from moving_scenes import seen, turning
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from jaxplan.certificate import Claim, bounds, certify, certify_batch, errors, form, prove_margins
-from jaxplan.certificate.cases import negligible
+from jaxplan.certificate import Claim, bounds, certify, certify_batch, form, prove_margins
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion
+from jaxplan.certificate.proof import negligible
 from jaxplan.model import constraints
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
@@ -283,7 +283,7 @@ def test_stated_errors_are_counted_into_margins_of_every_kind(name):
             seen += 1
             bindings = Bindings.of(form.plain(tuned))
             motion = Motion.of(spacecraft, bindings.views, trajectory)
-            evidence = errors.gather(motion, negligible(spacecraft, [bindings]))
+            evidence = bounds.gather(motion, negligible(spacecraft, [bindings]))
             weight = np.abs(tuned.axis[0, :2]).sum() if name == "joints" else 1 / np.sin(angle)
             chord = 1.0 if name == "joints" else 2 * min(np.sin(angle / 2), np.cos(angle / 2))
             for part, lost in (("left_out", weight), ("rounding", bounds.LEBESGUE * chord * weight)):

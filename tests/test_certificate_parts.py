@@ -9,15 +9,13 @@ from manoeuvres import craft
 from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
-from jaxplan.certificate import bounds, errors, jets, limits
-from jaxplan.certificate.axes import Way
-from jaxplan.certificate.bounds import Layout, Minima, Rows
-from jaxplan.certificate.errors import Errors, Evidence
+from jaxplan.certificate import bounds, limits, series
+from jaxplan.certificate.bounds import Errors, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views
-from jaxplan.certificate.pieces import ROUNDING, Pieces
+from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views, Way
+from jaxplan.certificate.series import ROUNDING, Pieces
 from jaxplan.model import limits as model
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 RNG = np.random.default_rng
@@ -114,15 +112,15 @@ def taylor(motion, piece, time, half, orders, curve=curve):
 def test_jets_of_products_and_exponentials_are_those_of_power_series():
     rng = RNG(0)
     a, b = rng.normal(size=(2, 7, 5))
-    product = jets.product("n,n->n", a, b)
+    product = series.product("n,n->n", a, b)
     for n in range(5):
         assert product[:, n] == pytest.approx(np.polymul(a[::-1, n], b[::-1, n])[::-1][:7])
-    assert jets.slope(a)[:, 0] == pytest.approx(np.polynomial.polynomial.polyder(a[:, 0]))
+    assert series.slope(a)[:, 0] == pytest.approx(np.polynomial.polynomial.polyder(a[:, 0]))
     line = np.array([[0.3], [2.0], *[[0.0]] * 5])
     exact = np.exp(0.3) * np.array([2.0**k / factorial(k) for k in range(7)])
-    assert jets.exponential(line)[:, 0] == pytest.approx(exact, rel=1e-15)
-    assert jets.exponential(a + b) == pytest.approx(
-        jets.product("n,n->n", jets.exponential(a), jets.exponential(b))
+    assert series.exponential(line)[:, 0] == pytest.approx(exact, rel=1e-15)
+    assert series.exponential(a + b) == pytest.approx(
+        series.product("n,n->n", series.exponential(a), series.exponential(b))
     )
 
 
@@ -133,10 +131,10 @@ def test_quaternions_are_those_of_scipy_at_any_angle():
     angles = np.array([0, 1e-12, 1e-8, 1e-4, 1, np.pi - 1e-11, np.pi, 2 * np.pi, 19.9])
     jet = np.zeros((3, 3, 9))
     jet[0] = (axes * angles[:, None]).T
-    matrices = np.moveaxis(jets.rotation(jets.quaternion(jet)[0]), -1, 0)
+    matrices = np.moveaxis(series.rotation(series.quaternion(jet)[0]), -1, 0)
     assert np.abs(matrices - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()).max() < 3e-12
     assert np.abs(matrices[:8] - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()[:8]).max() < 3e-15
-    assert np.all(np.isnan(jets.quaternion(1.01 * jet)[..., 8]))
+    assert np.all(np.isnan(series.quaternion(1.01 * jet)[..., 8]))
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="needs extended precision")
@@ -146,7 +144,7 @@ def test_samples_are_those_of_the_definition_to_far_less_than_the_allowances():
         motion = random_motion(seed, size=(0.02, 0.5, 1.0)[seed % 3])
         on = motion.between(np.union1d(np.linspace(0, 60, 20), motion.platform.breaks()))
         samples = motion.sample(on)
-        stated = errors.rounding(motion, on, errors.majorants(motion, on))
+        stated = bounds.rounding(motion, on, bounds.majorants(motion, on))
         for n, m in np.ndindex(samples.time.shape):
             if (n + m) % 5:
                 continue
@@ -180,7 +178,7 @@ def test_majorants_bound_taylor_coefficients_anywhere_on_an_interval(parts):
     for seed in range(4):
         motion = random_motion(10 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
         on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
-        majorants = errors.majorants(motion, on)
+        majorants = bounds.majorants(motion, on)
         orders, rng = len(majorants.spin), RNG(seed)
         for n in rng.integers(len(on.half), size=4):
             for place in (-1, rng.uniform(-1, 1), 1):
@@ -214,8 +212,8 @@ def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
     for seed in range(3):
         motion = random_motion(20 + seed, size=0.1)
         on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
-        majorants = errors.majorants(motion, on)
-        left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
+        majorants = bounds.majorants(motion, on)
+        left_out, rounding = bounds.interpolation(on, majorants), bounds.rounding(motion, on, majorants)
         place = np.linspace(-1, 1, 41)
         through = bounds.to_bernstein(DEGREE).T @ bernstein_basis(DEGREE, place)
         curves = []
@@ -251,8 +249,8 @@ def test_errors_go_with_the_unit_of_time():
         motion = random_motion(50, size=0.1, duration=60.0 * slower)
         edges = slower * np.union1d(np.linspace(0, 60, 31), motion.platform.breaks() / slower)
         on = motion.between(edges)
-        majorants = errors.majorants(motion, on)
-        left_out, rounding = errors.interpolation(on, majorants), errors.rounding(motion, on, majorants)
+        majorants = bounds.majorants(motion, on)
+        left_out, rounding = bounds.interpolation(on, majorants), bounds.rounding(motion, on, majorants)
         evidence = Evidence(
             on=on, samples=motion.sample(on), majorants=majorants, left_out=left_out, rounding=rounding
         )
@@ -274,8 +272,8 @@ def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
     spacecraft = craft(2, joints={}, torque_limit=1.0, inertia=INERTIA)
     motion, rng = random_motion(51), RNG(51)
     on = motion.between(np.union1d(np.linspace(0, 60, 121), motion.platform.breaks()))
-    majorants, samples = errors.majorants(motion, on), motion.sample(on)
-    none = errors.interpolation(on, majorants)
+    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
+    none = bounds.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
     for sizes in ((1e-6, 1e-12), (1e-12, 1e-6)):  # of the velocity, of the acceleration
         size = np.array([*sizes, 0.0])[:, None]
@@ -328,7 +326,7 @@ def test_majorants_bound_what_is_seen_within_the_body(parts):
     for seed in range(4):
         motion = motion_with_views(60 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
         on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
-        direction = errors.majorants(motion, on).direction
+        direction = bounds.majorants(motion, on).direction
         orders, rng = len(direction), RNG(seed)
         assert direction.shape[1] == 8 + 9
         for n in rng.integers(len(on.half), size=4):
@@ -350,7 +348,7 @@ def test_sights_in_body_axes_are_those_of_the_definition_to_the_stated_rounding(
         motion = motion_with_views(70 + seed, size=(0.02, 1.0)[seed % 2])
         on = motion.between(np.union1d(np.linspace(0, 60, 12), motion.platform.breaks()))
         samples = motion.sample(on)
-        stated = errors.rounding(motion, on, errors.majorants(motion, on)).direction
+        stated = bounds.rounding(motion, on, bounds.majorants(motion, on)).direction
         for n in range(len(on.half)):
             _, joints, _ = curve(motion, on.piece[n], samples.time[n].astype(LONG))
             exact = np.moveaxis(in_body(motion, joints), 0, -1)
@@ -368,9 +366,9 @@ def test_polynomials_of_what_is_seen_within_the_body_are_off_by_no_more_than_sta
     for seed in range(3):
         motion = motion_with_views(80 + seed, size=0.1)
         on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
-        majorants = errors.majorants(motion, on)
-        left_out = errors.interpolation(on, majorants).direction[8:]
-        noise = errors.rounding(motion, on, majorants).direction[8:]
+        majorants = bounds.majorants(motion, on)
+        left_out = bounds.interpolation(on, majorants).direction[8:]
+        noise = bounds.rounding(motion, on, majorants).direction[8:]
         axis = np.array([0.48, 0.6, 0.64])
         values = []
         for samples in (motion.sample(on), motion.sample(on, place)):
@@ -390,12 +388,12 @@ def test_intervals_are_cut_until_so_little_is_left_out_and_no_finer(tight):
     motion = random_motion(52, size=0.1)
     sizes = {"direction": np.ones((3, 1)), "spin": np.ones((3, 1)), "joints": np.ones((3, 4, 1))}
     wanted = Errors(**{name: ones * (1e-9 if name == tight else 1e99) for name, ones in sizes.items()})
-    evidence = errors.gather(motion, wanted)
+    evidence = bounds.gather(motion, wanted)
     shares = {name: np.max(getattr(evidence.left_out, name) / getattr(wanted, name)) for name in sizes}
     assert max(shares.values()) == shares[tight] <= 1
     edges = np.append(evidence.on.centre - evidence.on.half, 60.0)
     on = motion.between(np.union1d(edges[::3], motion.platform.breaks()))  # two thirds of the cuts left out
-    coarse = getattr(errors.interpolation(on, errors.majorants(motion, on)), tight)
+    coarse = getattr(bounds.interpolation(on, bounds.majorants(motion, on)), tight)
     assert np.max(coarse) > 1e-9
 
 
@@ -415,10 +413,10 @@ def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess
         fixed_boresights=np.zeros((0, 3)),
     )
     on = motion.between(breaks)
-    most = errors.interpolation(on, errors.majorants(motion, on)).joints[0].max()
+    most = bounds.interpolation(on, bounds.majorants(motion, on)).joints[0].max()
     joints = np.array([[most / excess ** (DEGREE + 1)] * 2, [1e99] * 2, [1e99] * 2])[..., None]
     wanted = Errors(direction=np.full((1, 1), 1e99), spin=np.full((3, 1), 1e99), joints=joints)
-    evidence = errors.gather(motion, wanted)
+    evidence = bounds.gather(motion, wanted)
     assert len(evidence.on.centre) == pieces * np.ceil(excess)
     assert np.all(evidence.left_out.joints[0] <= joints[0, 0])
 
@@ -435,7 +433,7 @@ def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
         fixed_boresights=np.zeros((0, 3)),
     )
     on = motion.between(np.array([0.0, 20.0, 60.0]))
-    stated = errors.rounding(motion, on, errors.majorants(motion, on))
+    stated = bounds.rounding(motion, on, bounds.majorants(motion, on))
     # Of the rate: its own, and twice that of the attitude, both of a majorant that counts the chart's turn
     # there and back; of the angles: those of the sum and of the sample.
     np.testing.assert_allclose(stated.spin[0], 3 * ROUNDING * 2 * np.linalg.norm(rate), rtol=1e-12)
@@ -473,8 +471,8 @@ def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
         motion, chart_rate=1e-9 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]]
     )
     on = motion.between(motion.platform.breaks())
-    majorants, samples = errors.majorants(motion, on), motion.sample(on)
-    none = errors.interpolation(on, majorants)
+    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
+    none = bounds.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
     away = np.cross(samples.boresights[0, :, 0, 0], [0.3, 0.2, 0.9])  # at a right angle
     for kind, angles in ((KeepOut, (0.3, 1.5)), (KeepIn, (2.0, 1.6))):  # the second one decides
@@ -503,9 +501,9 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_margins():
     motion = random_motion(57, terminals=1, instruments=0, size=0.0)
     motion = replace(motion, chart_rate=0 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
     on = motion.between(motion.platform.breaks())
-    samples, majorants = motion.sample(on), errors.majorants(motion, on)
+    samples, majorants = motion.sample(on), bounds.majorants(motion, on)
     majorants = replace(majorants, direction=np.ones_like(majorants.direction))  # so that no cap settles it
-    none = errors.interpolation(on, majorants)
+    none = bounds.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
     evidence = Evidence(on=on, samples=samples, majorants=majorants, left_out=none, rounding=none)
     boresight = samples.boresights[0, :, 0, 0]
@@ -552,11 +550,11 @@ def test_intervals_stay_within_the_pieces_of_axes_that_move():
     loose = Errors(
         direction=np.full((3, 1), 1e99), spin=np.full((3, 1), 1e99), joints=np.full((3, 4, 1), 1e99)
     )
-    on = errors.gather(motion, loose, [way]).on
+    on = bounds.gather(motion, loose, [way]).on
     edges = np.append(on.centre - on.half, on.centre[-1] + on.half[-1])
     np.testing.assert_allclose(edges, [0, 7, 24, 31, 55, 60], atol=1e-12)
     seen, still = (
-        errors.rounding(motion, on, errors.majorants(motion, on, ways), ways).direction
+        bounds.rounding(motion, on, bounds.majorants(motion, on, ways), ways).direction
         for ways in ([way], [])
     )
     np.testing.assert_allclose(seen - still, [way.rounding(on.centre, on.half)] * len(seen), rtol=1e-6)
@@ -579,7 +577,7 @@ def test_the_bound_of_what_is_left_out_is_attained(duration):
             fixed_boresights=np.zeros((0, 3)),
         )
         on = motion.between(np.array([0, duration]))
-        left_out = errors.interpolation(on, errors.majorants(motion, on))
+        left_out = bounds.interpolation(on, bounds.majorants(motion, on))
         for stated, place, times in (
             (left_out.spin[order, 0], degree + 1, order + 1),
             (left_out.joints[order, 0, 0], degree, order),
@@ -595,8 +593,8 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
     motion = random_motion(40, size=0.05)
     motion = replace(motion, chart_rate=0.1 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
     on = motion.between(np.union1d(np.linspace(0, 60, 61), motion.platform.breaks()))
-    majorants, samples = errors.majorants(motion, on), motion.sample(on)
-    none = errors.interpolation(on, majorants)
+    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
+    none = bounds.interpolation(on, majorants)
     none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
     # Zones, one wider than a right angle, that two devices just touch.
     axes, half_angles = [], []

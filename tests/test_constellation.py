@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import orbits
 from jaxplan.constellation import relay_spacecraft
-from jaxplan.constellation.craft import nominal_attitudes
-from jaxplan.constellation.sun import CLEARANCE, waiting_directions
+from jaxplan.constellation.links import nominal_attitudes
+from jaxplan.constellation.shell import CLEARANCE, waiting_directions
 from jaxplan.decomposition import decompose
-from jaxplan.decomposition.nearest import nearest_attitudes
+from jaxplan.decomposition.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets
 from jaxplan.model.zones import tabulate
 

@@ -26,7 +26,7 @@ from jaxplan.model.constraints import (
     thresholds,
     worst_constraint,
 )
-from jaxplan.model.sights import Sights
+from jaxplan.model.directions import Sights
 
 RNG = np.random.default_rng(5)
 TERMINALS = 2

@@ -4,9 +4,8 @@ from pointing import Printed, Problem, random_problem
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
 
-from jaxplan.decomposition import covering, lanes, quadratic
-from jaxplan.decomposition.caps import HAIR, Caps, assemble
-from jaxplan.decomposition.groups import group_excess
+from jaxplan.decomposition import descent, multistart
+from jaxplan.decomposition.caps import HAIR, Caps, assemble, group_excess
 
 
 def caps_of(problem: Problem) -> Caps:
@@ -33,17 +32,17 @@ def test_caps_ask_for_what_joints_and_zones_ask_for():
 
 
 def test_every_attitude_is_near_a_point_of_the_covering():
-    points = covering.points(0)
+    points = multistart.covering_points(0)
     attitudes = Rotation.random(4000, rng=np.random.default_rng(5)).as_quat(scalar_first=True)
-    assert 2 * np.arccos(np.abs(attitudes @ points.T).max(axis=1).min()) <= covering.RADIUS
+    assert 2 * np.arccos(np.abs(attitudes @ points.T).max(axis=1).min()) <= multistart.RADIUS
     assert np.all(np.diff(points[:, 0]) <= 0)
     np.testing.assert_array_equal(points[0], [1, 0, 0, 0])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_points_near_half_a_turn_are_there_on_both_sides(seed):
-    scalar = covering.points(seed)[:, 0]
-    near = np.abs(scalar) <= np.sin(covering.RADIUS / 2)
+    scalar = multistart.covering_points(seed)[:, 0]
+    near = np.abs(scalar) <= np.sin(multistart.RADIUS / 2)
     assert np.sum(near & (scalar < 0)) == np.sum(near & (scalar > 0))
 
 
@@ -51,14 +50,14 @@ def test_no_point_near_a_solution_is_ruled_out():
     ruled_out = 0
     for seed in (0, 1, 2, 10, 11, 12):  # three terminals, so of one padded size
         problem = random_problem(seed)
-        depths = covering.depths(caps_of(problem), 0)
+        depths = multistart.depths(caps_of(problem), 0)
         for goal in problem.decompose().goals:
             solution = Rotation.from_matrix(problem.start.T @ goal.attitude).as_quat(scalar_first=True)
-            distance = 2 * np.arccos(np.minimum(np.abs(covering.points(0) @ solution), 1))
-            assert np.any(distance <= covering.RADIUS)
-            assert np.all(depths[distance <= covering.RADIUS] <= 1e-6)
+            distance = 2 * np.arccos(np.minimum(np.abs(multistart.covering_points(0) @ solution), 1))
+            assert np.any(distance <= multistart.RADIUS)
+            assert np.all(depths[distance <= multistart.RADIUS] <= 1e-6)
         ruled_out += np.sum(depths > 0)
-    assert ruled_out > covering.POINTS
+    assert ruled_out > multistart.POINTS
 
 
 def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
@@ -70,7 +69,7 @@ def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
     gradients = rng.standard_normal((count, rows, 3))
     excess = rng.standard_normal((count, rows)) * 0.5 - np.where(np.arange(count) % 3, 1.2, 0.3)[:, None]
     gradients[:, 1], excess[:, 1] = gradients[:, 0], excess[:, 0]  # one constraint twice
-    found, active, lost = quadratic.solve(
+    found, active, lost = descent.solve(
         np.moveaxis(hessian, 0, -1),
         gradient.T,
         np.moveaxis(gradients, (0, 2), (-1, 0)),
@@ -106,7 +105,7 @@ def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
 def test_restoration_is_the_least_squares_step_to_the_violated_bounds():
     rng = np.random.default_rng(6)
     gradients, excess = rng.standard_normal((8, 3)), rng.standard_normal(8)
-    found = np.asarray(quadratic.restoration(gradients.T[:, :, None], excess[:, None]))[:, 0]
+    found = np.asarray(descent.restoration(gradients.T[:, :, None], excess[:, None]))[:, 0]
     violated = excess > 0
     expected = np.linalg.lstsq(gradients[violated], -excess[violated])[0]
     np.testing.assert_allclose(found, expected, atol=1e-5)
@@ -119,11 +118,11 @@ def test_algebra_of_lanes_is_that_of_numpy():
     matrices[0], matrices[1] = np.eye(3), np.diag([2.0, 2.0, -1.0])
     vectors = rng.standard_normal((50, 3))
     lane_matrices = np.moveaxis(matrices, 0, -1)
-    least = np.asarray(lanes.least_eigenvalue(lane_matrices))
+    least = np.asarray(descent.least_eigenvalue(lane_matrices))
     np.testing.assert_allclose(least, np.linalg.eigvalsh(matrices)[:, 0], atol=1e-7)
-    inverse = np.moveaxis(np.asarray(lanes.inverse(lane_matrices)), -1, 0)
+    inverse = np.moveaxis(np.asarray(descent.inverse(lane_matrices)), -1, 0)
     np.testing.assert_allclose(inverse @ matrices, np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-10)
-    product = np.asarray(lanes.apply(lane_matrices, vectors.T)).T
+    product = np.asarray(descent.apply(lane_matrices, vectors.T)).T
     np.testing.assert_allclose(product, np.einsum("kij,kj->ki", matrices, vectors), atol=1e-13)
-    squares = np.asarray(lanes.sum_of_squares(np.moveaxis(factor, 0, -1)))
+    squares = np.asarray(descent.sum_of_squares(np.moveaxis(factor, 0, -1)))
     np.testing.assert_allclose(np.moveaxis(squares, -1, 0), factor @ np.swapaxes(factor, 1, 2), atol=1e-13)

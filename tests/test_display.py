@@ -25,17 +25,17 @@ from jaxplan.constellation.shell import Shell
 from jaxplan.decomposition import Decomposition
 from jaxplan.display import UNKNOWN, as_table, shown
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
-from jaxplan.planner.chain import fit
+from jaxplan.paper import derivative as paper
+from jaxplan.planner.meeting import fit
 from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
 from jaxplan.table4 import PAPER_KINDS, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
-from jaxplan.trajectory.paper import derivative as paper
 from jaxplan.tuning import SearchTuning, Tuning
 from jaxplan.tuning.result import Asked, State
 

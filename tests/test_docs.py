@@ -195,20 +195,19 @@ def test_the_readme_is_the_source_of_the_front_and_the_guide(pages):
 def test_the_names_beside_the_symbols_exist(rows):
     import jaxplan as jp
     from jaxplan import so3, trajectory
-    from jaxplan.geometry import directions
+    from jaxplan.geometry import vectors
     from jaxplan.model import spacecraft, zones
     from jaxplan.model.path import Goal as PathGoal
     from jaxplan.model.path import Path as Way
     from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
-    from jaxplan.trajectory import Samples, basis
+    from jaxplan.trajectory import Samples
 
     homes = {
-        "goal": PathGoal, "Path": Way, "directions": directions, "so3": so3, "spacecraft": spacecraft,
+        "goal": PathGoal, "Path": Way, "vectors": vectors, "so3": so3, "spacecraft": spacecraft,
         "trajectory": trajectory, "Samples": Samples, "SearchSettings": SearchSettings, "Targets": Targets,
         "Trajectory": jp.Trajectory, "TrajectorySettings": TrajectorySettings, "KeepIn": zones.KeepIn,
         "KeepOut": zones.KeepOut, "Terminal": spacecraft.Terminal, "Spacecraft": spacecraft.Spacecraft,
     }  # fmt: skip
-    assert basis is trajectory.basis
     known = {key for _, key in rows}
     table = (DOCS / "method.md").read_text(encoding="utf-8").split("## Symbols")[1].partition("\n## ")[0]
     names = keys = 0

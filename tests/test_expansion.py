@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.search import PLANNERS, kernels, mha_paper, mha_rules
+from jaxplan.paper import search as paper
+from jaxplan.search import PLANNERS, kernels, mha
 from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
 from jaxplan.search.kernels import Expansion, Moves, expansion_call, straight_call
@@ -16,7 +17,7 @@ from jaxplan.search.tree import Node, chosen, make_root
 from jaxplan.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
-LAST_SCALE = len(mha_rules.SCALES) - 1  # the number of an expansion with short moves
+LAST_SCALE = len(mha.SCALES) - 1  # the number of an expansion with short moves
 
 
 def zones_at_hand(
@@ -101,7 +102,7 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
-    node, moves, found = expansion(scene, mha_rules, CLEARANCE, edges=True)
+    node, moves, found = expansion(scene, mha, CLEARANCE, edges=True)
     slacks, ends = found.slacks, ends_of(scene, found).as_matrix()
     every = np.broadcast_to(moves.options, (len(ends), *moves.options.shape[1:]))  # one set, or one an end
     joints = np.array([node.joints + chosen(options, moves.choice) for options in every])
@@ -147,7 +148,7 @@ def test_slack_of_the_straight_motion_is_sound_and_sharp_on_each_interval(name):
 
 def test_without_edges_the_slack_speaks_of_the_node_alone():
     scene = SCENES["three terminals"]()
-    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
+    node, moves, found = expansion(scene, paper, 0.0, edges=False)
     joints = node.joints + chosen(moves.options[0], moves.choice)
     for attitude, row in zip(ends_of(scene, found).as_matrix(), found.slacks, strict=True):
         margin = sampled_margin(scene, np.broadcast_to(attitude, (len(joints), 3, 3)), joints)
@@ -156,14 +157,14 @@ def test_without_edges_the_slack_speaks_of_the_node_alone():
 
 def test_without_edges_what_lies_between_is_not_looked_at():
     scene = SCENES["no zones"]()
-    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
+    node, moves, found = expansion(scene, paper, 0.0, edges=False)
     end, joints = ends_of(scene, found).as_matrix()[0], node.joints + chosen(moves.options[0], moves.choice)
     halfway = edge_states(scene.start_attitude, node.joints, end, joints[0], 3)
     seen = boresights(scene, *(state[1:2] for state in halfway))[0, 0]
     zone = KeepOut(name="between", direction=seen, half_angle=np.deg2rad(0.5), devices=("terminal-1",))
     scene = scene_of(make_scenario(3, keep_out=(zone,)))
-    assert expansion(scene, mha_paper, 0.0, edges=False)[2].slacks[0, 0] > 0
-    assert expansion(scene, mha_paper, 0.0, edges=True)[2].slacks[0, 0] < 0
+    assert expansion(scene, paper, 0.0, edges=False)[2].slacks[0, 0] > 0
+    assert expansion(scene, paper, 0.0, edges=True)[2].slacks[0, 0] < 0
 
 
 def test_without_devices_nothing_is_in_the_way():
@@ -171,7 +172,7 @@ def test_without_devices_nothing_is_in_the_way():
     scene = scene_of(make_scenario(0, 0, keep_out=(zone,)))
     straight = answer(scene, straight_call(make_root(scene).packed, np.zeros(STRAIGHT_INTERVALS)))
     assert np.all(straight == np.inf)
-    found = expansion(scene, mha_rules, CLEARANCE, edges=True)[2]
+    found = expansion(scene, mha, CLEARANCE, edges=True)[2]
     assert np.all(found.slacks == np.inf)
     assert np.all(found.onward == np.inf)
     assert np.all(found.fields == 0)
@@ -179,7 +180,7 @@ def test_without_devices_nothing_is_in_the_way():
 
 def test_attitude_moves_and_heuristics_are_those_of_the_paper():
     scene = SCENES["three terminals"]()
-    node, moves, found = expansion(scene, mha_paper, 0.0, edges=False)
+    node, moves, found = expansion(scene, paper, 0.0, edges=False)
     start, goal = Rotation.from_matrix(scene.start_attitude), Rotation.from_matrix(scene.goal_attitude)
     ends = ends_of(scene, found)
     # (10): a whole step on the left of the attitude relative to the start
@@ -187,7 +188,7 @@ def test_attitude_moves_and_heuristics_are_those_of_the_paper():
     assert np.allclose(relative.magnitude(), scene.attitude_step, atol=1e-12)
     assert np.allclose(found.places[:, 4:], (ends.inv() * goal).as_rotvec(), atol=1e-12)
     joints = node.joints + chosen(moves.options[0], moves.choice)
-    cost, heuristics = mha_paper.price(scene, found, no_fields(scene))
+    cost, heuristics = paper.price(scene, found, no_fields(scene))
     left = np.abs(joints - scene.goal_joints)
     difference = (start.inv() * ends).as_rotvec() - (start.inv() * goal).as_rotvec()
     expected = [  # (15)
@@ -207,7 +208,7 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
     near = scene.goal_joints + 0.5 * scene.joint_steps * np.array([1, -1, 0, 3, 0.9, -4, 0.1, 1])
     near = np.clip(near, -scene.joint_limits, scene.joint_limits)
     node = Node(np.concatenate([scene.goal_quaternion, np.zeros(3), near]), 0.0, 1.0, None)
-    moves = mha_paper.propose(scene, node, rng, make_scenario().search, 0)
+    moves = paper.propose(scene, node, rng, make_scenario().search, 0)
     ends = near + chosen(moves.options[0], moves.choice)
     whole = np.isclose(np.abs(ends - near), scene.joint_steps)
     on_goal = np.isclose(ends, scene.goal_joints) & (np.abs(near - scene.goal_joints) <= scene.joint_steps)
@@ -215,7 +216,7 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
     assert np.all(np.abs(ends[moves.allowed[0]]) <= scene.joint_limits + 1e-12)
     assert not np.any(moves.allowed[1:]), "on the goal attitude there is one attitude move"
     states = ends[moves.allowed[0]]
-    assert len(np.unique(np.round(states, 9), axis=0)) == len(states) or len(states) <= mha_paper.JOINT_MOVES
+    assert len(np.unique(np.round(states, 9), axis=0)) == len(states) or len(states) <= paper.JOINT_MOVES
 
 
 def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
@@ -223,12 +224,12 @@ def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
     rng = np.random.default_rng(2)
     at_limit = scene.joint_limits * np.sign(rng.standard_normal(8))
     node = Node(np.concatenate([make_root(scene).packed[:7], at_limit]), 0.0, 1.0, None)
-    moves: Moves = mha_rules.propose(scene, node, rng, make_scenario().search, 1)
+    moves: Moves = mha.propose(scene, node, rng, make_scenario().search, 1)
     ends = at_limit + chosen(moves.options[0], moves.choice)
     assert np.all(np.abs(ends) <= scene.joint_limits + 1e-12)
     cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], ends - at_limit)
-    assert np.all(cost <= mha_rules.SCALES[1] + 1e-12)
-    longest = 0.1 * mha_rules.SCALES[1]
+    assert np.all(cost <= mha.SCALES[1] + 1e-12)
+    longest = 0.1 * mha.SCALES[1]
     assert np.allclose(ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -longest, longest))
 
 
@@ -237,7 +238,7 @@ def test_fields_lead_around_zones():
     fields = distance_fields(scene)
     assert fields.table.shape == (1, SIZE, SIZE)
     node = make_root(scene)
-    moves = mha_rules.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
+    moves = mha.propose(scene, node, np.random.default_rng(0), make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
     found = expanded(scene, node, moves, wanted, fields.table, edges=True)
     joints = node.joints + chosen(moves.options[0], moves.choice)
@@ -254,7 +255,7 @@ def test_every_child_is_told_what_the_fields_say_where_its_move_ends(edges):
     scene = SCENES["two terminals"]()
     node, rng = make_root(scene), np.random.default_rng(0)
     table = rng.uniform(0, 3, (2, SIZE, SIZE))
-    moves = mha_rules.propose(scene, node, rng, make_scenario().search, 1)
+    moves = mha.propose(scene, node, rng, make_scenario().search, 1)
     wanted = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
     found = expanded(scene, node, moves, wanted, table, edges)
     ends = ends_of(scene, found).as_matrix()

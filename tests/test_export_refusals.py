@@ -17,8 +17,7 @@ from jaxplan import quaternion
 from jaxplan.cli import main
 from jaxplan.epochs import parse_epoch, utc_texts
 from jaxplan.exporting import FORMATS, formats
-from jaxplan.exporting.devices import labels
-from jaxplan.exporting.sampled import instants, sample
+from jaxplan.exporting.sampled import instants, labels, sample
 
 STEP = 0.05
 

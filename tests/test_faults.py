@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from trust.long_run import examine
 
 import jaxplan as jp
+from jaxplan.paper import qp
 from jaxplan.planner import goals
 from jaxplan.scenario import with_settings
 from jaxplan.search import mha
 from jaxplan.search.tree import make_root, trace
 from jaxplan.trajectory import box_qp, program
-from jaxplan.trajectory.paper import qp
 
 RNG = np.random.default_rng(21)
 SETTINGS = {"search.max_goals": 1, "search.time_limit_s": "off"}

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxplan import quaternion, so3
-from jaxplan.geometry import directions, rotations, vectors
-from jaxplan.geometry.arrays import arrays
+from jaxplan.geometry import rotations, vectors
+from jaxplan.geometry.vectors import arrays
 from jaxplan.model import spacecraft
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 
@@ -100,15 +100,15 @@ CASES = {
         3e-15,
     ),
     "conjugate": (quaternion.conjugate, (canonical(TURNS),), canonical(TURNS.inv()), 1e-15),
-    "pointing": (directions.pointing, (JOINTS[:, 0], JOINTS[:, 2]), looks(JOINTS[:, 0], JOINTS[:, 2]), 1e-15),
+    "pointing": (vectors.pointing, (JOINTS[:, 0], JOINTS[:, 2]), looks(JOINTS[:, 0], JOINTS[:, 2]), 1e-15),
     "separation": (
-        directions.separation,
+        vectors.separation,
         (AXES, RATES),
         np.arccos(np.sum(AXES * RATES, axis=-1) / np.linalg.norm(RATES, axis=-1)),
         1e-14,
     ),
-    "azimuth": (lambda seen: directions.azimuth_elevation(seen)[0], (BODY[:, 0],), AZIMUTHS, 3e-15),
-    "elevation": (lambda seen: directions.azimuth_elevation(seen)[1], (BODY[:, 0],), JOINTS[:, 2], 3e-15),
+    "azimuth": (lambda seen: vectors.azimuth_elevation(seen)[0], (BODY[:, 0],), AZIMUTHS, 3e-15),
+    "elevation": (lambda seen: vectors.azimuth_elevation(seen)[1], (BODY[:, 0],), JOINTS[:, 2], 3e-15),
     "wrap": (spacecraft.wrap, (JOINTS + 6 * np.pi,), JOINTS, 1e-14),
     "body boresights": (spacecraft.body_boresights, (MOUNTS, FIXED, JOINTS), BODY, 1e-15),
     "joints toward": (spacecraft.joints_toward, (MOUNTS, TURNS.as_matrix(), SEEN[:, :2]), JOINTS, 5e-15),
@@ -252,20 +252,20 @@ def test_slerp_between_neighbours_a_hair_apart_is_their_chord():
 def test_slopes_are_the_derivatives_of_pointing():
     azimuth, elevation = JOINTS[:, 0], JOINTS[:, 2]
     by_azimuth, by_elevation = (
-        jax.vmap(jax.jacfwd(directions.pointing, argnums=one))(azimuth, elevation) for one in (0, 1)
+        jax.vmap(jax.jacfwd(vectors.pointing, argnums=one))(azimuth, elevation) for one in (0, 1)
     )
     circles = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    found = [np.stack(slope, axis=-1) for slope in directions.slopes(*circles)]
+    found = [np.stack(slope, axis=-1) for slope in vectors.slopes(*circles)]
     np.testing.assert_allclose(found, [by_azimuth, by_elevation], rtol=0, atol=1e-15)
 
 
 def test_carried_vectors_turn_with_azimuth_and_elevation():
     azimuth, elevation = JOINTS[:, 0], JOINTS[:, 2]
     circles = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    found = both(directions.carried, RATES.T, *circles)
+    found = both(vectors.carried, RATES.T, *circles)
     turns = Rotation.from_euler("ZY", np.stack([azimuth, -elevation], axis=-1))
     np.testing.assert_allclose(found.T, turns.apply(RATES), rtol=0, atol=2e-15)
-    ahead, left, up = (np.stack(axis, axis=-1) for axis in directions.frame(*circles))
+    ahead, left, up = (np.stack(axis, axis=-1) for axis in vectors.frame(*circles))
     np.testing.assert_allclose(np.cross(ahead, left), up, rtol=0, atol=1e-15)
 
 

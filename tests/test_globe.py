@@ -21,8 +21,8 @@ import jaxplan as jp
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import film as film_module
+from jaxplan.plotting.projections import View, circle, insides
 from jaxplan.plotting.style import device_style
-from jaxplan.plotting.view import View, circle, insides
 
 RNG = np.random.default_rng(11)
 DIRECTIONS = RNG.standard_normal((200, 3))

@@ -19,7 +19,7 @@ from jaxplan import so3
 from jaxplan.decomposition import sensitivity
 from jaxplan.decomposition.descent import active_terms
 from jaxplan.decomposition.sensitivity import differentiable_goal
-from jaxplan.geometry.directions import pointing
+from jaxplan.geometry.vectors import pointing
 from jaxplan.model.constraints import JOINTS
 from jaxplan.model.path import Goal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate

@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 from stated import state_margins
 
 import jaxplan as jp
-from jaxplan.decomposition.pairs import leaves_open
-from jaxplan.decomposition.tracking import tracking_rates
+from jaxplan.decomposition.caps import leaves_open
+from jaxplan.decomposition.multistart import tracking_rates
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepOut, sight_names
 from jaxplan.planner import messages
+from jaxplan.planner.check import constraint_breaches
 from jaxplan.planner.goals import find_goals
-from jaxplan.planner.validity import constraint_breaches
 
 START = Rotation.from_rotvec([0.4, -0.2, 0.7]).as_matrix()
 BORESIGHT, AXIS = np.array([0.0, 0.6, 0.8]), np.array([[1.0, 0.0, 0.0]])

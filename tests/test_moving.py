@@ -7,7 +7,7 @@ import pytest
 from moving_scenes import great_circle, seen, turning, wandering
 
 from jaxplan import sky
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 
 ORBIT = {"altitude": 550.0, "inclination": 0.925, "node": 0.3}
 HERE = sky.CircularOrbit(**ORBIT, latitude=1.0)

@@ -8,8 +8,8 @@ from manoeuvres import boresights_of, craft, judge, manoeuvre, unit
 from moving_scenes import great_circle, sampled, seen, turning, wandering
 
 from jaxplan.certificate import EndState, certify, prove_margins
-from jaxplan.certificate.axes import Way
-from jaxplan.model.moving import DirectionPath
+from jaxplan.certificate.motion import Way
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 
 

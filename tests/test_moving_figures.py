@@ -9,10 +9,10 @@ from moving_scenes import LOW_ORBIT, sampled
 
 import jaxplan as jp
 from jaxplan.model.zones import KeepOut
-from jaxplan.plotting import samples, unfolded
-from jaxplan.plotting.globe_map import view_of
-from jaxplan.plotting.marks import zone_ways, zones_at
-from jaxplan.plotting.view import circle
+from jaxplan.plotting import projections, samples
+from jaxplan.plotting.projections import circle
+from jaxplan.plotting.sky_maps import view_of
+from jaxplan.plotting.sky_marks import zone_ways, zones_at
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan
         np.testing.assert_allclose(first[name], path.at(0.0))
         np.testing.assert_allclose(last.direction, path.at(80.0))
         np.testing.assert_allclose(way[[0, -1]], path.at(np.array([0.0, 80.0])))
-        drawn = unfolded.cut(unfolded.unfold(way))
+        drawn = projections.cut(projections.unfold(way))
         assert any(line.shape == drawn.shape and np.array_equal(line, drawn) for line in lines)
     texts = [text.get_text() for text in axes.get_figure().findobj(plt.Text)]
     assert any("way of a zone's axis" in text for text in texts)
@@ -88,7 +88,7 @@ def test_a_failed_plan_is_drawn_with_its_targets_where_they_are_at_first(failed)
     if failed.goal is None:
         marks = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == "x"])
         first = np.stack([one.at(0.0) for one in failed.scenario.goal.directions])
-        np.testing.assert_allclose(marks, unfolded.unfold(first), atol=1e-9)
+        np.testing.assert_allclose(marks, projections.unfold(first), atol=1e-9)
 
 
 def test_a_film_says_the_smallest_margin_to_zones_where_they_are(plan):

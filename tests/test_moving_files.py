@@ -13,8 +13,8 @@ from moving_scenes import LOW_ORBIT, great_circle
 import jaxplan as jp
 from jaxplan import scenario as sc
 from jaxplan import sky
-from jaxplan.model.moments import known_until, moves
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.scenario import known_until, moves
 
 TIMES = [0.0, 20.0, 40.0, 60.0, 80.5]
 SAMPLES = great_circle(np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.1]), 0.001, np.array(TIMES)).tolist()

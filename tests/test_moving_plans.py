@@ -12,15 +12,14 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan import sky
-from jaxplan.model.moments import known_until
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets
+from jaxplan.model.scenario import Targets, known_until
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.meeting import Meeting
-from jaxplan.planner.sweeps import always, swept
+from jaxplan.planner.moving import always, swept
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
 

@@ -15,16 +15,15 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Report
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner import messages, rounds
+from jaxplan.planner import messages, runs
 from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
-from jaxplan.planner.check import certify
+from jaxplan.planner.check import breaches, certify
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery, find_goals
-from jaxplan.planner.validity import breaches
-from jaxplan.report.results import trajectory_table
+from jaxplan.report.tables import trajectory_table
 from jaxplan.scenario import parse_scenario, with_settings
 from jaxplan.search import SearchResult, make_scene
-from jaxplan.trajectory import METHODS, Fit
+from jaxplan.trajectory import METHODS, Fit, by_name
 
 INSTANTS = 100_000
 
@@ -154,7 +153,7 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
     scenario = jp.paper_case(1)
     nearest, *others = find_goals(scenario)
     assert others
-    fit_batch = rounds.fit_batch
+    fit_batch = runs.fit_batch
 
     def fail(queries, *rest):
         jump = Fit(trajectory=None, status=jp.Status.UNCERTIFIED, message="it jumps")
@@ -165,7 +164,7 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
             for query, fit in zip(queries, fits, strict=True)
         ]
 
-    monkeypatch.setattr(rounds, "fit_batch", fail)
+    monkeypatch.setattr(runs, "fit_batch", fail)
     plan = jp.plan(scenario)
     assert plan.goal.slew_angle > nearest.slew_angle + 0.01
     assert "this is not the nearest goal" in plan.message
@@ -570,7 +569,7 @@ def test_what_is_not_proved_is_never_ok(monkeypatch):
         ]
         return real([replace(query, path=own) for query, own in zip(queries, ends, strict=True)], seconds)
 
-    real = METHODS["paper"]
+    real = by_name(METHODS, "paper")
     monkeypatch.setitem(METHODS, "paper", straight_on)
     plan = jp.plan(scenario, throw=False)
     assert plan.status is jp.Status.UNCERTIFIED

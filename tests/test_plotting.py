@@ -24,7 +24,7 @@ from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import samples, style, unfolded
+from jaxplan.plotting import projections, samples, style
 from jaxplan.trajectory.curve import Trajectory
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
@@ -124,7 +124,7 @@ def _steps(line: np.ndarray) -> np.ndarray:
 
 def test_outline_lies_on_the_cone_and_on_the_map() -> None:
     for axis, half_angle in _cones():
-        line = unfolded.outline(axis, half_angle)
+        line = projections.outline(axis, half_angle)
         points = line[~np.isnan(line[:, 0])]
         assert np.all(np.abs(points) <= [180, 90])
         np.testing.assert_allclose(_angle(_direction(points), axis), half_angle, rtol=0, atol=1e-9)
@@ -132,7 +132,7 @@ def test_outline_lies_on_the_cone_and_on_the_map() -> None:
 
 def test_outline_goes_all_the_way_round_without_a_streak() -> None:
     for axis, half_angle in _cones():
-        first, second = _steps(unfolded.outline(axis, half_angle))
+        first, second = _steps(projections.outline(axis, half_angle))
         assert np.all(np.abs(second - first)[:, 0] <= 180)
         lengths = _angle(_direction(first), _direction(second))
         assert lengths.max() < np.deg2rad(0.6)
@@ -162,7 +162,7 @@ def test_region_holds_what_the_cone_holds_and_nothing_else() -> None:
         azimuth, elevation = np.rad2deg(
             [np.arctan2(probes[:, 1], probes[:, 0]), np.arcsin(np.clip(probes[:, 2], -1, 1))]
         )
-        rings = unfolded.region(axis, half_angle)
+        rings = projections.region(axis, half_angle)
         assert all(np.all(np.abs(ring) <= [180, 90]) for ring in rings)
         winding = _winding(rings, np.stack([azimuth, elevation], axis=-1)[clear])
         np.testing.assert_allclose(winding, depth[clear] > 0, atol=1e-6)
@@ -172,13 +172,13 @@ def test_region_holds_the_axis_and_not_its_opposite() -> None:
     rng = np.random.default_rng(2)
     for axis in rng.standard_normal((20, 3)):
         for half_angle in np.deg2rad([3, 45, 90, 135, 177]):
-            points = unfolded.unfold(np.stack([axis, -axis]))
-            winding = _winding(unfolded.region(_unit(axis), half_angle), points)
+            points = projections.unfold(np.stack([axis, -axis]))
+            winding = _winding(projections.region(_unit(axis), half_angle), points)
             np.testing.assert_allclose(winding, [1, 0], atol=1e-6)
 
 
 def test_a_line_is_cut_where_it_leaves_the_map() -> None:
-    line = unfolded.cut(
+    line = projections.cut(
         np.array([[170.0, 0.0], [-170.0, 10.0], [-175.0, 12.0], [175.0, 14.0], [180.0, 15.0]])
     )
     expected = [
@@ -193,7 +193,7 @@ def test_no_line_across_the_map_has_a_streak() -> None:
     for normal in [*rng.standard_normal((30, 3)), [0, 0, 1], [1, 0, 0], [0, 1e-9, 1]]:
         turned = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 400), _unit(normal)))
         way = turned.apply(_unit(np.cross(normal, [0.3, 0.5, 0.7])))
-        first, second = _steps(unfolded.cut(unfolded.unfold(way)))
+        first, second = _steps(projections.cut(projections.unfold(way)))
         assert np.all(np.abs(second - first)[:, 0] <= 180)
         # where it is cut, the chord on the map leaves the great circle by far less than a step
         assert _angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400

@@ -15,7 +15,7 @@ from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan import so3
-from jaxplan.planner.asked import as_filed
+from jaxplan.planner.runs import as_filed
 from jaxplan.scenario import load_scenario, with_settings
 
 PACKAGE = Path(jp.__file__).parent

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxplan.runtime import quick_jit as quick
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime import jit as quick
+from jaxplan.runtime.jit import quick_jit
 
 
 @quick_jit

@@ -5,8 +5,8 @@ import pytest
 
 from jaxplan.model.path import Path
 from jaxplan.model.status import Status
+from jaxplan.search.mha import Race
 from jaxplan.search.problem import SearchResult
-from jaxplan.search.race import Race
 
 PATH = Path(attitudes=np.eye(3)[None], joints=np.zeros((1, 2)), edge_costs=np.zeros(0))
 HEAD_START = 3

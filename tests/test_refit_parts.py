@@ -22,16 +22,15 @@ import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
-from jaxplan.planner.chain import fit
-from jaxplan.trajectory.basis import end_derivatives
+from jaxplan.paper import segments
+from jaxplan.paper.derivative import PaperFitRecord, nominal_duration, refit
+from jaxplan.paper.segments import ChainRequest, PathNodes, plan_chains
+from jaxplan.planner.meeting import fit
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.optimality import energy_of, offset_of
-from jaxplan.trajectory.paper import segments
-from jaxplan.trajectory.paper.derivative import PaperFitRecord, nominal_duration, refit
-from jaxplan.trajectory.paper.segments import ChainRequest, PathNodes, plan_chains
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
-from jaxplan.trajectory.splines import weighted
+from jaxplan.trajectory.splines import end_derivatives, weighted
 
 FITS = {
     "the long way round": lambda: plan_of("limits of the platform, the long way round"),

@@ -12,22 +12,14 @@ from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
+from jaxplan.paper.rrt_star import Star
 from jaxplan.planner.goals import find_goals
 from jaxplan.runtime.batching import Seconds
-from jaxplan.search import (
-    PLANNERS,
-    Scene,
-    SearchResult,
-    add_planner,
-    mha_rules,
-    remove_planner,
-    search_batch,
-)
+from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, mha, remove_planner, search_batch
 from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
 from jaxplan.search.multi_heuristic import Search
-from jaxplan.search.rrt import Space
 from jaxplan.search.rrt_connect import Connect
-from jaxplan.search.rrt_star import Star
+from jaxplan.search.trees import Space
 
 REACH = Kernel(lambda scene, times, gate: times * scene.goal_joints)
 TURN = Kernel(lambda scene, gate: scene.goal_attitude[0])
@@ -52,7 +44,7 @@ class Tally:
 
 
 def informed(scene: Scene, settings: SearchSettings) -> SearchRun:
-    return Search(scene, settings, mha_rules.rules(scene))
+    return Search(scene, settings, mha.rules(scene))
 
 
 def trees(scene: Scene, settings: SearchSettings) -> SearchRun:

@@ -7,10 +7,9 @@ from heavens import TEME_ACCURACY, almanac_sun, on_the_ground, teme_to_j2000
 
 from jaxplan import orbits, sky
 from jaxplan.epochs import parse_epoch
-from jaxplan.geometry.directions import separation
-from jaxplan.sky import instants
-from jaxplan.sky.frames import teme_to_gcrs
-from jaxplan.sky.instants import elapsed
+from jaxplan.geometry.vectors import separation
+from jaxplan.sky import frames
+from jaxplan.sky.frames import elapsed, teme_to_gcrs
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")
 
@@ -240,7 +239,7 @@ def test_a_missing_extra_is_named(monkeypatch):
     def absent(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr(instants, "import_module", absent)
+    monkeypatch.setattr(frames, "import_module", absent)
     assert sky.directions("earth", epoch=EPOCH, observer=LOW).shape == (3,)  # nothing but two-body motion
     with pytest.raises(ImportError, match=r"pyerfa is missing: pip install 'jaxplan\[orbit\]'"):
         sky.directions("sun", epoch=EPOCH, observer=LOW)

@@ -12,7 +12,7 @@ import pytest
 import jaxplan as jp
 from jaxplan import scenario as sc
 from jaxplan import sky
-from jaxplan.sky import instants
+from jaxplan.sky import frames
 from jaxplan.tuning.parameters import find_number
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")
@@ -244,7 +244,7 @@ def test_a_file_that_needs_an_absent_extra_says_so(monkeypatch):
     def absent(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr(instants, "import_module", absent)
+    monkeypatch.setattr(frames, "import_module", absent)
     assert faults_of() == tuple(
         f"keep_out[{i}].body = \"{body}\": pyerfa is missing: pip install 'jaxplan[orbit]'"
         for i, body in ((0, "sun"), (3, "moon"))

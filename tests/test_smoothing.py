@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.search import PLANNERS, Scene, mha_rules, multi_heuristic, smoothing
+from jaxplan.search import PLANNERS, Scene, mha, multi_heuristic, smoothing
 from jaxplan.search.calls import Scenes
-from jaxplan.search.corners import make_path, subdivide
 from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, steps_between
-from jaxplan.search.smoothing import bands
+from jaxplan.search.smoothing import smoother
+from jaxplan.search.smoothing.shortcut import make_path, subdivide
 from jaxplan.search.smoothing.smoother import LENGTHENING
 from jaxplan.search.tree import make_root
 
@@ -57,7 +57,7 @@ def blocked(terminals: int, instruments: int, seed: int = 0, share: float = 0.6)
 def found_path(scenario: Scenario, scene: Scene, **changes: object) -> Path:
     """A path that the search has found, and that nobody has cut short."""
     settings = replace(scenario.search, **changes)
-    return multi_heuristic.search_by(mha_rules.rules(scene), Scenes([scene]), [settings])[0].path
+    return multi_heuristic.search_by(mha.rules(scene), Scenes([scene]), [settings])[0].path
 
 
 def sampled_margins(scene: Scene, path: Path, samples: int = 17) -> np.ndarray:
@@ -182,10 +182,12 @@ def test_a_node_that_is_no_number_is_never_clear(lost):
     scenario = blocked(3, 0)
     scene = scene_of(scenario)
     path = found_path(scenario, scene)
-    attitudes, joints = bands.padded(path.attitudes, path.joints, bands.EDGES)
+    attitudes, joints = smoother.padded(path.attitudes, path.joints, smoother.EDGES)
     (attitudes if lost == "attitude" else joints)[5] = np.nan
     with jax.enable_x64(True):
-        margins, slacks = bands.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[:2]
+        margins, slacks = smoother.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[
+            :2
+        ]
     assert not np.any(margins[4:6] >= 0)
     assert not np.any(slacks[4:6] >= 0)
 

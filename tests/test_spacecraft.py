@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan.geometry.directions import pointing
+from jaxplan.geometry.vectors import pointing
 from jaxplan.model import spacecraft
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 

@@ -3,7 +3,7 @@ import time
 import jax
 import numpy as np
 
-from jaxplan.runtime.stopwatch import working_time
+from jaxplan.runtime.jit import working_time
 
 
 def test_the_clock_stands_still_while_jax_compiles_and_runs_otherwise():

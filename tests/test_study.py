@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.runtime.threads import _libraries
+from jaxplan.runtime.workers import _libraries
 from jaxplan.scenario import with_settings
-from jaxplan.study import work
+from jaxplan.study import blocks
 from jaxplan.study.rows import COLUMNS, TIMES
 
 SEEDS = range(5)
@@ -82,7 +82,7 @@ def test_settings_leave_the_scene_as_it_is_to_the_last_bit():
 
 
 def test_all_faults_of_settings_are_named_before_anything_is_planned(monkeypatch):
-    monkeypatch.setattr(work, "plan_batch", lambda *_, **__: pytest.fail("planned"))
+    monkeypatch.setattr(blocks, "plan_batch", lambda *_, **__: pytest.fail("planned"))
     with pytest.raises(jp.ScenarioError) as caught:
         jp.run_study(
             SEEDS,
@@ -156,8 +156,8 @@ def test_a_scene_that_raises_is_a_row_and_the_others_are_planned(study, monkeypa
             raise ZeroDivisionError("float division by zero")
         return jp.plan(scenario, **options)
 
-    monkeypatch.setattr(work, "plan_batch", broken_batch)
-    monkeypatch.setattr(work, "plan", broken_plan)
+    monkeypatch.setattr(blocks, "plan_batch", broken_batch)
+    monkeypatch.setattr(blocks, "plan", broken_plan)
     found = jp.run_study(SEEDS, "keep_in", progress=False)
     crashed = found.table[3]
     assert crashed["status"] == "crashed"

@@ -14,8 +14,8 @@ from scipy.stats import binom, binomtest
 
 import jaxplan as jp
 from jaxplan.plotting import study_figure
-from jaxplan.plotting.study_panels import QUANTITIES
-from jaxplan.study.lines import TABLE, TIMINGS
+from jaxplan.plotting.study_figures import QUANTITIES
+from jaxplan.study.rows import TABLE, TIMINGS
 from jaxplan.study.run import run_task
 
 

@@ -16,10 +16,8 @@ from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.blocks import AIM, BLOCK, LARGEST, Blocks, in_blocks
-from jaxplan.study.engine import by_workers
+from jaxplan.study.blocks import AIM, APART, BLOCK, LARGEST, Blocks, by_workers, in_blocks, plan_chunk
 from jaxplan.study.run import run_task
-from jaxplan.study.work import APART, plan_chunk
 
 SCENES = 90
 

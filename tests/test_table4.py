@@ -7,8 +7,7 @@ from scenes import edge_states, make_scenario, sampled_margin, scene_of
 from jaxplan import table4
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepOut
-from jaxplan.search.corners import make_path
-from jaxplan.table4 import comparison
+from jaxplan.search.smoothing.shortcut import make_path
 
 
 def straight_path(scene, edges: int) -> Path:
@@ -65,7 +64,7 @@ def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
 
 
 def test_scenes_proved_infeasible_are_left_out(monkeypatch):
-    monkeypatch.setattr(comparison, "find_barrier", lambda scene: object())
+    monkeypatch.setattr(table4, "find_barrier", lambda scene: object())
     (row,) = table4.compare(("keep_out",), ("mha",), count=1)
     assert row.scenes == row.found == 0
     assert "0/0" in table4.format_table([row])

@@ -11,8 +11,8 @@ import jaxplan as jp
 from jaxplan.planner.check import start_breaches
 from jaxplan.scenario import parse_scenario
 from jaxplan.scenario.layout import SCENARIO
+from jaxplan.scenario.spelling import template
 from jaxplan.scenario.tables import Either, Rows, Table
-from jaxplan.scenario.template import template
 
 OPTION = re.compile(r"#(?=[\w\[])")
 

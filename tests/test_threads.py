@@ -4,7 +4,7 @@ import pytest
 
 import jaxplan as jp
 from jaxplan import sensitivity
-from jaxplan.runtime.threads import _libraries, one_thread
+from jaxplan.runtime.workers import _libraries, one_thread
 
 
 def numbers() -> list[int]:

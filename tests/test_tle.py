@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxplan import orbits, sky
-from jaxplan.sky.satellites import tle_state_teme
-from jaxplan.sky.tle import check_sum
+from jaxplan.sky.satellites import check_sum, tle_state_teme
 
 api = pytest.importorskip("sgp4.api", reason="sgp4 is not installed")
 PUBLISHED = Path(api.__file__).parent

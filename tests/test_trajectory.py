@@ -13,8 +13,8 @@ from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.paper import segments
 from jaxplan.trajectory import Trajectory, evaluate
-from jaxplan.trajectory.paper import segments
 
 STORED = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in NAMES for s in (None, 3)])
 ZIG_ZAGS = pytest.mark.parametrize(("name", "segments"), [(n, s) for n in ZIG_ZAG for s in (None, 3)])

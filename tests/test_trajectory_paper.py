@@ -13,8 +13,8 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
+from jaxplan.paper import qp
 from jaxplan.trajectory import Samples, Trajectory
-from jaxplan.trajectory.paper import qp
 
 INERTIA = np.array([[120.0, 5.0, -3.0], [5.0, 90.0, 2.0], [-3.0, 2.0, 60.0]])
 

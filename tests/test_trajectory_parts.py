@@ -13,9 +13,9 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import basis, peaks, schedule
-from jaxplan.trajectory.paper import qp, segments
-from jaxplan.trajectory.paper.segments import assemble
+from jaxplan.paper import qp, segments
+from jaxplan.paper.segments import assemble
+from jaxplan.trajectory import peaks, schedule, splines
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
 
@@ -25,10 +25,10 @@ def test_values_and_derivatives_are_those_of_numpy(order):
     x, rng = np.linspace(-1, 1, 41), np.random.default_rng(0)
     c = rng.normal(size=order + 1)
     for power in range(4):
-        own = basis.legendre(x, order) @ np.linalg.matrix_power(basis.derivative_matrix(order), power) @ c
+        own = splines.legendre(x, order) @ np.linalg.matrix_power(splines.derivative_matrix(order), power) @ c
         expected = reference.legval(x, reference.legder(c, power))
         np.testing.assert_allclose(own, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-    ends = basis.end_derivatives(order)
+    ends = splines.end_derivatives(order)
     for side, end in enumerate((-1.0, 1.0)):
         for power in (1, 2):
             assert ends[side, power - 1] @ c == pytest.approx(
@@ -42,12 +42,12 @@ def test_energy_is_the_integral_of_the_squared_derivative(order, derivative):
     x, weights = reference.leggauss(order + 1)
     c = np.random.default_rng(1).normal(size=order + 1)
     expected = weights @ reference.legval(x, reference.legder(c, derivative)) ** 2
-    assert c @ basis.energy(order, derivative) @ c == pytest.approx(expected, rel=1e-12)
-    assert np.linalg.matrix_rank(basis.energy(order, derivative)) == order + 1 - derivative
+    assert c @ splines.energy(order, derivative) @ c == pytest.approx(expected, rel=1e-12)
+    assert np.linalg.matrix_rank(splines.energy(order, derivative)) == order + 1 - derivative
 
 
 def test_the_basis_follows_the_precision_of_its_input():
-    assert basis.legendre(jnp.ones(3, jnp.float32), 12).dtype == jnp.float32
+    assert splines.legendre(jnp.ones(3, jnp.float32), 12).dtype == jnp.float32
 
 
 def solve(program: qp.SegmentQP) -> np.ndarray | None:
@@ -67,7 +67,7 @@ def join_program(limit: float) -> tuple[qp.SegmentQP, np.ndarray]:
         rate_weight=1.0,
         acceleration_weight=3.0,
     )
-    ends = basis.end_derivatives(12)
+    ends = splines.end_derivatives(12)
     program = qp.SegmentQP(
         objective=joints.objective[0],
         equalities=np.concatenate([joints.node_rows[0, joints.present[0]], ends[0]]),

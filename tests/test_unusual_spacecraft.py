@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.path import Goal
 from jaxplan.planner.check import certify
-from jaxplan.search.holding import held_axes
+from jaxplan.search.problem import held_axes
 
 METHODS = ("mha", "rrt_connect")
 INSTANTS = 6001

@@ -6,7 +6,7 @@ import pytest
 from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
-from jaxplan.geometry.directions import separation
+from jaxplan.geometry.vectors import separation
 from jaxplan.model import constraints, zones
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count

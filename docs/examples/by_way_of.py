@@ -8,8 +8,8 @@ from jaxplan.search import add_planner
 from jaxplan.search.calls import Scenes
 from jaxplan.search.multi_heuristic import straight_paths
 from jaxplan.search.problem import SearchResult
-from jaxplan.search.rrt import Space
 from jaxplan.search.smoothing import smooth_results
+from jaxplan.search.trees import Space
 
 TRIES = 16  # random states that are looked at together
 

@@ -29,7 +29,7 @@ from jaxplan.cases.random_starts import (
     straight_states,
 )
 from jaxplan.model.constraints import constraint_margins, state_margins
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import GivenState
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone, tabulate
 

@@ -21,7 +21,7 @@ from jaxplan.model.path import Goal, motion
 from jaxplan.model.scenario import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft, body_boresights, joints_along
 from jaxplan.model.zones import tabulate
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime.jit import quick_jit
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)

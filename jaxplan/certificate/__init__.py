@@ -3,8 +3,8 @@
 It reads only what a trajectory is (charts, breaks, polynomial coefficients) and evaluates it anew in plain
 numpy, from the definition of the curve; it shares no code with the making of trajectories. On short
 intervals everything is replaced by polynomials through samples. Bounds of higher derivatives, taken from the
-coefficients, say how far those may be off (`errors`), and subdivision bounds the polynomials (`bounds`). So
-what is reported holds for all times and not for samples. Zones that move are taken as they move (`axes`).
+coefficients, say how far those may be off, and subdivision bounds the polynomials (both `bounds`). So
+what is reported holds for all times and not for samples. Zones that move are taken as they move (`motion`).
 
 Allowances. A margin is certified from -1e-9 rad on, a limit up to 1 + 1e-9 of it. What the polynomials leave
 out is kept to a hundredth of that (it is counted into the bounds, so that a margin of exactly zero reads as
@@ -12,8 +12,7 @@ about -1e-11), and evaluation in float64 errs by less than a thousandth, 1e-12, 
 extended precision; an estimate of it is counted in as well.
 """
 
-from jaxplan.certificate.cases import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE
-from jaxplan.certificate.proof import certify, certify_batch, prove_margins
+from jaxplan.certificate.proof import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, certify, certify_batch, prove_margins
 from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
 
 __all__ = [

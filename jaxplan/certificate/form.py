@@ -13,7 +13,7 @@ from jaxplan.certificate.report import EndState
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints
-    from jaxplan.model.moving import DirectionPath
+    from jaxplan.model.directions import DirectionPath
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.trajectory.curve import Trajectory
 
@@ -29,7 +29,7 @@ Container = TypeVar("Container", "Trajectory", "Constraints")
 
 def _arrays(container: Any) -> dict[str, np.ndarray]:
     fields = (f.name for f in dataclasses.fields(container) if not f.metadata.get("static"))
-    fields = (name for name in fields if name != "paths")  # of constraints: `axes` reads them
+    fields = (name for name in fields if name != "paths")  # of constraints: `motion` reads them
     return {name: np.asarray(getattr(container, name), np.float64) for name in fields}
 
 

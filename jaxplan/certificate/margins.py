@@ -26,12 +26,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from jaxplan.certificate import bounds
-from jaxplan.certificate.axes import Way
-from jaxplan.certificate.bounds import LEBESGUE, Layout, Minima, Rows
-from jaxplan.certificate.errors import Evidence
+from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.form import BODY, INERTIAL, JOINTS, SIGHT
-from jaxplan.certificate.motion import DEGREE, Motion, Samples, Views, places
-from jaxplan.certificate.pieces import ROUNDING
+from jaxplan.certificate.motion import DEGREE, Motion, Samples, Views, Way, places
+from jaxplan.certificate.series import ROUNDING
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints

@@ -60,7 +60,7 @@ def _new(options: argparse.Namespace) -> int:
 def _text(source: str | None) -> str:
     """The template, or the file of a case."""
     from jaxplan.cases import CASE_NAMES, case_path
-    from jaxplan.scenario.template import template
+    from jaxplan.scenario.spelling import template
 
     if source is None:
         return template()
@@ -104,8 +104,7 @@ def _findings(name: str) -> dict[str, Any]:
 
 def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
     """List what the start breaks, and the goal where it is a given state among nothing that moves."""
-    from jaxplan.model.moments import moves
-    from jaxplan.model.scenario import GivenState
+    from jaxplan.model.scenario import GivenState, moves
     from jaxplan.planner import Plan
     from jaxplan.planner.check import start_breaches
     from jaxplan.planner.goals import find_goals

@@ -122,7 +122,7 @@ def _setting(text: str) -> tuple[str, Any]:
 def _report(options: argparse.Namespace) -> int:
     """Say what studies in folders found, and how they compare where there are two or more."""
     from jaxplan.study import compare_studies, load_study
-    from jaxplan.study.lines import HEADER
+    from jaxplan.study.rows import HEADER
 
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
         if getattr(options, name) is not None:

@@ -1,4 +1,11 @@
-"""Whom each terminal of a shell points at, before and after a switch of the topology, and who can be seen.
+"""Spacecraft of a constellation, and the links that they can hold.
+
+The spacecraft of a shell where the caller names none: a platform with three laser terminals.
+
+Where a satellite looks is said in its local frame: x ahead, in the direction of flight, y to the left, z up.
+An attitude that has the body's axes there is the nominal one.
+
+Whom each terminal of a shell points at, before and after a switch of the topology, and who can be seen.
 
 A topology is an array (T, n): for each satellite the number of the satellite that each of its terminals
 points at. Those made here are mutual: where A has a terminal for B, B has one for A. Only the outer planes of
@@ -9,6 +16,7 @@ pair with those to their east, odd ones with those to their west; at the switch 
 four, it has one to the east and one to the west, the nearest ones; at the switch both go to the next slot.
 """
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -17,8 +25,49 @@ from jax import Array
 
 from jaxplan import orbits
 from jaxplan.constellation.shell import Shell
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.model.spacecraft import Spacecraft, Terminal
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.scenario import ScenarioError
+
+
+def relay_spacecraft() -> Spacecraft:
+    """A platform with a terminal to the front, one to the back, and one to its left side for cross links.
+
+    Each turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2. The
+    platform turns at up to 1 deg/s and 0.5 deg/s^2.
+    """
+    terminals = (("fore", 0.0), ("aft", 180.0), ("cross", 90.0))
+    return Spacecraft(
+        terminals=tuple(
+            Terminal(
+                name=name,
+                mount=math.radians(mount),
+                yaw_limit=math.radians(80.0),
+                pitch_limit=math.radians(30.0),
+                rate_limit=math.radians(6.0),
+                acceleration_limit=math.radians(4.0),
+            )
+            for name, mount in terminals
+        ),
+        rate_limit=math.radians(1.0),
+        acceleration_limit=math.radians(0.5),
+    )
+
+
+def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Attitudes with the body's x axis ahead and its z axis up.
+
+    Args:
+        positions: (N, 3) inertial.
+        velocities: (N, 3) of circular orbits.
+
+    Returns:
+        (N, 3, 3) body to inertial.
+    """
+    up = positions / np.linalg.norm(positions, axis=-1, keepdims=True)
+    ahead = velocities / np.linalg.norm(velocities, axis=-1, keepdims=True)
+    return np.stack([ahead, np.cross(up, ahead), up], axis=-1)
+
 
 WHEN = ("before", "after")
 

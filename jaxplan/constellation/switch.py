@@ -17,26 +17,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.constellation.craft import nominal_attitudes, relay_spacecraft
 from jaxplan.constellation.links import (
     WHEN,
     checked_topology,
     default_topologies,
     lines_of_sight,
+    nominal_attitudes,
+    relay_spacecraft,
     unreachable,
 )
 from jaxplan.constellation.problems import LinkSwitch
-from jaxplan.constellation.shell import Shell, is_number
-from jaxplan.constellation.sun import in_the_sun, waiting_directions
+from jaxplan.constellation.shell import Shell, in_the_sun, is_number, waiting_directions
 from jaxplan.decomposition import decompose
-from jaxplan.decomposition.nearest import nearest_attitudes
+from jaxplan.decomposition.multistart import nearest_attitudes
 from jaxplan.given import expect
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.orbits import EARTH_RADIUS
 from jaxplan.scenario import ScenarioError
-from jaxplan.scenario.taking import checked_spacecraft
+from jaxplan.scenario.reading import checked_spacecraft
 
 SUN_OUTAGES = ("wait", "keep")
 

@@ -5,9 +5,9 @@ Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R
 on, such as a zone that binds a body-fixed instrument. It has up to a dozen local minima; the first goal is
 the global one, the others are the next best.
 
-`pairs` tells what the attitude decides on, `caps` writes that in one form, `covering` rules out where there
-is no solution, `descent` finds local minima from many starts at once, `multistart` makes the global one of
-it. `sensitivity` has the goals' derivatives. Attitudes are body to inertial, angles in radians, joints all
+`caps` tells what the attitude decides on, and writes it in one form; `descent` finds local minima from many
+starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
+ones. `sensitivity` has the goals' derivatives. Attitudes are body to inertial, angles in radians, joints all
 yaws and then all pitches.
 """
 
@@ -79,7 +79,7 @@ def decompose(
 
     What the targets settle is left to the caller, such as zones that only bind terminals: these point at
     their targets whatever the attitude. So is what depends on joints in another way than by a boresight's
-    direction or a bound of one joint (`pairs.leaves_open`).
+    direction or a bound of one joint (`caps.leaves_open`).
 
     Args:
         spacecraft: its terminals and instruments, any number of either.

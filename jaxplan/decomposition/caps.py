@@ -1,4 +1,21 @@
-"""The constraints of problem (7) in one form: caps that directions must stay out of.
+"""Pairs and groups of step 1 as caps: cones about body axes that a target's direction stays out of.
+
+Caps of which not all need be clear: the kernels' side of groups.
+
+A group asks for one of its members, a member for all of its caps. Lanes are the last axis, m caps the first.
+
+What each pair of a row and a sight asks of the attitude at a goal.
+
+At a goal a terminal points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
+known, then, where they are in one of two frames: targets and inertial axes in the inertial one, boresights of
+instruments and axes of the body in the body's. A pair of the same frame is settled whatever the attitude; one
+of either is a cap that a direction keeps out of (`caps`). So is a row of joints that bounds a yaw or a pitch
+alone. All other pairs depend on what the joints are: step 1 leaves them open, and who uses a goal checks them
+in its state.
+
+All of it computes with numpy or JAX, as its arguments do. Shapes: Z rows, S sights.
+
+The constraints of problem (7) in one form: caps that directions must stay out of.
 
 With ``R = R0 E`` an inertial direction ``z`` has the body components ``E^T R0^T z``. Every constraint on the
 goal keeps one such vector out of a cap of the unit sphere in body axes, of axis ``a`` and half-angle ``h``:
@@ -14,7 +31,7 @@ So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is mis
 Constraints of which one is enough (a yaw range wider than half a turn, entries of one constraint) are members
 of a group; a member may have several caps, all of which must be clear.
 
-What the attitude does not decide gives no cap (`pairs`): an entry is held against what is settled, and where
+What the attitude does not decide gives no cap (`caps`): an entry is held against what is settled, and where
 a constraint has an entry that nothing of a cap stands against, it gives none at all.
 """
 
@@ -23,14 +40,156 @@ from dataclasses import dataclass, replace
 from itertools import chain, product
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
-from jaxplan.decomposition.pairs import Pairs, pairs_at_goal, single_yaws
-from jaxplan.geometry.directions import separation
-from jaxplan.model.constraints import JOINTS, Constraints, best_entries, chosen_entries
-from jaxplan.model.sights import Sights
+from jaxplan.geometry.vectors import AnyArray, arrays, separation
+from jaxplan.model.constraints import (
+    BODY,
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    best_entries,
+    chosen_entries,
+    pair_margins,
+)
+from jaxplan.model.directions import Sights
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
+
+
+def group_excess(excess: Array, member: Array, group: Array) -> Array:
+    """Excess of each group: the worst cap of its best member.
+
+    Args:
+        excess: (m, K) of every cap.
+        member: (m,) number of each cap's member, ascending.
+        group: (m,) number of each cap's group.
+
+    Returns:
+        (m, K), -inf for numbers that no group has.
+    """
+    of_group, _, _ = _by_group(excess, member, group)
+    return jnp.where(of_group < jnp.inf, of_group, -jnp.inf)
+
+
+def applies(excess: Array, member: Array, group: Array) -> Array:
+    """Which caps belong to the best member of their group, the first one where several are as good.
+
+    Args:
+        excess: (m, K) of every cap.
+        member: (m,) number of each cap's member, ascending.
+        group: (m,) number of each cap's group.
+
+    Returns:
+        (m, K) bool.
+    """
+    of_group, of_member, group_of = _by_group(excess, member, group)
+    count = excess.shape[0]
+    best = jnp.where(of_member <= of_group[group_of], jnp.arange(count)[:, None], count)
+    chosen = jax.ops.segment_min(best, group_of, num_segments=count)
+    return chosen[group] == member[:, None]
+
+
+def _by_group(excess: Array, member: Array, group: Array) -> tuple[Array, Array, Array]:
+    """Excess of each group and each member, +inf for numbers not used, and the group of each member."""
+    count = excess.shape[0]
+    of_member = jax.ops.segment_max(excess, member, num_segments=count, indices_are_sorted=True)
+    used = jnp.zeros(count, bool).at[member].set(True)
+    of_member = jnp.where(used[:, None], of_member, jnp.inf)
+    group_of = jnp.zeros_like(group).at[member].set(group)
+    return jax.ops.segment_min(of_member, group_of, num_segments=count), of_member, group_of
+
+
+class Pairs(NamedTuple):
+    """Every pair at a goal.
+
+    Attributes:
+        settled: (Z, S) bool, pairs that the attitude changes nothing about.
+        margin: (Z, S) rad, of those that are settled.
+        capped: (Z, S) bool, pairs that are caps. A bound of a yaw is one beside others, see `caps`.
+        axis: (Z, S, 3) of the cap, unit vectors in body axes.
+        direction: (Z, S, 3) unit vectors that stay out of the caps, inertial.
+        half_angle: (Z, S) rad.
+    """
+
+    settled: AnyArray
+    margin: AnyArray
+    capped: AnyArray
+    axis: AnyArray
+    direction: AnyArray
+    half_angle: AnyArray
+
+
+def pairs_at_goal(rows: Constraints, sights: Sights, directions: ArrayLike) -> Pairs:
+    """All pairs of a scene as they are at a goal.
+
+    Args:
+        rows: the constraints, at an instant.
+        sights: what they bind.
+        directions: (n, 3) inertial unit vectors that the terminals point along.
+    """
+    xp, toward, fixed, axis = arrays(directions, sights.fixed, rows.axis)
+    side, half_angle = rows.side[:, None], rows.half_angle[:, None]
+    known = _known(sights)
+    seen = xp.concatenate([toward, fixed, xp.zeros(sights.carried.shape, toward.dtype)])
+    frame = rows.frame[:, None]
+    if rows.inner:
+        another = frame == SIGHT
+        axis = xp.where(another, seen[rows.partner], axis)
+        frame = xp.where(another, xp.asarray(known)[rows.partner][:, None], frame)
+    in_body = known == BODY
+    mixed = ((frame == INERTIAL) & in_body) | ((frame == BODY) & (known == INERTIAL))
+    pairs = Pairs(
+        settled=rows.bound & (frame == known) & (known != JOINTS),
+        margin=pair_margins(rows, seen, axis),
+        capped=rows.bound & mixed,
+        axis=side[..., None] * xp.where(in_body[:, None], seen, axis[:, None]),
+        direction=xp.where(in_body[:, None], axis[:, None], seen),
+        half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
+    )
+    return _with_joints(pairs, rows, sights, seen) if rows.inner else pairs
+
+
+def _known(sights: Sights) -> np.ndarray:
+    """The frame (S,) in which each sight is known at a goal; `JOINTS` where it takes the joints to know."""
+    counts = [sights.mounts.shape[0], sights.fixed.shape[0], sights.carried.shape[0]]
+    return np.repeat([INERTIAL, BODY, JOINTS], counts)
+
+
+def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, seen: AnyArray) -> Pairs:
+    """The pairs with caps for rows of joints that bound a yaw or a pitch alone."""
+    xp, normal, bound, mounts = arrays(rows.axis, rows.half_angle, sights.mounts)
+    of_yaw, sign = single_yaws(rows), xp.sign(normal[:, 0] + normal[:, 1])
+    rest = np.zeros(rows.bound.shape[1] - mounts.shape[0])
+    edge = xp.concatenate([mounts, rest]) + (sign * (bound - np.pi / 2))[:, None]
+    yaw_axis = xp.stack([xp.cos(edge), xp.sin(edge), xp.zeros_like(edge)], axis=-1)
+    pitch_axis = -sign[:, None, None] * np.array([0.0, 0.0, 1.0])
+    half_angle = np.pi / 2 + xp.where(of_yaw, 0, bound)[:, None]
+    ours = (rows.frame == JOINTS)[:, None]
+    alone = of_yaw | (normal[:, 0] == 0)
+    return pairs._replace(
+        capped=xp.where(ours, rows.bound & alone[:, None], pairs.capped),
+        axis=xp.where(ours[..., None], xp.where(of_yaw[:, None, None], yaw_axis, pitch_axis), pairs.axis),
+        direction=xp.where(ours[..., None], seen, pairs.direction),
+        half_angle=xp.where(ours, half_angle, pairs.half_angle),
+    )
+
+
+def single_yaws(rows: Constraints) -> AnyArray:
+    """(Z,) bool, the rows of joints that bound a yaw alone."""
+    return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
+
+
+def leaves_open(rows: Constraints, sights: Sights, directions: ArrayLike) -> bool:
+    """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
+    pairs = pairs_at_goal(rows, sights, directions)
+    return bool(np.any(rows.bound & ~pairs.settled & ~pairs.capped))
+
 
 HAIR = 1e-12
 """rad; caps are wider than the constraints by this, so that rounding breaks none."""
@@ -91,7 +250,7 @@ def assemble(
 ) -> Caps:
     """The caps of a goal at which the terminals point along given directions.
 
-    Pairs that are settled or open, see `pairs`, give no cap. A constraint of several entries gives none
+    Pairs that are settled or open, see `caps`, give no cap. A constraint of several entries gives none
     either when one of these holds for that reason or may hold, or when none can.
 
     Args:

@@ -1,19 +1,214 @@
-"""All minima of problem (7), the global one first, and the least change that makes a problem solvable.
+"""Where step 1 begins: a covering of SO(3), its nearest points, and the best that descents find.
 
-The descents start from the points of the covering that may have a solution near them, those of the least
+**A covering of all attitudes**, and which of its points can have a solution near them. The points are a
+super-Fibonacci spiral on the unit quaternions: any attitude is within `RADIUS` of one of them. A direction in
+body axes moves by no more than the attitude turns, so an attitude clear of all caps is within `RADIUS` of a
+point that is inside no cap by more than `RADIUS`. Points that are, are ruled out; where all are, the problem
+is proved to have no solution.
+
+**The nearest goals of many satellites at once**, from a few starts each, without zones. `decompose` starts
+from as many attitudes as it takes to find the global minimum. This starts from four, quarter turns about the
+body's z axis from the start; what has no answer then is left to `decompose`.
+
+**How fast a goal follows** targets and zones that move: the rates at which tracking begins. The goal as a
+function of time is the optimum of problem (7) with the targets and zones of each instant. Its derivative
+(`sensitivity`) by their directions, times the rates of these, is the platform's angular velocity; with it the
+joints' rates are those that keep every terminal on its target.
+
+**All minima of problem (7)**, the global one first, and the least change that makes a problem solvable. The
+descents start from the points of the covering that may have a solution near them, those of the least
 slew first: a solution of slew ``theta`` lies near a point of slew below ``theta + RADIUS``, so once all of
 those have been started from, nothing better is left to find. Starts spread over the others find further
 minima.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-from jaxplan.decomposition import covering
-from jaxplan.decomposition.caps import Caps
-from jaxplan.decomposition.descent import Minima, descend
+from jaxplan import quaternion
+from jaxplan.decomposition.caps import Caps, assemble, group_excess
+from jaxplan.decomposition.descent import Minima, descend, descent_ends
+from jaxplan.decomposition.sensitivity import goal_in_time
 from jaxplan.geometry import rotations
+from jaxplan.model.constraints import Constraints
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
+from jaxplan.runtime.jit import quick_jit
+
+POINTS = 4096
+RADIUS = 0.25
+"""rad; the largest distance found of any attitude to the nearest point is 0.2455."""
+BEYOND = 704
+"""Points taken twice: those within `RADIUS` of half a turn, (r + sin r) / pi of all, and a few more."""
+
+# The spiral turns by 1 / _FIRST and 1 / _SECOND of a circle a point in its two planes. Both come from the
+# positive roots of x^4 = x + 4 and x^2 = 2, which keep the points apart best.
+_FIRST = np.sqrt(2.0)
+_SECOND = 1.533751168755204288118041
+
+
+@lru_cache(maxsize=8)
+def covering_points(seed: int) -> np.ndarray:
+    """Unit quaternions (N, 4) in the order of their angle, the identity first.
+
+    The scalar part is above zero up to half a turn. The last points, below zero, are those near half a turn
+    once more, the longer way round: a solution near half a turn has a point near it on its own side, too.
+
+    Args:
+        seed: of a random turn of the whole covering.
+    """
+    step = np.arange(POINTS) + 0.5
+    share = step / POINTS
+    first, second = 2 * np.pi * step / _FIRST, 2 * np.pi * step / _SECOND
+    spiral = np.stack(
+        [
+            np.sqrt(share) * np.sin(first),
+            np.sqrt(share) * np.cos(first),
+            np.sqrt(1 - share) * np.sin(second),
+            np.sqrt(1 - share) * np.cos(second),
+        ]
+    )
+    turn = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=4)
+    turned = np.stack(rotations.product(turn / np.linalg.norm(turn), spiral), axis=-1)
+    both = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], turned, -turned])
+    return both[np.argsort(-both[:, 0], kind="stable")[: 1 + POINTS + BEYOND]]
+
+
+@lru_cache(maxsize=8)
+def _rotations(seed: int) -> np.ndarray:
+    """Rotation matrices of the points, entries first: (9, N), single precision."""
+    return np.array(rotations.matrix(covering_points(seed).T), dtype=np.float32).reshape(9, -1)
+
+
+def depths(caps: Caps, seed: int) -> np.ndarray:
+    """How far each point of the covering is from being possible.
+
+    Args:
+        caps: what directions must stay out of.
+        seed: of the covering.
+
+    Returns:
+        (N,) zero or less where a solution may lie within `RADIUS` of the point; larger the deeper the point
+        is inside a cap.
+    """
+    # a . E^T z is the sum of these times the entries of E
+    entries = np.einsum("mi,mj->mji", caps.axis, caps.direction).reshape(-1, 9)
+    reach = caps.half_angle - RADIUS
+    excluded = np.where(reach > 0, np.cos(reach), np.inf)
+    single = np.float32
+    return np.asarray(
+        _depths(entries.astype(single), excluded.astype(single), _rotations(seed), caps.member, caps.group)
+    )
+
+
+@quick_jit
+def _depths(entries: Array, excluded: Array, rotations: Array, member: Array, group: Array) -> Array:
+    depth = entries @ rotations - excluded[:, None]
+    return jnp.max(group_excess(depth, member, group), axis=0)
+
+
+TOGETHER = 256
+"""Problems of one call: there is one shape to compile."""
+_HALF = np.sqrt(0.5)
+_STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_HALF], [0.0, 0, 0, 1.0]])
+
+
+def nearest_attitudes(
+    spacecraft: Spacecraft, start_attitudes: np.ndarray, directions: np.ndarray, joint_limits: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each satellite the attitude nearest to a given one at which its terminals see their targets.
+
+    Args:
+        spacecraft: the same for all.
+        start_attitudes: (N, 3, 3) body to inertial, to which the answers are near.
+        directions: (N, n, 3) inertial unit vectors, one a terminal.
+        joint_limits: (2n,) rad.
+
+    Returns:
+        Attitudes (N, 3, 3), joints (N, 2n) within the limits, and (N,) bool whether they were found: without
+        it an attitude may still exist.
+    """
+    count = len(start_attitudes)
+    attitudes, joints = np.empty((count, 3, 3)), np.empty((count, len(joint_limits)))
+    found = np.empty(count, dtype=bool)
+    for first in range(0, count, TOGETHER):
+        rows = np.arange(first, min(first + TOGETHER, count))
+        padded = np.resize(rows, TOGETHER)
+        part = _nearest(spacecraft, start_attitudes[padded], directions[padded], joint_limits)
+        attitudes[rows], joints[rows], found[rows] = (values[: len(rows)] for values in part)
+    return attitudes, np.clip(joints, -joint_limits, joint_limits), found
+
+
+def _nearest(
+    spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray, limits: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    nowhere = tabulate((), (), spacecraft.device_names)
+    caps = assemble(spacecraft, starts[0], directions[0], limits, nowhere)  # the same caps for all
+    used = np.repeat(directions, 5, axis=1) @ starts  # five caps a terminal, see `caps`
+    toward = np.zeros((len(starts), *caps.direction.shape))
+    toward[:, : used.shape[1]] = used
+    with jax.enable_x64(True):
+        ends = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
+    quaternions, slew, excess, residual, curvature = ends[:, :4], *np.moveaxis(ends[:, 4:], 1, 0)
+    good = is_minimum(slew, excess, residual, curvature, LAST_TOLERANCE)
+    best = np.argmin(np.where(good, slew, np.inf), axis=-1)
+    chosen = np.take_along_axis(quaternions, best[:, None, None], axis=-1)[..., 0]
+    attitudes = starts @ quaternion.to_matrix(chosen)
+    return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
+
+
+_descents = quick_jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))
+
+
+def tracking_rates(
+    goal: Goal,
+    spacecraft: Spacecraft,
+    start_attitude: np.ndarray,
+    targets: Targets,
+    cones: Constraints,
+    *,
+    target_rates: np.ndarray,
+    axis_rates: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates of platform and joints at a goal, with which it follows what moves.
+
+    Args:
+        goal: one that `decompose` found for this problem.
+        spacecraft: terminals and instruments.
+        start_attitude: (3, 3) ``R0``, body to inertial.
+        targets: where they are when the manoeuvre ends, with limits.
+        cones: all constraints as they are then.
+        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
+        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
+
+    Returns:
+        (3,) angular velocity, rad/s, body axes, and (2n,) joint rates, rad/s: together they turn every
+        terminal's beam as its target turns, exactly. Where the optimum has no derivative, the platform's is
+        the one that `differentiable_goal` chooses.
+    """
+    place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
+    with jax.enable_x64(True):
+        found = _followed(
+            place,
+            spacecraft,
+            start_attitude,
+            targets,
+            cones,
+            target_rates=target_rates,
+            axis_rates=axis_rates,
+        )
+        return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
+
+
+_followed = quick_jit(goal_in_time)
+
 
 NEAR = 64
 """Lanes of a batch for the points with the least slew."""
@@ -46,14 +241,14 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
     Returns:
         (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by slew; none without a solution.
     """
-    points = covering.points(seed)
-    possible = np.flatnonzero(covering.depths(caps, seed) <= 0)
+    points = covering_points(seed)
+    possible = np.flatnonzero(depths(caps, seed) <= 0)
     slews = 2 * np.arccos(np.clip(points[possible, 0], -1, 1))
     rest = possible[NEAR:]
     spread = rest[np.linspace(0, len(rest) - 1, min(SPREAD, len(rest))).astype(int)]
     found = _minima_from(caps, points[np.concatenate([possible[:NEAR], spread])])
     for begin in range(NEAR, len(possible), NEAR + SPREAD):
-        if len(found) and slews[begin] > np.min(slew(found)) + covering.RADIUS:
+        if len(found) and slews[begin] > np.min(slew(found)) + RADIUS:
             break
         batch = points[possible[begin : begin + NEAR + SPREAD]]
         found = np.concatenate([found, _minima_from(caps, batch)])
@@ -121,8 +316,8 @@ def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -
     Returns:
         (4,) unit quaternion of ``E``.
     """
-    least_deep = np.argsort(covering.depths(widened(0), seed), kind="stable")
-    starts = covering.points(seed)[least_deep[: NEAR + SPREAD]]
+    least_deep = np.argsort(depths(widened(0), seed), kind="stable")
+    starts = covering_points(seed)[least_deep[: NEAR + SPREAD]]
     narrow, wide = 0.0, enough
     while wide - narrow > PRECISION:
         trial = (narrow + wide) / 2

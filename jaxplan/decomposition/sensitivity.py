@@ -24,10 +24,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import quaternion, so3
-from jaxplan.decomposition import quadratic
-from jaxplan.decomposition.descent import active_terms, angle_terms, cap_terms, turned
-from jaxplan.decomposition.pairs import pairs_at_goal, single_yaws
-from jaxplan.decomposition.quadratic import MET, Active
+from jaxplan.decomposition import descent
+from jaxplan.decomposition.caps import pairs_at_goal, single_yaws
+from jaxplan.decomposition.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.path import Goal
@@ -178,7 +177,7 @@ def _leant_on(turn: Array, caps: _Caps, matter: Array) -> tuple[Array, Array]:
     _, excess, gradients = cap_terms(turn, *caps)
     excess = jnp.where(matter[:, None], excess, MET)
     identity = jnp.eye(3, dtype=turn.dtype)
-    _, active, _ = quadratic.solve(identity[:, :, None], eta, gradients, excess)
+    _, active, _ = descent.solve(identity[:, :, None], eta, gradients, excess)
     return active.number[:, 0], active.multiplier[:, 0]
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxplan.epochs import utc_texts
-from jaxplan.exporting.sampled import Sampled
-from jaxplan.exporting.text import plain, progress, table_lines
+from jaxplan.exporting.sampled import Sampled, plain, progress, table_lines
 
 
 def write_aem(sampled: Sampled, path: Path) -> None:

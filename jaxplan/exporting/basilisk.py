@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.exporting.sampled import Sampled
-from jaxplan.exporting.text import progress, table_lines
+from jaxplan.exporting.sampled import Sampled, progress, table_lines
 
 
 def write_basilisk(sampled: Sampled, path: Path) -> None:

@@ -20,9 +20,7 @@ import numpy as np
 
 from jaxplan import quaternion
 from jaxplan.epochs import ephemeris_time
-from jaxplan.exporting.devices import instrument_frames, labels, terminal_motion
-from jaxplan.exporting.sampled import Sampled
-from jaxplan.exporting.text import plain, progress
+from jaxplan.exporting.sampled import Sampled, instrument_frames, labels, plain, progress, terminal_motion
 
 if TYPE_CHECKING:
     from jaxplan.model.spacecraft import Spacecraft

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxplan import quaternion
-from jaxplan.exporting.devices import labels, terminal_motion
-from jaxplan.exporting.sampled import Sampled
-from jaxplan.exporting.text import progress, table_lines
+from jaxplan.exporting.sampled import Sampled, labels, progress, table_lines, terminal_motion
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.epochs import utc_texts
-from jaxplan.exporting.sampled import Sampled
-from jaxplan.exporting.text import progress
+from jaxplan.exporting.sampled import Sampled, progress
 
 
 def write_csv(sampled: Sampled, path: Path) -> None:

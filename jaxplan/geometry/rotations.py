@@ -7,8 +7,7 @@ out. A quaternion and its negative are the same rotation. `jaxplan.quaternion` h
 
 from typing import TypeAlias
 
-from jaxplan.geometry.arrays import AnyArray, array_module
-from jaxplan.geometry.vectors import Components, dot, unit
+from jaxplan.geometry.vectors import AnyArray, Components, array_module, dot, unit
 
 Quaternion: TypeAlias = tuple[AnyArray, ...]
 """``w x y z``."""

@@ -1,18 +1,69 @@
-"""Small vectors, components first: one formula for kernels, which keep components apart, and for arrays.
+"""Vectors and directions, components first, of numpy or JAX alike.
 
-A vector is anything whose leading axis are its components: an array (3, ...), or a tuple of arrays of any
-shapes that broadcast. What comes back are components again, as a tuple, which the caller stacks where it
-wants them; so all loops run over many vectors. Of ``(..., 3)`` arrays `components` are the way in, and a
-stack along the last axis is the way out.
+**The module to compute with**: numpy, or JAX as soon as one argument is an array of JAX or is traced. So one
+line of code serves both. Plain numbers are computed in float64 whatever precision JAX is set to, and come
+back as arrays of numpy; inside ``jit``, ``vmap`` and ``grad`` the same line is traced.
+
+**Small vectors**: one formula for kernels, which keep components apart, and for arrays. A vector is anything
+whose leading axis are its components: an array (3, ...), or a tuple of arrays of any shapes that broadcast.
+What comes back are components again, as a tuple, which the caller stacks where it wants them; so all loops
+run over many vectors. Of ``(..., 3)`` arrays `components` are the way in, and a stack along the last axis is
+the way out.
+
+**Directions**: angles between them, and their azimuth and elevation. A direction at azimuth ``a`` and
+elevation ``b`` is ``v(a, b) = (cos b cos a, cos b sin a, sin b)``, equation (13). Arrays are (..., 3).
+Radians.
 """
 
 from functools import reduce
 from operator import add
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+AnyArray: TypeAlias = Any
+"""An array of numpy or of JAX."""
+
+
+def array_module(*values: Any) -> Any:
+    """`jax.numpy` if any of the values is an array of JAX or is traced, else `numpy`."""
+    for value in values:
+        if type(value) is not np.ndarray and isinstance(value, jax.Array):
+            return jnp
+    return np
+
+
+def arrays(*values: Any) -> tuple[Any, ...]:
+    """The module to compute with, and the values as floating-point arrays of it.
+
+    Args:
+        values: arrays, lists of numbers, or numbers.
+
+    Returns:
+        `array_module` of the values, then each of them. Floating-point arrays keep their dtype. For numpy
+        a list or an array of integers becomes float64, and a number of Python takes the dtype of the others;
+        for JAX both are of the precision that it is set to.
+    """
+    for value in values:
+        if type(value) is not np.ndarray or value.dtype.kind != "f":
+            break
+    else:
+        return np, *values  # nearly always: searches call this very often
+    xp = array_module(*values)
+    if xp is jnp:
+        given = [jnp.asarray(value) for value in values]
+        return xp, *(a if jnp.issubdtype(a.dtype, jnp.inexact) else a.astype(float) for a in given)
+    known = [value if isinstance(value, int | float) else np.asarray(value) for value in values]
+    common = np.result_type(0.0, *known)
+    return xp, *(np.asarray(value, None if _is_floating(value) else common) for value in known)
+
+
+def _is_floating(value: Any) -> bool:
+    return isinstance(value, np.ndarray | np.generic) and bool(np.issubdtype(value.dtype, np.inexact))
+
 
 Components: TypeAlias = AnyArray
 """An array (k, ...), or a sequence of k arrays."""
@@ -60,3 +111,88 @@ def length(vector: ArrayLike) -> AnyArray:
     """
     _, v = arrays(vector)
     return norm(components(v))
+
+
+Vector: TypeAlias = tuple[AnyArray, AnyArray, AnyArray]
+
+
+def separation(first: ArrayLike, second: ArrayLike) -> AnyArray:
+    """Angle between directions, exact near 0 and pi.
+
+    Args:
+        first: (..., 3) of any length but zero.
+        second: (..., 3), broadcast.
+
+    Returns:
+        (...) rad in [0, pi]; its derivative at 0 and pi is taken as zero.
+    """
+    xp, *both = arrays(first, second)
+    a, b = (components(vector) for vector in both)
+    return xp.arctan2(norm(cross(a, b)), dot(a, b))
+
+
+def outward(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
+    """Components of ``v(a, b)`` from cosine and sine of the azimuth, cosine and sine of the elevation."""
+    return cb * ca, cb * sa, sb
+
+
+def frame(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vector, Vector, Vector]:
+    """Components of ``v(a, b)``, of the unit vector to its left (level), and of the one upward from it."""
+    left = -sa, ca, array_module(sa).zeros_like(sa)
+    return outward(ca, sa, cb, sb), left, (-sb * ca, -sb * sa, cb)
+
+
+def slopes(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vector, Vector]:
+    """Components of the derivatives of ``v(a, b)`` by azimuth and by elevation, from what `outward` takes."""
+    _, (x, y, z), up = frame(ca, sa, cb, sb)
+    return (cb * x, cb * y, cb * z), up
+
+
+def turns(vector: Components, ca: AnyArray, sa: AnyArray) -> tuple[Vector, Vector]:
+    """Components of the derivatives by azimuth and elevation of any direction that turns with ``v(a, b)``.
+
+    The azimuth turns it about z, the elevation about the opposite of the left, ``(sin a, -cos a, 0)``.
+
+    Args:
+        vector: components of the direction.
+        ca: cosine of the azimuth.
+        sa: its sine.
+    """
+    x, y, z = vector
+    return (-y, x, array_module(z).zeros_like(z)), (-z * ca, -z * sa, x * ca + y * sa)
+
+
+def carried(vector: Components, ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
+    """Components of what is ``vector`` ahead, to the left and upward of ``v(a, b)``, see `frame`."""
+    x, y, z = (dot(vector, column) for column in zip(*frame(ca, sa, cb, sb), strict=True))
+    return x, y, z
+
+
+def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> AnyArray:
+    """Unit vector of an azimuth and an elevation, ``v(a, b)`` of equation (13).
+
+    Args:
+        azimuth: (...) rad.
+        elevation: (...) rad.
+
+    Returns:
+        (..., 3).
+    """
+    xp, a, b = arrays(azimuth, elevation)
+    return xp.stack(outward(xp.cos(a), xp.sin(a), xp.cos(b), xp.sin(b)), axis=-1)
+
+
+def azimuth_elevation(direction: ArrayLike) -> tuple[AnyArray, AnyArray]:
+    """Azimuth and elevation of a direction, the inverse of `pointing`.
+
+    Args:
+        direction: (..., 3) of any length.
+
+    Returns:
+        (...) rad in [-pi, pi] and (...) rad in [-pi / 2, pi / 2]. The azimuth of the z axis means nothing;
+        derivatives are finite there, too.
+    """
+    xp, vector = arrays(direction)
+    x, y, z = components(vector)
+    horizontal = norm((x, y))
+    return xp.arctan2(y, xp.where(horizontal == 0, 1, x)), xp.arctan2(z, horizontal)

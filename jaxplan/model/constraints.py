@@ -39,12 +39,10 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.display import shown
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.directions import separation
-from jaxplan.model.moving import DirectionPath
-from jaxplan.model.sights import Sights
-from jaxplan.once import made_once
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, separation
+from jaxplan.model.directions import DirectionPath, Sights
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.once import made_once
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxplan.epochs import parse_epoch
 from jaxplan.given import as_floats
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 
 # Relative; twice what an angle can lose on the way to degrees and back.
 ROUNDING = 4 * np.finfo(float).eps

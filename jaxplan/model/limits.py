@@ -16,10 +16,9 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.vectors import cross
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.once import made_once
+from jaxplan.runtime.once import made_once
 
 _AXES = ("x", "y", "z")
 _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")

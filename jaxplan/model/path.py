@@ -18,11 +18,10 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
-from jaxplan.geometry.arrays import AnyArray, arrays
-from jaxplan.geometry.vectors import length
+from jaxplan.geometry.vectors import AnyArray, arrays, length
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.sights import Sights
+from jaxplan.model.directions import Sights
 
 
 @shown(

@@ -1,12 +1,13 @@
-"""The problem and its settings as frozen dataclasses, in radians and seconds.
+"""What is asked of the planner: spacecraft, start, goal, zones and settings; and what of it moves.
 
-Lists may stand for arrays and tuples, and any real number for a float: planning takes them for what the
-attributes below say, as does all that reads or writes a scenario. Checks live there, in `reading` and
-`taking`: JAX rebuilds the dataclasses with tracers inside, so nothing here may look at a value. Numbers that
-may be tuned are leaves; counts, names and choices are static.
+Frozen dataclasses, in radians and seconds. Lists may stand for arrays and tuples, and any real number for a
+float: planning takes them for what the attributes below say, as does all that reads or writes a scenario.
+Checks live there: JAX rebuilds the dataclasses with tracers inside, so nothing here may look at a value.
+Numbers that may be tuned are leaves; counts, names and choices are static.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -16,13 +17,13 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.display import shown
-from jaxplan.geometry.arrays import AnyArray, array_module
+from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.equality import same
-from jaxplan.model.moving import DirectionPath, as_path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
-from jaxplan.once import made_once
+from jaxplan.runtime.once import made_once
 
 # `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
@@ -296,3 +297,25 @@ class Scenario:
 
     def __hash__(self) -> int:
         return hash(self.name)  # the same for equal ones, and never a tracer
+
+
+def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
+    """All that moves, with its name in messages: zones by theirs, targets by their terminal's."""
+    for zone in scenario.zones:
+        if zone.moves and zone.path is not None:
+            yield f"zone {zone.name}", zone.path
+    if scenario.goal.moves:
+        for terminal, path in zip(scenario.spacecraft.terminals, scenario.goal.paths, strict=True):
+            if path.moves:
+                yield f"the target of {terminal.name}", path
+
+
+def moves(scenario: Scenario) -> bool:
+    """Whether a zone or a target moves."""
+    return next(paths(scenario), None) is not None
+
+
+def known_until(scenario: Scenario) -> tuple[float, str]:
+    """Until when all that moves is known, s, and what is not from then on; infinite where nothing moves."""
+    ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
+    return min(ends, default=(np.inf, ""))

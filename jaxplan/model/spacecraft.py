@@ -14,10 +14,9 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.display import shown
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
-from jaxplan.geometry.directions import azimuth_elevation, pointing
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, azimuth_elevation, pointing
 from jaxplan.given import expect_numbers
-from jaxplan.once import made_once
+from jaxplan.runtime.once import made_once
 
 
 def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:

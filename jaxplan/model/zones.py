@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan.display import shown
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
-from jaxplan.model.moving import DirectionPath, as_path
+from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.spacecraft import stacked
 from jaxplan.runtime.batching import padded_count
 

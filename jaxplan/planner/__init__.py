@@ -1,9 +1,9 @@
 """From a scenario to a certified plan, and plans as files."""
 
 from jaxplan.planner.check import certify, check_margins
+from jaxplan.planner.files import PlanFileError
 from jaxplan.planner.record import Plan, PlanningError, load_plan, save_plan
 from jaxplan.planner.runs import plan, plan_batch
-from jaxplan.planner.storage import PlanFileError
 
 __all__ = [
     "Plan",

@@ -6,28 +6,26 @@ closer to them. A search that finds no path with the wanted clearance is run aga
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
-(`meeting`); the search sees what zones sweep (`sweeps`), and fit and certificate see them move.
+(`meeting`); the search sees what zones sweep (`moving`), and fit and certificate see them move.
 
 `Attempts` are data: they say what is needed next, and take it. Who makes goals, paths, trajectories and
-reports is `jaxplan.planner.rounds`.
+reports is `jaxplan.planner.runs`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from jaxplan.certificate import Report
-from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, halve
-from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.chain import fitted_plan, judged, wanted_fit
 from jaxplan.planner.check import ProofQuery, start_breaches
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery
-from jaxplan.planner.meeting import Meeting, duration_guesses
+from jaxplan.planner.meeting import Meeting, duration_guesses, fitted_plan, judged, wanted_fit
+from jaxplan.planner.moving import always, swept
 from jaxplan.planner.record import Plan
-from jaxplan.planner.sweeps import always, swept
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 

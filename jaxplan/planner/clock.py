@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from jaxplan.runtime.batching import Seconds
-from jaxplan.runtime.stopwatch import working_time
+from jaxplan.runtime.jit import working_time
 
 
 class Clock:

@@ -10,15 +10,14 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.decomposition import decompose, goal_limits
 from jaxplan.decomposition.beside import GoalProblem, goals_beside
-from jaxplan.decomposition.pairs import leaves_open
-from jaxplan.decomposition.tracking import tracking_rates
-from jaxplan.model.moments import moves
+from jaxplan.decomposition.caps import leaves_open
+from jaxplan.decomposition.multistart import tracking_rates
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
+from jaxplan.planner.check import breaches
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.planner.validity import breaches
 
 CANDIDATES = 16
 """Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""

@@ -1,4 +1,8 @@
-"""When the manoeuvre ends, where the goal moves while the platform is on its way to it.
+"""A moving goal met in time, by plans for one guess of the duration after the other.
+
+From one step to the next: what step 3 is asked, and a plan with its trajectory and certificate.
+
+When the manoeuvre ends, where the goal moves while the platform is on its way to it.
 
 In a given duration that is known. In the shortest, or one stretched to the limits, the duration depends on
 the goal and the goal on the duration: fits and goals follow each other until both agree. That goes fast,
@@ -10,14 +14,50 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.model.moments import known_until, moves
+from jaxplan.certificate import Report
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import MINIMUM, GivenState, Scenario
+from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
 from jaxplan.model.status import Status
-from jaxplan.planner.chain import wanted_fit
+from jaxplan.planner import messages
 from jaxplan.planner.goals import GoalQuery, find_goals
-from jaxplan.planner.record import Plan
-from jaxplan.trajectory import Fit, FitQuery, duration_bound
+from jaxplan.planner.record import Plan, end_rates
+from jaxplan.trajectory import Fit, FitQuery, duration_bound, fit_batch
+
+
+def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
+    """Step 3 of a scenario along a path to a goal, by the method it asks for."""
+    start, end = scenario.start, end_rates(scenario, goal)
+    return FitQuery(
+        path=path,
+        spacecraft=scenario.spacecraft,
+        settings=scenario.trajectory,
+        cones=scenario.constraints,
+        start_angular_velocity=start.angular_velocity,
+        start_joint_rates=start.joint_rates,
+        end_angular_velocity=end[0],
+        end_joint_rates=end[1],
+        horizon=goal.time,
+    )
+
+
+def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
+    """The trajectory of a scenario along a path to a goal, fitted by itself."""
+    return fit_batch([wanted_fit(scenario, path, goal)])[0]
+
+
+def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
+    """The plan with what step 3 found, if anything, not yet certified."""
+    message = fitted.note if fitted.status is Status.OK else fitted.message
+    return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
+
+
+def judged(so_far: Plan, report: Report) -> Plan:
+    """The plan with a report on its trajectory, certified or not."""
+    so_far = replace(so_far, certificate=report)
+    if so_far.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
+        return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(report))
+    return so_far
+
 
 # Fits, each to the goal where the one before ends, after which duration and goal should agree.
 _ROUNDS = 5

@@ -7,8 +7,7 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
 from jaxplan.decomposition import Decomposition
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.moments import moves
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, sight_names
 from jaxplan.planner.record import Plan

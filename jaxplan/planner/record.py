@@ -9,11 +9,10 @@ import numpy as np
 
 from jaxplan.certificate import Report
 from jaxplan.display import as_table, shown
-from jaxplan.model.moments import moves
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
-from jaxplan.planner.storage import read_plan, write_plan
+from jaxplan.planner.files import read_plan, write_plan
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory, duration_bound, excess
 

@@ -16,20 +16,17 @@ Axes are in degrees and seconds, torques in N m.
 from jaxplan.plotting.comparison import comparison_figure as comparison_figure
 from jaxplan.plotting.comparison import table4
 from jaxplan.plotting.constellation_figure import constellation
-from jaxplan.plotting.duration_panel import durations
 from jaxplan.plotting.film import animate
-from jaxplan.plotting.globe_map import globe
-from jaxplan.plotting.inline import inline_figures as inline_figures
-from jaxplan.plotting.margin_panel import margins
-from jaxplan.plotting.motion_panels import accelerations, angles, rates, torque
-from jaxplan.plotting.side_by_side import compare, segments
-from jaxplan.plotting.sphere_map import sphere
-from jaxplan.plotting.study_figure import study
-from jaxplan.plotting.study_figure import study_figure as study_figure
-from jaxplan.plotting.study_panels import distribution, outcomes, success_rates
+from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.sky_maps import globe, sphere
+from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
+from jaxplan.plotting.study_figures import study_figure as study_figure
+from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
+from jaxplan.plotting.trajectories import compare, durations, segments
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
 from jaxplan.plotting.whole_plan import figures, overview
+from jaxplan.plotting.whole_plan import inline_figures as inline_figures
 
 # What a user draws with; the names imported as themselves are for the command line and the report.
 __all__ = [

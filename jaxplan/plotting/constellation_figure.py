@@ -11,10 +11,22 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from jaxplan.given import expect_like
-from jaxplan.plotting.canvas import Canvas, new_figure, panels
-from jaxplan.plotting.given import expect_view
-from jaxplan.plotting.style import GREY, KEEP_OUT, SMALL, TEXT, Entries, Look, legend_beside, plain, tidy
-from jaxplan.plotting.view import View, circle
+from jaxplan.plotting.projections import View, circle
+from jaxplan.plotting.style import (
+    GREY,
+    KEEP_OUT,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    expect_view,
+    legend_beside,
+    new_figure,
+    panels,
+    plain,
+    tidy,
+)
 
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}

@@ -20,11 +20,19 @@ from PIL import Image
 
 from jaxplan.display import shown
 from jaxplan.plotting import samples
-from jaxplan.plotting.canvas import Canvas, panels
-from jaxplan.plotting.globe_map import draw_line, draw_sphere, draw_zones, view_of
-from jaxplan.plotting.marks import end_marks, end_style, zone_entries, zones_at
-from jaxplan.plotting.style import GREY, SMALL, Entries, device_entries, device_style, legend_beside
-from jaxplan.plotting.view import PALE, View
+from jaxplan.plotting.projections import PALE, View
+from jaxplan.plotting.sky_maps import draw_line, draw_sphere, draw_zones, view_of
+from jaxplan.plotting.sky_marks import end_marks, end_style, zone_entries, zones_at
+from jaxplan.plotting.style import (
+    GREY,
+    SMALL,
+    Canvas,
+    Entries,
+    device_entries,
+    device_style,
+    legend_beside,
+    panels,
+)
 from jaxplan.progress import progress_bar
 from jaxplan.runtime.files import replacing_file
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.model.constraints import chosen_entries, state_margins
-from jaxplan.plotting.given import expect_plan
+from jaxplan.plotting.style import expect_plan
 
 if TYPE_CHECKING:
     from jaxplan.model.scenario import Scenario

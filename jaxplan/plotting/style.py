@@ -1,20 +1,46 @@
-"""How the figures look: one colour and line style a device, limits, legends beside the data.
+"""Looks that all figures share: colours, marks, axes, legends, and names that do not cover data.
+
+How the figures look: one colour and line style a device, limits, legends beside the data.
 
 The colours keep apart for the kinds of colour blindness, above all those that share a line style, and the
 line styles keep apart in print without colour. There are 7 colours and 4 styles; as these have no common
 divisor, 28 devices differ in one or the other. Limits are barriers with ticks on the far side. Nothing here
 changes matplotlib's global settings.
+
+Where a figure is drawn: on given axes, in a given figure, or in a new one.
+
+A new figure belongs to pyplot where pyplot can show it: in a notebook it appears below its cell, with a
+window system after ``plt.show()``. Where nothing can be shown (the backends that only write files) it is a
+plain figure, which nobody has to close; save it with ``axes.figure.savefig(...)``.
+
+Where a label goes: at the first of some places where it covers no other label, and the fewest curves.
+
+Any unit will do, as long as places, sizes and points share it; a label is a box around its place.
+
+What figures are given: anything that cannot be drawn is refused by the name of its argument.
 """
 
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.registry import BackendFilter, backend_registry
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withTickedStroke
 from matplotlib.text import Text
+from numpy.typing import ArrayLike
+
+from jaxplan.given import as_floats, expect, show
+from jaxplan.model.spacecraft import Spacecraft
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+
 
 Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
 Entry: TypeAlias = tuple[Artist, str]  # of a legend
@@ -125,3 +151,137 @@ def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
 def device_entries(names: Sequence[str]) -> Entries:
     """Legend entries of the devices, or of the first of them."""
     return [(Line2D([], [], linewidth=1.8, **device_style(i)), name) for i, name in enumerate(names)]
+
+
+Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
+
+
+def new_figure(size: tuple[float, float]) -> Figure:
+    """An empty figure that makes room for legends beside its axes.
+
+    Args:
+        size: width and height in inches.
+    """
+    if mpl.get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
+        return Figure(figsize=size, layout="constrained")
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=size, layout="constrained")
+
+
+def panels(
+    where: Canvas,
+    count: int,
+    size: tuple[float, float],
+    *,
+    columns: int = 1,
+    heights: Sequence[float] | None = None,
+    alone: int = 0,
+) -> list[Axes]:
+    """The axes to draw on, from top to bottom, and of each row from left to right.
+
+    Args:
+        where: as many axes as panels, a figure to put them in, or None for a new one.
+        count: of panels; new ones share their horizontal axis with those above and below.
+        size: of a new figure, inches.
+        columns: panels a row; new ones share their vertical axis.
+        heights: of the rows, in proportion; equal if None.
+        alone: of the columns, so many last ones have a vertical axis of their own.
+
+    Raises:
+        TypeError: if something else than axes is given.
+        ValueError: if another number of axes is given.
+    """
+    if where is None:
+        where = new_figure(size)
+    if isinstance(where, Figure | SubFigure):
+        shape = (count // columns, columns)
+        spread = {"height_ratios": heights, "wspace": None if columns == 1 else 0.04}
+        grid = where.subplots(*shape, sharex="col", squeeze=False, gridspec_kw=spread)
+        for row in grid:
+            for axes in row[1 : columns - alone]:
+                axes.sharey(row[0])
+                axes.tick_params(axis="y", labelleft=False)
+        return list(grid.ravel())
+    given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
+    for one in given:
+        expect("ax", one, Axes, "give axes, as many as panels, or a figure to put them in")
+    if len(given) != count:
+        raise ValueError(
+            f"the figure has {count} panel{'s' * (count != 1)}, but {len(given)} axes were given"
+        )
+    return given
+
+
+Box = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The labels of one panel, as they are placed one after the other.
+
+    Attributes:
+        points: (k, 2) of what is drawn, which labels should not cover.
+        taken: boxes that no label may touch; those of the labels placed are added.
+    """
+
+    points: np.ndarray
+    taken: list[Box] = field(default_factory=list)
+
+    def place(self, places: Iterable[ArrayLike], size: ArrayLike, *, must: bool = False) -> np.ndarray | None:
+        """Choose a place and take it.
+
+        Args:
+            places: centres that the label may have, the best first.
+            size: width and height of the label.
+            must: whether the label has to stand somewhere, be it upon another one.
+
+        Returns:
+            (2,) the centre; None if there is no room.
+        """
+        every, extent = [np.asarray(place, dtype=float) for place in places], np.asarray(size, dtype=float)
+        free = [place for place in every if not any(_touch((place, extent), box) for box in self.taken)]
+        candidates = free or (every if must else [])
+        if not candidates:
+            return None
+        best = min(candidates, key=lambda place: self._covered(place, extent))  # of equals, the first
+        self.taken.append((best, extent))
+        return best
+
+    def _covered(self, centre: np.ndarray, size: np.ndarray) -> int:
+        return int(np.sum(np.all(np.abs(self.points - centre) < size / 2, axis=-1)))
+
+
+def _touch(one: Box, other: Box) -> bool:
+    return bool(np.all(np.abs(one[0] - other[0]) < (one[1] + other[1]) / 2))
+
+
+def expect_plan(plan: object) -> "Plan":
+    """A plan of any status; a TypeError for anything else."""
+    from jaxplan.planner import Plan
+
+    return expect("plan", plan, Plan, "jp.plan makes one, jp.load_plan reads one")
+
+
+def expect_trajectories(given: object, spacecraft: object) -> None:
+    """Raise a TypeError for what are no trajectories by their names, or no spacecraft."""
+    from jaxplan.trajectory.curve import Trajectory
+
+    for name, trajectory in expect_mapping("trajectories", given).items():
+        advice = "a plan has one as plan.trajectory"
+        expect(f"trajectories[{name!r}]", trajectory, Trajectory, advice)
+    expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
+
+
+def expect_mapping(name: str, value: object) -> Mapping[Any, Any]:
+    """A dict by names; a TypeError for anything else."""
+    if isinstance(value, Mapping):
+        return value
+    raise TypeError(f"{name} must be a dict by names, not {type(value).__name__}")
+
+
+def expect_view(view: object) -> None:
+    """Raise a ValueError for what are no two angles."""
+    angles = as_floats(view)
+    if angles is None or angles.shape != (2,):
+        raise ValueError(f"view = {show(view)}: must be azimuth and elevation of the eye, deg, or None")

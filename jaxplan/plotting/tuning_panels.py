@@ -17,8 +17,19 @@ from matplotlib.ticker import (
 )
 
 from jaxplan.given import expect_like
-from jaxplan.plotting.canvas import Canvas, panels
-from jaxplan.plotting.style import COLOURS, GREY, KEEP_OUT, TEXT, Entries, Look, legend_beside, plain, tidy
+from jaxplan.plotting.style import (
+    COLOURS,
+    GREY,
+    KEEP_OUT,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    legend_beside,
+    panels,
+    plain,
+    tidy,
+)
 
 Row = Mapping[str, float]
 

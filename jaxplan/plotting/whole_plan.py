@@ -1,22 +1,28 @@
-"""A plan in one figure, and all figures of a plan."""
+"""A plan in one figure, all its figures one by one, and as data for a page.
 
+A plan in one figure, and all figures of a plan.
+
+Figures of a plan as data, for pages that hold their pictures in themselves.
+"""
+
+import base64
+import io
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from jaxplan.plotting import margin_panel, motion_panels, samples, sphere_map
-from jaxplan.plotting.canvas import new_figure
-from jaxplan.plotting.given import expect_plan
-from jaxplan.plotting.margin_panel import margins
-from jaxplan.plotting.motion_panels import accelerations, angles, platform_rate, rates, torque
-from jaxplan.plotting.sphere_map import sphere
-from jaxplan.plotting.style import legend_beside
-from jaxplan.plotting.timelines import time_axis
+from jaxplan.plotting import margin_panels, samples, sky_maps, time_panels
+from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.sky_maps import sphere
+from jaxplan.plotting.style import expect_plan, legend_beside, new_figure
+from jaxplan.plotting.time_panels import accelerations, angles, platform_rate, rates, time_axis, torque
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan
+
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
 FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "torque", "margins")
@@ -46,7 +52,7 @@ def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
     joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
     if joints:
         angles(plan, ax=joints, legend=False)
-    named, lines = margin_panel.draw(others[0], plan, moves)
+    named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
     legend_beside(others[0], [*further, *lines])
     legend_beside(others[1], platform_rate(others[1], moves, craft))
@@ -71,20 +77,55 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
     expect_plan(plan)
     terminals = bool(plan.scenario.spacecraft.terminals)
     zones = bool(plan.scenario.zones)
-    dynamic = motion_panels.size(3 if terminals else 1)
-    loads = motion_panels.load_limits(plan.scenario.spacecraft)
+    dynamic = time_panels.size(3 if terminals else 1)
+    loads = time_panels.load_limits(plan.scenario.spacecraft)
     moves = plan.trajectory is not None
     drawings: list[tuple[Callable[..., Any], tuple[float, float], bool]] = [
         (overview, OVERVIEW_SIZE, moves),
-        (sphere, sphere_map.SIZE, True),
-        (angles, motion_panels.size(2), moves and terminals),
+        (sphere, sky_maps.SPHERE_SIZE, True),
+        (angles, time_panels.size(2), moves and terminals),
         (rates, dynamic, moves),
         (accelerations, dynamic, moves),
-        (torque, motion_panels.size(max(loads, 1)), moves and loads > 0),
-        (margins, margin_panel.SIZE, moves and zones),
+        (torque, time_panels.size(max(loads, 1)), moves and loads > 0),
+        (margins, margin_panels.SIZE, moves and zones),
     ]
     for name, (draw, size, there) in zip(FIGURE_NAMES, drawings, strict=True):
         if there:
             figure = Figure(figsize=size, layout="constrained")
             draw(plan, ax=figure)
             yield name, figure
+
+
+_DPI = 200  # of those that are no SVG
+
+
+def inline_figures(plan: "Plan") -> Iterator[tuple[str, str]]:
+    """The globe and the figures of a plan but the overview, which repeats the others.
+
+    Args:
+        plan: of any status; see `figures` for those that it has.
+
+    Yields:
+        The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
+        shapes, or PNG where there are hatched areas. The ground is transparent.
+    """
+    ball = Figure(figsize=sky_maps.GLOBE_SIZE, layout="constrained")
+    sky_maps.globe(plan, ax=ball)
+    yield "globe", _address(ball)
+    for name, figure in figures(plan):
+        if name != "overview":
+            yield name, _address(figure)
+
+
+def _address(figure: Figure) -> str:
+    kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
+    if b"<pattern" in content:  # hatches lose their transparency in SVG, so that zones would print solid
+        kind, content = "png", _picture(figure, "png", {"Software": None})
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _picture(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
+    file = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "jaxplan"}):  # else the names inside are random
+        figure.savefig(file, format=kind, metadata=metadata, transparent=True, dpi=_DPI)
+    return file.getvalue()

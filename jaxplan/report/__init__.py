@@ -2,8 +2,8 @@
 
 The page is one file that asks for no other: figures are inside it, nothing in it runs, and it forbids
 browsers to load anything. It follows the reader's choice of light or dark, and prints in light. `markup`
-makes HTML in which no text of a scenario can be anything but text, `scene` shows what was asked, `results`
-what was found, `document` puts them together.
+makes HTML in which no text of a scenario can be anything but text, `tables` has what was asked
+and what was found, `document` puts it together.
 """
 
 import errno

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxplan.model.status import STEPS, Status
 from jaxplan.planner.check import certify, check_margins
-from jaxplan.report import results, scene
+from jaxplan.report import tables
 from jaxplan.report.markup import Markup, facts, join, number, section, tag
 from jaxplan.scenario import dump_scenario
 from jaxplan.version import __version__
@@ -109,21 +109,21 @@ def _parts(plan: "Plan", report: "Report | None", pictures: dict[str, Markup]) -
         section(
             "scenario",
             "Scenario",
-            scene.spacecraft_tables(craft),
-            scene.zones_table(plan.scenario),
-            scene.motion_table(plan),
+            tables.spacecraft_tables(craft),
+            tables.zones_table(plan.scenario),
+            tables.motion_table(plan),
         ),
-        section("goal", "Start and goal", scene.ends_tables(plan)),
+        section("goal", "Start and goal", tables.ends_tables(plan)),
     ]
     if plan.search is not None:
-        parts.append(section("path", "Path", results.path_table(plan)))
+        parts.append(section("path", "Path", tables.path_table(plan)))
     if plan.trajectory is not None:
         figures = shown("angles", "rates", "accelerations", "torque")
-        parts.append(section("trajectory", "Trajectory", results.trajectory_table(plan), *figures))
+        parts.append(section("trajectory", "Trajectory", tables.trajectory_table(plan), *figures))
     if report is not None:
         parts.append(section("certificate", "Certificate", *_certificate(plan, report), *shown("margins")))
     if plan.timings:
-        parts.append(section("timings", "Timings", results.timings_table(plan)))
+        parts.append(section("timings", "Timings", tables.timings_table(plan)))
     intro = tag("p", "Saved as a file, ", tag("code", "jaxplan plan FILE"), " plans this again.")
     text = tag("pre", tag("code", dump_scenario(plan.scenario)))
     return [*parts, section("settings", "Scenario file", intro, text)]
@@ -133,11 +133,11 @@ def _certificate(plan: "Plan", report: "Report") -> list[Markup]:
     margins = check_margins(plan)
     verdict = "holds at every instant" if report.certified else "does not hold"
     rows = [("Certificate", verdict), ("Instants evaluated", f"{report.evaluations:,}")]
-    content = [facts(rows, "Proof"), results.faults_list(report)]
+    content = [facts(rows, "Proof"), tables.faults_list(report)]
     if report.peaks:
-        content.append(results.peaks_table(report, plan.scenario.spacecraft))
+        content.append(tables.peaks_table(report, plan.scenario.spacecraft))
     if margins:
-        content.append(results.margins_table(margins, plan))
+        content.append(tables.margins_table(margins, plan))
     return content
 
 
@@ -182,7 +182,7 @@ def _numbers(plan: "Plan", report: "Report | None") -> list[tuple[str, str, str]
     if report is not None and report.min_margin is not None:
         found.append(("smallest margin", number(float(np.rad2deg(report.min_margin))), "deg"))
     if report is not None and report.peaks:
-        quantity, percent = results.highest_peak(report, plan.scenario.spacecraft)
+        quantity, percent = tables.highest_peak(report, plan.scenario.spacecraft)
         found.append((f"of its limit: {quantity}", percent, "%"))
     return found
 

@@ -1,11 +1,17 @@
-"""Who does the work: an executor that somebody gives us, or processes of our own, begun anew when one dies.
+"""Processes that work side by side, and one thread for the linear algebra in each.
 
+**One thread** for the linear algebra while something is planned. How many threads OpenBLAS takes changes the
+last bits of what it computes, so a plan would depend on the number of cores. Its matrices here are small,
+too: on cores that others use, threads wait for each other many times as long as one of them computes.
+
+**Who does the work**: an executor that somebody gives us, or processes of our own, begun anew when one dies.
 JAX hangs in processes that are forked after it has started, so ours are spawned, and a given pool that forks
 is refused. A spawned process first runs the user's script, if there is one, so that what is defined there can
 be unpickled. Each of ours reads what is already compiled from the folder that this process uses, leaves
 Ctrl-C to this process, and ends when it does.
 """
 
+import ctypes
 import os
 import signal
 import sys
@@ -13,6 +19,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from multiprocessing import current_process, parent_process, util
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
@@ -20,7 +27,59 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.runtime import compiled
+from jaxplan.runtime import jit
+
+_NAMES = [
+    (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
+    for prefix in ("scipy_", "")
+    for suffix in ("64_", "")
+]
+_lock = threading.Lock()
+_inside = 0
+_before: list[int] = []
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let numpy and scipy have one thread each, in the whole process, until all who asked are done."""
+    global _inside, _before
+    libraries = _libraries()
+    with _lock:
+        if _inside == 0:
+            _before = [get() for get, _ in libraries]
+            for _, set_number in libraries:
+                set_number(1)
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0:
+                for (_, set_number), number in zip(libraries, _before, strict=True):
+                    set_number(number)
+
+
+@lru_cache(maxsize=1)
+def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...]:
+    """What gets and sets the threads of each OpenBLAS in this process: numpy and scipy bring one each."""
+    import numpy  # noqa: F401
+    import scipy.linalg  # noqa: F401
+
+    try:
+        with open("/proc/self/maps", encoding="utf-8") as maps:
+            paths = sorted({line.split(maxsplit=5)[-1].strip() for line in maps if "openblas" in line})
+    except OSError:  # no such file on this system: threads stay as they are
+        return ()
+    found = []
+    for path in paths:
+        library = ctypes.CDLL(path)
+        for get, set_number in _NAMES:
+            if hasattr(library, get) and hasattr(library, set_number):
+                found.append((getattr(library, get), getattr(library, set_number)))
+                break
+    return tuple(found)
+
 
 Workers = Executor | int
 """Who works: somebody's executor, or a number of processes of our own."""
@@ -109,7 +168,7 @@ class Crew:
 
     def _hire(self, workers: int) -> None:
         self.workers = workers
-        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (compiled.settings(),))
+        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (jit.settings(),))
         self._executor = self._pool = pool
         try:
             _bring_up_one(pool)
@@ -207,7 +266,7 @@ def _begin(compiled_code: dict[str, object]) -> None:
 
     tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    compiled.adopt(compiled_code)
+    jit.adopt(compiled_code)
     # Most kernels take less time than to hand them to another thread.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     threading.Thread(target=_end_with_parent, daemon=True).start()

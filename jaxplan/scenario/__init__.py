@@ -1,13 +1,20 @@
 """Files that hold scenarios; their dataclasses are those of `jaxplan.model.scenario`.
 
-`layout` and `states` say what a file may hold, `reading` and `writing` go from one to the other, `taking`
-from what Python gives to the dataclasses' own types, and `overrides` changes settings by their names.
+`layout` says what a file may hold, of `tables` and `kinds` of values, and `checks` what must go together;
+`reading` goes from files to the dataclasses and back, and from what Python gives to the dataclasses' own
+types. `spelling` has words for every key, `numbers` those numbers that may be tuned.
 """
 
 from jaxplan.scenario.faults import ScenarioError
-from jaxplan.scenario.overrides import with_settings
-from jaxplan.scenario.reading import load_scenario, parse_scenario, scenario_from_dict
-from jaxplan.scenario.writing import dump_scenario, save_scenario, scenario_to_dict
+from jaxplan.scenario.reading import (
+    dump_scenario,
+    load_scenario,
+    parse_scenario,
+    save_scenario,
+    scenario_from_dict,
+    scenario_to_dict,
+    with_settings,
+)
 
 __all__ = [
     "ScenarioError",

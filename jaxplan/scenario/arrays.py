@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from jaxplan import quaternion
-from jaxplan.model.moving import DirectionPath
+from jaxplan.model.directions import DirectionPath
 from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Interval, Kind, Number, finite
-from jaxplan.scenario.values import read_array
+from jaxplan.scenario.kinds import Interval, Kind, Number, finite, read_array
 
 UNIT_TOLERANCE = 1e-3
 

@@ -14,11 +14,9 @@ from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
-from jaxplan.scenario.bodies import SKY, Epoch, View
-from jaxplan.scenario.devices import DeviceList, DeviceName, TerminalFactors
+from jaxplan.scenario.bodies import SKY, DeviceList, DeviceName, Epoch, TerminalFactors, View
 from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
-from jaxplan.scenario.paths import SAMPLES, TIMES, split_zone
-from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, STATE, YAW_LIMIT, Goal
+from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, SAMPLES, STATE, TIMES, YAW_LIMIT, Goal, split_zone
 from jaxplan.scenario.tables import Field, Rows, Table
 from jaxplan.sky import BODIES
 

@@ -7,6 +7,7 @@ stages, such as straight motions, elastic bands, searches, smoothing, each for a
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pkgutil import resolve_name
 
 import jax
 import numpy as np
@@ -14,21 +15,28 @@ import numpy as np
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
-from jaxplan.search import mha, mha_paper, rrt_connect, rrt_star, wastar
-from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
+from jaxplan.search import mha, rrt_connect
 from jaxplan.search.calls import POOL, Scenes, SearchRun, completed, layout, picked
+from jaxplan.search.fields import Barrier, find_barrier, most_obstructive
 from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 Method = Callable[[Scenes, Sequence[SearchSettings]], list[SearchResult]]
 
-_METHODS: dict[str, Method] = {
+_METHODS: dict[str, Method | str] = {
     "mha": mha.search,
-    "mha-paper": mha_paper.search,
-    "wastar": wastar.search,
-    "rrt_star": rrt_star.search,
+    "mha-paper": "jaxplan.paper.search:search_mha",
+    "wastar": "jaxplan.paper.search:search_wastar",
+    "rrt_star": "jaxplan.paper.rrt_star:search",
     "rrt_connect": rrt_connect.search,
 }
+"""By name; those of the wing `jaxplan.paper` by where they are, and loaded when they are first used."""
+
+
+def _method(name: str) -> Method:
+    known = _METHODS[name]
+    found: Method = resolve_name(known) if isinstance(known, str) else known
+    return found
 
 
 def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
@@ -114,7 +122,7 @@ def search_batch(
             for part in parts(picked(numbers, group), POOL):
                 together = Scenes(picked(scenes, part))
                 own = picked(share, part)
-                found.update(zip(part, _METHODS[own[0].method](together, own), strict=True))
+                found.update(zip(part, _method(own[0].method)(together, own), strict=True))
                 if seconds is not None:
                     seconds.spent[list(part)] += together.seconds.spent
         return [found[number] for number in numbers]

@@ -22,7 +22,7 @@ from jax import Array
 
 from jaxplan.display import shown
 from jaxplan.runtime.batching import Run, Seconds, in_groups, run_all
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.search.problem import Scene
 
 # Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an

@@ -1,8 +1,26 @@
 """The default planner: what is quickest first, then multi-heuristic A* and trees in a race.
 
+**Moves**: an expansion that can leave the goal's values again. Attitude moves: toward the goal, stay, and
+random directions; each joint goes toward its goal, stays or goes away, of which a sample of combinations is
+tried. The joints of a terminal that a keep-in zone holds follow the zone instead of staying. Moves are
+`SCALES` steps long in turn, and clipped at goal and limits, not dropped.
+
+The cost of a move is the steps it takes, the largest over platform and joints, so the cost of the straight
+motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality: it is the
+anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the anchor consistent, a path
+found by the queues costs at most ``w1 w2`` times the cheapest in the graph of the moves that were drawn; of
+the continuous problem that graph is a sample, so there it is no bound.
+
+The further queues are the three heuristics of equation (15), and two that see the zones (`fields`), each
+scaled to agree with the anchor at the start, so that the weight ``w2`` compares like with like.
+
+**A race** of two searches that take turns until one has a path. Heuristics lead a search well or, now and
+then, long astray; trees that grow at random are seldom quick and seldom astray. Side by side, call by call,
+they are never much slower than the better of the two.
+
 1. The straight motion to the goal.
 2. An elastic band that descends from it (`smoothing`): near the shortest, and often all that is needed.
-3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics of `mha_rules`), which tries the
+3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics above), which tries the
    straight motion again from every child (analytic expansion) and, from time to time, expands any node,
    whatever its key. All edges are checked whole.
 4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path.
@@ -12,24 +30,207 @@ If one is a long way round, or if it is asked for, 3 and 4 are then repeated wit
 paths that pass the zones on other sides, and the shortest is kept.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import count
+from functools import partial
+from itertools import count, product
+from typing import Any
 
 import numpy as np
 
+from jaxplan.geometry import rotations
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.spacecraft import joints_along
 from jaxplan.model.status import Status
-from jaxplan.runtime.stopwatch import working_time
-from jaxplan.search.calls import Scenes, completed, picked
-from jaxplan.search.mha_rules import QUEUES, rules
-from jaxplan.search.multi_heuristic import Search, straight_paths
-from jaxplan.search.problem import Scene, SearchResult, derived_seed
-from jaxplan.search.race import Race
-from jaxplan.search.rrt import Space
+from jaxplan.runtime.jit import working_time
+from jaxplan.search.calls import Scenes, SearchRun, completed, picked
+from jaxplan.search.fields import Fields
+from jaxplan.search.kernels import Expansion, Moves
+from jaxplan.search.multi_heuristic import Rules, Search, straight_paths
+from jaxplan.search.problem import JOINT_RESERVE, Scene, SearchResult, derived_seed
 from jaxplan.search.rrt_connect import Connect
 from jaxplan.search.smoothing import Band, smooth_results, straight_bands
+from jaxplan.search.tree import Node, unrotated
+from jaxplan.search.trees import Space
+
+JOINT_MOVES = 48
+# Lengths of the moves in steps, one after the other (multi-resolution A*).
+SCALES = (8.0, 4.0, 8.0, 2.0)
+# The anchor, the three heuristics of equation (15), and two that see the zones.
+QUEUES = 6
+_TOWARD, _STAY, _AWAY = 0, 1, 2
+
+
+def rules(scene: Scene) -> Rules:
+    """How the default planner proposes and prices children."""
+    return Rules(
+        propose=propose,
+        price=partial(price, scale=_scale_to_anchor(scene)),
+        edges=True,
+        shared=True,
+        direct=True,
+        queues=QUEUES,
+        informed=True,
+    )
+
+
+def _scale_to_anchor(scene: Scene) -> np.ndarray:
+    """(3,) factors that make the heuristics of equation (15) equal the anchor at the start."""
+    turn = scene.goal_coordinates  # of the goal about the start, where all of them are taken
+    left = np.abs(scene.goal_joints - scene.start_joints)
+    joints, angle = np.sum(left), np.linalg.norm(turn)
+    printed = [angle + joints, angle + np.linalg.norm(left), np.sum(np.abs(turn)) + joints]
+    return scene.straight_steps / np.maximum(printed, 1e-300)
+
+
+def propose(
+    scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
+) -> Moves:
+    """Moves from a node, see the module's text."""
+    scale = SCALES[number % len(SCALES)]
+    attitude_step, joint_steps = scale * scene.attitude_step, scale * scene.joint_steps
+    turns = np.zeros((settings.attitude_moves + 2, 3))
+    angle = math.hypot(*node.to_goal.tolist())
+    turns[0] = node.to_goal * min(1.0, attitude_step / max(angle, 1e-300))
+    vectors = rng.standard_normal((settings.attitude_moves, 3))
+    turns[2:] = vectors * (attitude_step / np.sqrt(np.sum(vectors * vectors, axis=1)))[:, None]
+
+    remaining = scene.goal_joints - node.joints
+    options = np.zeros((3, len(remaining)))
+    options[_TOWARD] = np.maximum(np.minimum(remaining, joint_steps), -joint_steps)
+    away = node.joints + np.where(remaining > 0, -joint_steps, joint_steps)
+    bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
+    options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
+    held = np.flatnonzero(scene.held)
+    choice = _joint_moves(scene, rng)
+    if not len(held):
+        return Moves(turns, options[None], choice)
+    every = np.repeat(options[None], len(turns), axis=0)
+    every[:, _STAY] = _following(scene, node, turns, held, bound)
+    return Moves(turns, every, choice)
+
+
+def _following(
+    scene: Scene, node: Node, turns: np.ndarray, held: np.ndarray, bound: np.ndarray
+) -> np.ndarray:
+    """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
+    now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
+    turned = np.stack(rotations.exp(turns.T), axis=-1)
+    seen = unrotated(turned, now)
+    joints = np.repeat(node.joints[None], len(turns), axis=0)
+    joints[:, np.append(held, held + len(scene.mounts))] = joints_along(scene.mounts[held], seen)
+    return np.maximum(np.minimum(joints, bound), -bound) - node.joints
+
+
+def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """(M, 2n) options of each joint move: all combinations where they are few, else a sample."""
+    joints = len(scene.joint_limits)
+    if 3**joints <= JOINT_MOVES:
+        return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
+    choice = rng.integers(0, 3, (JOINT_MOVES, joints), dtype=np.int32)
+    choice[0] = _TOWARD
+    if np.any(scene.held):
+        held = np.tile(scene.held, 2)
+        choice[1 : JOINT_MOVES // 2, held] = _STAY  # half of the moves keep every link
+    return choice
+
+
+def price(
+    scene: Scene, expansion: Expansion, fields: Fields, *, scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) and heuristics (6, A, M) of the children in steps, the anchor first.
+
+    Args:
+        scene: the problem.
+        expansion: the children.
+        fields: the distance fields; until there are any their two heuristics are infinite.
+        scale: (3,) factors of the printed heuristics.
+    """
+    heuristics = np.empty((QUEUES, *expansion.steps.shape))
+    heuristics[0] = ahead = expansion.heuristics[0]
+    np.multiply(expansion.heuristics[1:], scale[:, None, None], out=heuristics[1:4])
+    if fields.known:
+        halves = scene.straight_steps / 2 / np.maximum([fields.start.sum(), fields.start.max()], 1e-300)
+        np.multiply(expansion.fields, halves[:, None, None], out=heuristics[4:])
+        heuristics[4] += ahead / 2
+        heuristics[5] += heuristics[2] / 2
+    else:
+        heuristics[4:] = np.inf
+    return expansion.steps, heuristics
+
+
+class Race:
+    """A search made of two, whose calls are answered in turn: the one that finds a path sooner wins.
+
+    Args:
+        first: a search.
+        second: another of the same scene.
+        head_start: how many calls of the first are answered before the second begins.
+    """
+
+    def __init__(self, first: SearchRun, second: SearchRun, *, head_start: int) -> None:
+        self._first, self._second = _Runner(first), _Runner(second)
+        self._head_start = head_start
+        self._turn = self._first
+
+    def next_request(self) -> Any:
+        """The call of the search whose turn it is; None once one has a path, or both have ended."""
+        first, second = self._first, self._second
+        if self._head_start > 0 and first.call is not None:
+            self._head_start -= 1
+            return first.call
+        self._head_start = 0
+        if first.has_path:
+            return None
+        other = second if self._turn is first else first
+        if other.call is not None:
+            self._turn = other
+        return None if second.has_path else self._turn.call
+
+    def accept(self, answer: Any) -> None:
+        """Go on with the search whose call has been answered."""
+        self._turn.accept(answer)
+
+    def result(self) -> SearchResult:
+        """The result with a path; where there is none, that of the first."""
+        winner = self._second if self._second.has_path else self._first
+        assert winner.result is not None, "the race is under way"
+        return winner.result
+
+
+class _Runner:
+    """One of the two: the call that it waits for while it is under way, then its result."""
+
+    def __init__(self, run: SearchRun) -> None:
+        self.run = run
+        self.result: SearchResult | None = None
+        self._call: Any = None
+        self._begun = False
+
+    @property
+    def call(self) -> Any:
+        """What it waits for; it begins when that is asked first."""
+        if not self._begun:
+            self._begun = True
+            self._go_on()
+        return self._call
+
+    @property
+    def has_path(self) -> bool:
+        """Whether it has ended with a path."""
+        return self.result is not None and self.result.path is not None
+
+    def accept(self, answer: Any) -> None:
+        self.run.accept(answer)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        self._call = self.run.next_request()
+        if self._call is None:
+            self.result = self.run.result()
+
 
 # No improvement is looked for of a path within this factor of the straight motion's length.
 SHORT_ENOUGH = 1.001

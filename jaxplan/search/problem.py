@@ -1,4 +1,12 @@
-"""What every planner of step 2 is given, and what it answers."""
+"""What every planner of step 2 is given, and what it answers.
+
+Which terminals are to be held on the axis of a keep-in zone while the platform turns, and on which.
+
+A terminal that a zone by itself binds must stay in it all the time. One that a zone of a group binds need
+not, as another zone of the group may hold instead; but as long as none does it has to follow its zone, and
+of random motions hardly any would. So it is proposed to be held, too, on the axis of the zone that it looks
+nearest to at start or goal. This only guides a search: what is clear, the margins say.
+"""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,12 +17,41 @@ from numpy.typing import ArrayLike
 
 from jaxplan import quaternion
 from jaxplan.display import shown
-from jaxplan.model.constraints import SIGHT, Constraints
+from jaxplan.model.constraints import INERTIAL, SIGHT, Constraints
+from jaxplan.model.directions import Sights
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import Scenario, SearchSettings
-from jaxplan.model.sights import Sights
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.search.holding import held_axes
+
+
+def held_axes(
+    spacecraft: Spacecraft, rows: Constraints, start: GivenState, goal: Goal
+) -> tuple[np.ndarray, np.ndarray]:
+    """The terminals to be held, and where they look then.
+
+    Args:
+        spacecraft: its terminals.
+        rows: the constraints, none of them moving.
+        start: where the search begins.
+        goal: where it goes.
+
+    Returns:
+        (n,) bool, whether a terminal is to be held; (n, 3) inertial axes, any where it is not.
+    """
+    ends = [spacecraft.boresights(state.attitude, state.joints) for state in (start, goal)]
+    seen, terminals = np.stack(ends, axis=1), len(spacecraft.terminals)
+    inside = (rows.side < 0) & (rows.frame == INERTIAL)
+    held, axes = np.zeros(terminals, dtype=bool), np.tile([0.0, 0.0, 1.0], (terminals, 1))
+    for terminal, looks in enumerate(seen[:terminals]):
+        binding = np.flatnonzero(inside & rows.bound[:, terminal])
+        alone = binding[rows.single[binding]]
+        if len(binding):
+            nearest = np.argmax(np.max(rows.axis[binding] @ looks.T, axis=1))
+            held[terminal] = True
+            axes[terminal] = rows.axis[alone[0] if len(alone) else binding[nearest]]
+    return held, axes
+
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -51,7 +88,7 @@ class Scene:
         start_joints: (2n,) rad.
         goal_attitude: (3, 3).
         goal_joints: (2n,) rad.
-        held: (n,) bool, terminals that a search should keep in a keep-in zone, see `holding`.
+        held: (n,) bool, terminals that a search should keep in a keep-in zone, see above.
         held_axes: (n, 3) axis of that zone, inertial.
         goal_quaternion: (4,) of the goal relative to the start.
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.

@@ -17,9 +17,9 @@ import numpy as np
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.search.calls import Call, Scenes
-from jaxplan.search.corners import between
 from jaxplan.search.problem import SearchResult
-from jaxplan.search.rrt import FEW, LEAST, Space, Tree, reached, search_by_trees
+from jaxplan.search.smoothing.shortcut import between
+from jaxplan.search.trees import FEW, LEAST, Space, Tree, reached, search_by_trees
 
 SAMPLES = FEW
 # Steps that a tree grows at most towards a random state.

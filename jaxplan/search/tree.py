@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.model.path import Path
-from jaxplan.search.corners import ARRIVED, subdivide
 from jaxplan.search.kernels import Expansion, Moves
 from jaxplan.search.problem import Scene
+from jaxplan.search.smoothing.shortcut import ARRIVED, subdivide
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,9 +19,8 @@ elements to about 1 km at their epoch, and several more for each day since.
 It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements.
 """
 
-from jaxplan.sky.bodies import BODIES, RADII
-from jaxplan.sky.paths import path
-from jaxplan.sky.satellites import CircularOrbit
+from jaxplan.sky.frames import BODIES, RADII
+from jaxplan.sky.satellites import CircularOrbit, StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.sights import (
     angular_radius,
     direction_rates,
@@ -30,8 +29,7 @@ from jaxplan.sky.sights import (
     positions,
     velocities,
 )
-from jaxplan.sky.tle import StaleTleWarning, Tle, TleError, parse_tle
-from jaxplan.sky.zone import keep_out
+from jaxplan.sky.zone import keep_out, path
 
 __all__ = [
     "BODIES",

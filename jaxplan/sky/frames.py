@@ -1,4 +1,6 @@
-"""From TEME, the frame that SGP4 computes in, to the axes of the GCRS.
+"""Frames, bodies and instants: what pyerfa is asked for.
+
+From TEME, the frame that SGP4 computes in, to the axes of the GCRS.
 
 TEME has its z axis along the Earth's true axis of date (Celestial Ephemeris Pole), and its x axis in the true
 equator where sidereal time is the mean one of 1982: it differs from the true equator and equinox of date by
@@ -9,11 +11,25 @@ a turn about z, the equation of the equinoxes. That it goes with GMST of 1982 is
 
 so that r_GCRS = (N P B)^T R3(GMST82 - GAST) r_TEME. N P B is IAU 2006/2000A's. The turn is the difference of
 two sidereal times of one instant, in which UT1 - UTC does not matter.
+
+Sun, Moon and Earth: where they are, and how large.
+
+The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the Moon's
+``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon (2015),
+equatorial of the Earth, so that the flattened Earth lies within the sphere.
+
+Instants: an epoch in UTC and seconds after it, as Julian dates of the scales that pyerfa counts in.
 """
 
-import numpy as np
+from importlib import import_module
+from typing import Any
 
-from jaxplan.sky.instants import library, terrestrial, universal
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jaxplan.epochs import TT_MINUS_TAI, leaps
+from jaxplan.given import floats
+from jaxplan.orbits import EARTH_RADIUS
 
 
 def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
@@ -36,3 +52,100 @@ def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
     about_z = np.stack([c, s, o, -s, c, o, o, o, o + 1], axis=-1).reshape(*np.shape(turn), 3, 3)
     rotation: np.ndarray = np.swapaxes(true_of_date, -1, -2) @ about_z
     return rotation
+
+
+BODIES = ("sun", "moon", "earth")
+RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
+
+
+def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of a body.
+
+    Args:
+        body: one of `BODIES`.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km from the Earth's centre and (..., 3) km/s, GCRS.
+    """
+    if body == "earth":
+        return np.zeros((*times.shape, 3)), np.zeros((*times.shape, 3))
+    erfa = library("erfa")
+    instant = terrestrial(epoch, times)
+    if body == "sun":
+        heliocentric, _ = erfa.epv00(*instant)
+        sign, pv = -1.0, heliocentric
+    else:
+        sign, pv = 1.0, erfa.moon98(*instant)
+    unit = sign * erfa.DAU * 1e-3  # km
+    return unit * pv["p"], unit / erfa.DAYSEC * pv["v"]
+
+
+_UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
+_DAY = 86400.0
+_MOST_SECONDS = 4.1e9  # all the years that an epoch may lie in
+
+
+def library(module: str) -> Any:
+    """A module of the extra ``orbit``: ``erfa``, or one of ``sgp4``.
+
+    Raises:
+        ImportError: if it is not installed; the message names the extra.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = {"erfa": "pyerfa"}.get(module, module.partition(".")[0])
+        raise ImportError(f"{package} is missing: pip install 'jaxplan[orbit]'") from error
+
+
+def seconds(times: ArrayLike) -> np.ndarray:
+    """Times after an epoch as an array, checked.
+
+    Args:
+        times: () or (k,) s.
+
+    Raises:
+        ValueError: if they are of another shape, not finite, or a century away.
+    """
+    array = floats("times", times, "a number of seconds, or (k,) of them")
+    if array.ndim > 1:
+        raise ValueError(f"times: must be a number or (k,) numbers of seconds, not of shape {array.shape}")
+    wrong = array[~(np.abs(array) <= _MOST_SECONDS)]
+    if wrong.size:
+        raise ValueError(f"times = {wrong.flat[0]}: must lie in [{-_MOST_SECONDS:g}, {_MOST_SECONDS:g}] s")
+    return array
+
+
+def universal(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
+    """UTC as a Julian date in two parts, which stands for UT1 where a second does not matter.
+
+    Args:
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        Midnight before the epoch, and (...) days from there on.
+    """
+    midnight = epoch.astype("datetime64[D]")
+    since = float((epoch - midnight) / np.timedelta64(1, "ns")) * 1e-9
+    return _UNIX_DAY_ZERO + float(midnight.astype(int)), (since + times) / _DAY
+
+
+def terrestrial(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
+    """Terrestrial time as a Julian date in two parts; TDB is the same to 0.002 s."""
+    day, since = universal(epoch, times)
+    return day, since + (_leaps(epoch) + TT_MINUS_TAI) / _DAY
+
+
+def elapsed(since: np.datetime64, epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
+    """SI seconds, leap seconds counted, from one epoch to (...) times after another."""
+    apart = float((epoch - since) / np.timedelta64(1, "ns")) * 1e-9
+    return apart + (_leaps(epoch) - _leaps(since) if epoch != since else 0.0) + times
+
+
+def _leaps(epoch: np.datetime64) -> float:
+    """Seconds that TAI is ahead of UTC."""
+    library("erfa")  # for the message where it is missing
+    return leaps(epoch)

@@ -1,5 +1,13 @@
-"""Satellites in motion: circular orbits of `jaxplan.orbits`, and two-line elements by SGP4."""
+"""Satellites in motion: circular orbits of `jaxplan.orbits`, and two-line elements by SGP4.
 
+Two-line elements: read with every column checked, since sgp4 is silent about most of what is wrong.
+
+A set is two lines of 69 columns, perhaps with a name above. Digits that are off by one column, or a line of
+another satellite, would otherwise put the satellite anywhere. Each fault names line, columns and value; all
+come at once.
+"""
+
+import re
 import warnings
 from dataclasses import dataclass
 from numbers import Real
@@ -10,9 +18,172 @@ import numpy as np
 from jaxplan import orbits
 from jaxplan.display import shown
 from jaxplan.epochs import parse_epoch
-from jaxplan.sky.frames import teme_to_gcrs
-from jaxplan.sky.instants import elapsed, library
-from jaxplan.sky.tle import StaleTleWarning, Tle, TleError
+from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
+
+COLUMNS = 69
+_NUMBER = r"[ 0-9A-HJ-NP-Z][ 0-9]{3}[0-9]"  # the letter stands for two digits: alpha-5
+_ANGLE = r"(?=.{8}) *\d{1,3}\.\d{4}"
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A field of a line: columns from one, both ends included, and what stands there."""
+
+    first: int
+    last: int
+    name: str
+    pattern: str
+    example: str
+    low: float | None = None
+    high: float | None = None
+
+
+_LAYOUT = {
+    1: (
+        _Column(3, 7, "catalogue number", _NUMBER, "25544"),
+        _Column(8, 8, "classification", "[UCS ]", "U"),
+        _Column(19, 20, "year of the epoch", r"\d\d", "26"),
+        _Column(21, 32, "day of the epoch", r" *\d{1,3}\.\d{8}", "079.50000000", 1, 366.99999999),
+        _Column(34, 43, "first derivative of the mean motion", r"[ +0-]\.\d{8}", " .00016717"),
+        _Column(45, 52, "second derivative of the mean motion", r"[ +-]\d{5}[ +-]\d", " 00000-0"),
+        _Column(54, 61, "drag term B*", r"[ +-]\d{5}[ +-]\d", " 10270-3"),
+        _Column(63, 63, "type of ephemeris", r"[ 0-9]", "0"),
+        _Column(65, 68, "number of the set", r"[ 0-9]{4}", " 999"),
+    ),
+    2: (
+        _Column(3, 7, "catalogue number", _NUMBER, "25544"),
+        _Column(9, 16, "inclination", _ANGLE, " 51.6400", 0, 180),
+        _Column(18, 25, "right ascension of the ascending node", _ANGLE, "208.9163", 0, 360),
+        _Column(27, 33, "eccentricity after the decimal point", r"\d{7}", "0006317"),
+        _Column(35, 42, "argument of perigee", _ANGLE, " 69.9862", 0, 360),
+        _Column(44, 51, "mean anomaly", _ANGLE, "290.2224", 0, 360),
+        _Column(53, 63, "mean motion", r" *\d{1,2}\.\d{8}", "15.49560532", 1e-3, 18),
+        _Column(64, 68, "number of the revolution", r"[ 0-9]{5}", "12345"),
+    ),
+}
+_BLANK = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
+
+
+class TleError(ValueError):
+    """Two-line elements that cannot be used.
+
+    Attributes:
+        faults: one line of text each.
+    """
+
+    def __init__(self, *faults: str) -> None:
+        self.faults = faults
+        super().__init__(*faults)  # what a copy in another process is made from
+
+    def __str__(self) -> str:
+        if len(self.faults) == 1:
+            return f"two-line elements: {self.faults[0]}"
+        return "\n  ".join([f"two-line elements with {len(self.faults)} faults:", *self.faults])
+
+
+class StaleTleWarning(UserWarning):
+    """The time asked for is so far from the epoch of two-line elements that SGP4 is many km off."""
+
+
+@shown("epoch", "line1", "line2")
+@dataclass(frozen=True)
+class Tle:
+    """A satellite of two-line elements; made by `parse_tle`, which checks them.
+
+    Attributes:
+        name: of the line above, or else the catalogue number.
+        line1: 69 characters.
+        line2: 69 characters.
+        epoch: UTC, ``datetime64[ns]``.
+    """
+
+    name: str
+    line1: str
+    line2: str
+    epoch: np.datetime64
+
+
+def parse_tle(text: str) -> Tle:
+    """A satellite from its two-line elements.
+
+    Args:
+        text: the two lines, perhaps with a line above that has the name. Blank lines and blanks at the end of
+            lines are passed over.
+
+    Raises:
+        TleError: if a line has the wrong number, length, characters, value or check sum, or the two are of
+            different satellites; all faults at once, with line, columns and value.
+    """
+    given: object = text  # whatever its type says
+    if not isinstance(given, str):
+        raise TleError(f"must be a text, not {type(given).__name__}")
+    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+    if len(lines) not in (2, 3):
+        raise TleError(f"must be two lines, or three with a name first, not {len(lines)}")
+    pair = {1: lines[-2], 2: lines[-1]}
+    faults = [fault for number, line in pair.items() for fault in _faults(number, line)]
+    if not faults and pair[1][2:7] != pair[2][2:7]:
+        faults.append(f"line 2 is of satellite {pair[2][2:7]!r}, line 1 of {pair[1][2:7]!r}")
+    epoch = None if faults else _epoch(pair[1])
+    if epoch is not None and epoch < np.datetime64("1972-01-01"):
+        faults.append(f"line 1, columns 19 to 20 (year of the epoch) = {pair[1][18:20]!r}: before 1972")
+    if faults or epoch is None:
+        raise TleError(*faults)
+    name = lines[0].removeprefix("0 ").strip() if len(lines) == 3 else ""
+    return Tle(name=name or pair[1][2:7].strip(), line1=pair[1], line2=pair[2], epoch=epoch)
+
+
+def check_sum(line: str) -> int:
+    """The last digit of a line, from the 68 characters before: the sum of its digits, minus signs as one."""
+    return sum(int(c) if c.isdigit() else c == "-" for c in line[: COLUMNS - 1]) % 10
+
+
+def _faults(number: int, line: str) -> list[str]:
+    """What is wrong with a line by itself."""
+    here = f"line {number}"
+    if not line.isascii():
+        place = next(place for place, character in enumerate(line, 1) if not character.isascii())
+        return [f"{here}, column {place} = {line[place - 1]!r}: must be ASCII"]
+    if not line.startswith(f"{number} "):
+        return [f"{here} = {line[:12]!r}...: must begin with '{number} '"]
+    if len(line) != COLUMNS:
+        return [f"{here} has {len(line)} characters, must have {COLUMNS}"]
+    faults = [
+        f"{here}, column {place} = {line[place - 1]!r}: must be blank"
+        for place in _BLANK[number]
+        if line[place - 1] != " "
+    ]
+    faults += [fault for column in _LAYOUT[number] if (fault := _column_fault(here, line, column))]
+    if not line[-1].isdigit():
+        faults.append(f"{here}, column {COLUMNS} (check sum) = {line[-1]!r}: must be a digit")
+    elif int(line[-1]) != check_sum(line):
+        faults.append(
+            f"{here}, column {COLUMNS} (check sum) = {line[-1]}: the line adds up to {check_sum(line)}"
+        )
+    return faults
+
+
+def _column_fault(here: str, line: str, column: _Column) -> str | None:
+    value = line[column.first - 1 : column.last]
+    span = (
+        f"columns {column.first} to {column.last}" if column.last > column.first else f"column {column.first}"
+    )
+    place = f"{here}, {span} ({column.name}) = {value!r}"
+    if not re.fullmatch(column.pattern, value, re.ASCII):
+        return f"{place}: must be written as in {column.example!r}"
+    if column.low is not None and column.high is not None and not column.low <= float(value) <= column.high:
+        return f"{place}: must lie in [{column.low:.15g}, {column.high:.15g}]"
+    return None
+
+
+def _epoch(line: str) -> np.datetime64:
+    """The epoch of line 1, to its last digit: 1e-8 days."""
+    year = int(line[18:20])
+    year += 1900 if year >= 57 else 2000  # the first satellite flew in 1957
+    whole, fraction = line[20:32].split(".")
+    since = (int(whole) - 1) * 86_400_000_000_000 + int(fraction) * 864_000
+    return np.datetime64(year - 1970, "Y").astype("datetime64[ns]") + np.timedelta64(since, "ns")
+
 
 STALE_DAYS = 7.0  # from here on SGP4 is likely tens of km off in low orbit
 LAST_DAYS = 30.0  # from here on hundreds

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxplan.epochs import parse_epoch
-from jaxplan.geometry.directions import separation
+from jaxplan.geometry.vectors import separation
 from jaxplan.given import floats, number
-from jaxplan.sky.bodies import BODIES, RADII, body_state
-from jaxplan.sky.instants import seconds
-from jaxplan.sky.satellites import CircularOrbit, orbit_state, tle_state
-from jaxplan.sky.tle import Tle
+from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
+from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 
 Thing: TypeAlias = CircularOrbit | Tle | str | np.ndarray | Sequence[float]
 Epoch: TypeAlias = str | np.datetime64

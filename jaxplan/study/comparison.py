@@ -13,9 +13,8 @@ import numpy as np
 
 from jaxplan.display import as_table, shown
 from jaxplan.given import expect
-from jaxplan.study.result import Study
+from jaxplan.study.result import Study, aligned
 from jaxplan.study.rows import OK, Row
-from jaxplan.study.text import aligned
 
 _QUANTITIES = {
     "path length (steps)": "length_steps",

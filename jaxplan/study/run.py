@@ -12,14 +12,11 @@ from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
 from jaxplan.progress import progress_bar
 from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
-from jaxplan.study.blocks import Blocks
-from jaxplan.study.engine import by_workers, in_this_process
-from jaxplan.study.lines import TABLE, TIMINGS
+from jaxplan.study.blocks import Answer, Blocks, Work, by_workers, in_this_process, plan_chunk
 from jaxplan.study.result import Study
-from jaxplan.study.rows import OK
+from jaxplan.study.rows import OK, TABLE, TIMINGS
 from jaxplan.study.store import Store
 from jaxplan.study.task import Task, make_task
-from jaxplan.study.work import Answer, Work, plan_chunk
 
 
 def run_study(

@@ -20,19 +20,20 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
-from jaxplan.study.lines import (
+from jaxplan.study.blocks import Answer
+from jaxplan.study.rows import (
+    COLUMNS,
     HEADER,
     LARGEST_HEADER,
     TABLE,
+    TIMES,
     TIMINGS,
     StudyFolderError,
     read_header,
     scan,
     whole_lines,
 )
-from jaxplan.study.rows import COLUMNS, TIMES
 from jaxplan.study.task import Task
-from jaxplan.study.work import Answer
 
 LOCK = ".lock"
 

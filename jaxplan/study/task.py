@@ -17,7 +17,7 @@ import numpy as np
 from jaxplan.cases import RANDOM_KINDS, random_scenario
 from jaxplan.given import several
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.asked import as_filed
+from jaxplan.planner.runs import as_filed
 from jaxplan.scenario import ScenarioError, scenario_to_dict, with_settings
 from jaxplan.search import PLANNERS
 from jaxplan.version import __version__

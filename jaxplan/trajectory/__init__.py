@@ -1,21 +1,27 @@
 """Step 3: from a path to a trajectory that can be flown; `METHODS` by the names that settings give them."""
 
 from collections.abc import Sequence
+from pkgutil import resolve_name
+from typing import Any
 
 from jaxplan.runtime.batching import Seconds, grouped
-from jaxplan.runtime.threads import one_thread
+from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import derivative, strategy
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
-from jaxplan.trajectory.paper import derivative as paper_derivative
-from jaxplan.trajectory.paper import method as paper
 from jaxplan.trajectory.schedule import duration_bound, excess
 
-METHODS = {"global": strategy.fit, "paper": paper.fit}  # of many queries, with the seconds that each takes
-REFITS = {
-    "global": derivative.refit,
-    "paper": paper_derivative.refit,
-}  # the same near a fit, to be differentiated
+METHODS: dict[str, Any] = {"global": strategy.fit, "paper": "jaxplan.paper.trajectory:fit"}
+"""Fits of many queries, with the seconds that each takes, by the names of settings; see `by_name`."""
+REFITS: dict[str, Any] = {"global": derivative.refit, "paper": "jaxplan.paper.derivative:refit"}
+"""The same near a fit, to be differentiated."""
+
+
+def by_name(methods: dict[str, Any], name: str) -> Any:
+    """One of `METHODS` or `REFITS`; one of the wing `jaxplan.paper` is loaded when it is first used."""
+    known = methods[name]
+    return resolve_name(known) if isinstance(known, str) else known
+
 
 __all__ = [
     "METHODS",
@@ -24,6 +30,7 @@ __all__ = [
     "FitQuery",
     "Samples",
     "Trajectory",
+    "by_name",
     "duration_bound",
     "evaluate",
     "excess",
@@ -47,7 +54,7 @@ def fit_batch(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> li
     fits: dict[int, Fit] = {}
     with one_thread():
         for numbers in grouped(queries, lambda query: query.settings.method):
-            own, method = Seconds(len(numbers)), METHODS[queries[numbers[0]].settings.method]
+            own, method = Seconds(len(numbers)), by_name(METHODS, queries[numbers[0]].settings.method)
             fits.update(zip(numbers, method([queries[n] for n in numbers], own), strict=True))
             if seconds is not None:
                 seconds.spent[numbers] += own.spent

@@ -15,7 +15,7 @@ import numpy as np
 from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.runtime.batching import padded_count
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
@@ -27,7 +27,6 @@ from jaxplan.trajectory.constraints import (
     LoadBlock,
 )
 from jaxplan.trajectory.derivative import gather_inputs
-from jaxplan.trajectory.discretisation import DiscreteProblem, end_margins, on_mesh
 from jaxplan.trajectory.iterates import Iterates, Stack
 from jaxplan.trajectory.optimality import (
     ActiveSet,
@@ -39,7 +38,7 @@ from jaxplan.trajectory.optimality import (
     flat,
     linearised,
 )
-from jaxplan.trajectory.problem import FitProblem, Mesh
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, end_margins, on_mesh
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis
 

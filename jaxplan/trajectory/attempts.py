@@ -7,10 +7,9 @@ import numpy as np
 
 from jaxplan.trajectory import options, sqp
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.discretisation import DiscreteProblem, discretise
 from jaxplan.trajectory.iterates import TUBE, SQPSolution
 from jaxplan.trajectory.peaks import Peaks, all_peaks
-from jaxplan.trajectory.problem import AttemptRequest, FitProblem, Mesh
+from jaxplan.trajectory.problem import AttemptRequest, DiscreteProblem, FitProblem, Mesh, discretise
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 

@@ -27,8 +27,8 @@ from jaxplan.display import shown
 from jaxplan.geometry.vectors import components
 from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
-from jaxplan.runtime.quick_jit import quick_jit
-from jaxplan.trajectory.basis import derivative_matrix, legendre
+from jaxplan.runtime.jit import quick_jit
+from jaxplan.trajectory.splines import derivative_matrix, legendre
 
 # Times of a kernel call, the last one padded: always as many, so that the kernel is compiled once whatever is
 # sampled. More would make single times slower, and fewer long vectors of them.

@@ -8,9 +8,8 @@ import numpy as np
 
 from jaxplan.model.limits import time_factor
 from jaxplan.trajectory import options
-from jaxplan.trajectory.discretisation import DiscreteProblem, Tube
 from jaxplan.trajectory.motion import Motion, evaluate
-from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.problem import DiscreteProblem, System, Tube
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of rows
 

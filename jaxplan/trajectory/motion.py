@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan import so3
-from jaxplan.geometry import directions
+from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -28,7 +28,7 @@ from jaxplan.model.constraints import (
 )
 from jaxplan.model.limits import Kinematics, highest_derivative, values
 from jaxplan.runtime.batching import padded_count
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.curve import chart_motion
 from jaxplan.trajectory.problem import System
 
@@ -217,7 +217,7 @@ class Motion:
         yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
         mounts = np.stack([system.sights.mounts for system in self.systems])
         azimuth = self.curves[curve, 0, place, yaw] + mounts[curve, yaw - 3]
-        turns = directions.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
+        turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
         for part, change in enumerate(turns):
             weight = self._turning[curve, part, sight]
             slopes[row, yaw + part * self._terminals] += weight * dot(change, other[row].T)

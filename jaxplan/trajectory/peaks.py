@@ -34,8 +34,8 @@ from jaxplan.model import limits
 from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import grouped, in_groups
-from jaxplan.trajectory.basis import derivative_matrix
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.splines import derivative_matrix
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 

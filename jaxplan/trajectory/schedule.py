@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.geometry.arrays import AnyArray, array_module, arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.limits import Kinematics, limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft

@@ -16,8 +16,8 @@ import numpy as np
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory import options
 from jaxplan.trajectory.constraints import constraint_blocks
-from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, SQPSolution, Stack
+from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
 

@@ -1,7 +1,7 @@
 """Tuning of numbers of scenarios, by the gradient of what follows from them or, without one, by trials.
 
 `parameters` keeps numbers within their bounds, `objectives` are what may be lowered, `descent` follows the
-gradient to a `result`. `ranges` are the settings that `trials` vary, and `ledger` keeps what came of them.
+gradient to a `result`, and `trials` does without one.
 """
 
 from jaxplan.tuning.descent import tune

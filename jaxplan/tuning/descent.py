@@ -19,16 +19,15 @@ import optax
 from jaxplan.given import expect, several
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
-from jaxplan.planner.asked import as_filed
+from jaxplan.planner.runs import as_filed
 from jaxplan.progress import progress_bar
-from jaxplan.runtime.quick_jit import quick_jit
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.scenario import scenario_to_dict
 from jaxplan.scenario.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, expect_known_time, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
-from jaxplan.tuning.bundle import Bundle, bare
-from jaxplan.tuning.objectives import Objective, as_weights, make_objective, objective_label
+from jaxplan.tuning.objectives import Bundle, Objective, as_weights, bare, make_objective, objective_label
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
 from jaxplan.tuning.result import Asked, State, Stop, Tuning
 

@@ -12,9 +12,9 @@ from scipy import sparse
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
-from jaxplan.decomposition import quadratic
+from jaxplan.decomposition import descent
+from jaxplan.paper.qp import SegmentQP, solve_all
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
-from jaxplan.trajectory.paper.qp import SegmentQP, solve_all
 
 TOLERANCE = 1e-6  # of the objective, relative to its size
 EPSILON = 1e-7  # a least squares residual below counts as none
@@ -113,7 +113,7 @@ def limited(seed: int) -> str:
 LANES = 32
 
 
-_solve = jax.jit(quadratic.solve)
+_solve = jax.jit(descent.solve)
 
 
 def three(seed: int) -> list[str]:

@@ -1,6 +1,5 @@
 """Path smoothing after the search: shorter paths with smoother nodes, as clear as before."""
 
-from jaxplan.search.smoothing.bands import Band
-from jaxplan.search.smoothing.smoother import smooth, smooth_results, straight_bands
+from jaxplan.search.smoothing.smoother import Band, smooth, smooth_results, straight_bands
 
 __all__ = ["Band", "smooth", "smooth_results", "straight_bands"]

@@ -1,5 +1,8 @@
 """Whole paths as arrays: what their edges cost, nodes evenly along them, and the margins of every edge.
 
+Arrays of vectors, quaternions (``w x y z``) and rotations have the component as their first axis, and any
+others behind it; their products are those of `jaxplan.geometry`.
+
 For kernels. Components come first (quaternion or joint), nodes or edges last. Attitudes are unit quaternions
 relative to the start, neighbours of the same sign (`aligned`).
 """
@@ -10,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxplan import quaternion
-from jaxplan.geometry import directions, rotations
+from jaxplan.geometry import rotations, vectors
 from jaxplan.geometry.vectors import dot
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -24,11 +27,31 @@ from jaxplan.model.constraints import (
     score_curvature,
     scores,
 )
+from jaxplan.model.directions import Sights
 from jaxplan.model.path import step_cost
-from jaxplan.model.sights import Sights
 from jaxplan.search.motions import computed_once
 from jaxplan.search.problem import TAPER_STEPS, Scene
-from jaxplan.search.smoothing.components import between, in_body, spread
+
+
+def total(values: Array) -> Array:
+    """Sum over a short leading axis, unrolled so that it fuses."""
+    return sum((values[i] for i in range(values.shape[0])), start=jnp.zeros(values.shape[1:]))
+
+
+def spread(values: Array, axes: int) -> Array:
+    """Values with further axes of length one at the end."""
+    return values.reshape(*values.shape, *(1,) * axes)
+
+
+def between(quaternions: Array) -> Array:
+    """Quaternions of the turns between neighbours along the last axis, body axes."""
+    return jnp.stack(rotations.relative(quaternions[..., :-1], quaternions[..., 1:]))
+
+
+def in_body(quaternions: Array, directions: Array) -> Array:
+    """Directions (3, z) given in the start's body axes, in those at quaternions (4, b, s): (3, z, b, s)."""
+    return jnp.stack(rotations.turned_back(quaternions, spread(directions, quaternions.ndim - 1)))
+
 
 _TINY = 1e-12
 
@@ -174,7 +197,7 @@ def sights_of(sights: Sights, cosines: Array, sines: Array) -> Array:
     """Sights (3, d, ...) in body axes, from cosines and sines (2n, ...) of azimuths and then elevations."""
     count = sights.mounts.shape[0]
     ca, ce, sa, se = cosines[:count], cosines[count:], sines[:count], sines[count:]
-    seen = [jnp.stack(directions.outward(ca, sa, ce, se))]
+    seen = [jnp.stack(vectors.outward(ca, sa, ce, se))]
     if sights.fixed.shape[0]:
         fixed = spread(jnp.asarray(sights.fixed).T, ca.ndim - 1)
         seen.append(jnp.broadcast_to(fixed, (*fixed.shape[:2], *ca.shape[1:])))

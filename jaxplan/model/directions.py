@@ -1,0 +1,302 @@
+"""Everything that points: inertial directions that stand still or move, and sights fixed to a device.
+
+**Directions over time** are inertial, of a target or a zone; a fixed one stands still. Between its samples a
+direction follows the cubic spline through them, brought to unit length:
+
+    e(t) = s(t) / norm(s(t)),        e'(t) = (s' - (s' . e) e) / norm(s),
+
+``s`` with two continuous derivatives, and a third one over the first and the last two intervals (not-a-knot).
+It passes every sample, and is off by the fourth power of the time between them: of a neighbour in low orbit
+that is sampled every 10 s by about 1e-9 rad. Times are seconds from the start of the manoeuvre on.
+
+**Sights** are what pointing constraints bind, fixed to what carries them. A sight is the boresight of a
+device, an axis of the body, or another vector of a device's moving part. Shapes: S sights, devices first
+(terminals, then instruments), then axes of the body, then vectors of moving parts. All of it computes with
+numpy or JAX, as its arguments do.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.display import shown
+from jaxplan.geometry import vectors
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.given import floats
+from jaxplan.model.spacecraft import body_boresights
+from jaxplan.runtime.once import made_once
+
+FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
+_PLACES = 65  # where `reach` looks
+_ROUNDING = 4 * np.finfo(float).eps  # of a length
+
+
+@shown("times s", "samples", "slopes 1/s")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectionPath:
+    """A direction over time; `through` makes it from samples, `still` of one that does not move.
+
+    Attributes:
+        times: (n,) s, rising; a single one of a direction that stands still.
+        samples: (n, 3) unit vectors.
+        slopes: (n, 3) 1/s, derivatives of the spline at the samples.
+    """
+
+    times: np.ndarray
+    samples: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:
+        """The path through samples.
+
+        Args:
+            times: (n,) s, rising, at least two.
+            samples: (n, 3) unit vectors to 1e-6, brought to unit length.
+
+        Raises:
+            ValueError: if shapes or numbers are wrong, or the direction turns too far between two samples.
+        """
+        from scipy.interpolate import CubicSpline  # slow to import, so not at the top
+
+        t = floats("times", times, "an array of numbers of seconds")
+        p = floats("samples", samples, "an array of unit vectors")
+        if t.ndim != 1 or len(t) < 2 or p.shape != (len(t), 3):
+            raise ValueError(
+                f"times and samples: must be (n,) and (n, 3), n at least 2, not {t.shape} and {p.shape}"
+            )
+        if not np.all(np.isfinite(t)):
+            i = int(np.argmin(np.isfinite(t)))
+            raise ValueError(f"times[{i}] = {t[i]}: must be finite")
+        if not np.all(np.diff(t) > 0):
+            i = int(np.argmin(np.diff(t) > 0)) + 1
+            raise ValueError(f"times[{i}] = {t[i]}: must rise, and be later than {t[i - 1]}")
+        length = np.linalg.norm(p, axis=1)
+        if not np.all(np.abs(length - 1) <= 1e-6):
+            i = int(np.argmin(np.abs(length - 1) <= 1e-6))
+            raise ValueError(f"samples[{i}] = {p[i].tolist()}: must be a unit vector, to 1e-6")
+        odd = np.abs(length - 1) > _ROUNDING  # the others keep their bits, as when a file is read
+        p[odd] /= length[odd, None]
+        path = cls(times=t, samples=p, slopes=np.asarray(CubicSpline(t, p)(t, 1)))
+        far = path._spread()[0] > FARTHEST
+        if np.any(far):
+            raise ValueError(f"samples: {too_far(int(np.argmax(far)))}")
+        return path
+
+    @classmethod
+    def still(cls, direction: ArrayLike) -> Self:
+        """The path of a direction (3,) that is known, and the same, at all times."""
+        _, unit = arrays(direction)
+        return cls(times=np.zeros(1), samples=unit[None], slopes=np.zeros((1, 3)))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the same at all times."""
+        return len(self.times) > 1
+
+    def at(self, time: ArrayLike) -> Any:
+        """The direction at some times.
+
+        Args:
+            time: (...) s within the samples'.
+
+        Returns:
+            (..., 3) unit vectors; arrays of JAX where one is given or traced, NaN at a time outside.
+
+        Raises:
+            ValueError: if a time, of numpy, is outside: nothing is extrapolated.
+        """
+        if not self.moves:
+            return self._everywhere(self.samples[0], time)
+        xp, value, _ = self._spline(time)
+        return value / xp.linalg.norm(value, axis=-1, keepdims=True)
+
+    def rate(self, time: ArrayLike) -> Any:
+        """How fast the direction turns at some times: the derivative of `at`, which see.
+
+        Returns:
+            (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
+        """
+        if not self.moves:
+            return self._everywhere(self.slopes[0], time)
+        xp, value, slope = self._spline(time)
+        length = xp.linalg.norm(value, axis=-1, keepdims=True)
+        unit = value / length
+        return (slope - xp.sum(slope * unit, axis=-1, keepdims=True) * unit) / length
+
+    def largest_rate(self, first: float, last: float) -> float:
+        """A bound of the rate of turn between two times, rad/s; it holds for all times between."""
+        if not self.moves:
+            return 0.0
+        far, speed = self._spread()
+        within = (self.times[1:] >= first) & (self.times[:-1] <= last)
+        return float(np.max((speed / (1 - far))[within]))
+
+    def reach(self, axis: np.ndarray, first: float, last: float) -> float:
+        """A bound of the angle between an axis and the path, rad; it holds for all times between two.
+
+        Args:
+            axis: (3,) unit vector.
+            first: s.
+            last: s, not before.
+        """
+        seen = self.at(np.linspace(first, last, _PLACES))
+        apart = separation(axis, seen)
+        between = self.largest_rate(first, last) * (last - first) / (_PLACES - 1) / 2
+        return float(min(np.max(apart) + between, np.pi))
+
+    def covers(self, last: float) -> bool:
+        """Whether the direction is known from the start of the manoeuvre to some time, s."""
+        return not self.moves or bool(self.times[0] <= 0 and last <= self.times[-1])
+
+    @staticmethod
+    def _everywhere(vector: ArrayLike, time: ArrayLike) -> Any:
+        """A vector (3,) once for each time."""
+        xp, same = arrays(vector)
+        return xp.broadcast_to(same, (*np.shape(time), 3))
+
+    def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
+        """The module to compute with, and the spline with its derivative (..., 3)."""
+        if not isinstance(time, jax.Array):
+            time = floats("time", time, "a number of seconds, or an array of them")
+        xp, t, times, p, m = arrays(time, self.times, self.samples, self.slopes)
+        outside = ~((t >= times[0]) & (t <= times[-1]))
+        if xp is np and np.any(outside):
+            raise ValueError(
+                f"time = {float(np.asarray(t)[outside].flat[0]):g}: "
+                f"must lie in [{times[0]:g}, {times[-1]:g}] s, where the direction is known"
+            )
+        i = xp.clip(xp.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        h = (times[i + 1] - times[i])[..., None]
+        u = (t - times[i])[..., None] / h
+        p0, p1, m0, m1 = p[i], p[i + 1], h * m[i], h * m[i + 1]
+        square, cube = 3 * (p1 - p0) - 2 * m0 - m1, 2 * (p0 - p1) + m0 + m1
+        # from the nearer sample on, so that each is passed without rounding
+        late = u > 0.5
+        v = u - 1
+        value = xp.where(
+            late, p1 + v * (m1 + v * (square + 3 * cube + v * cube)), p0 + u * (m0 + u * (square + u * cube))
+        )
+        slope = (m0 + u * (2 * square + 3 * u * cube)) / h
+        if xp is jnp:
+            value = jnp.where(outside[..., None], jnp.nan, value)
+        return xp, value, slope
+
+    def _spread(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each interval (n - 1,): how far control points are from its first sample, and the largest |s'|.
+
+        The spline lies within the hull of its control points, and its derivative within that of theirs.
+        """
+        h = np.diff(self.times)[:, None]
+        p, m = self.samples, self.slopes
+        points = np.stack([p[:-1], p[:-1] + h * m[:-1] / 3, p[1:] - h * m[1:] / 3, p[1:]])
+        far = np.linalg.norm(points[1:] - points[0], axis=-1).max(axis=0)
+        speed = np.linalg.norm(3 * np.diff(points, axis=0) / h, axis=-1).max(axis=0)
+        return far, speed
+
+
+def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
+    """A direction (3,), or its path, as the path that it is."""
+    return direction if isinstance(direction, DirectionPath) else DirectionPath.still(direction)
+
+
+def too_far(interval: int) -> str:
+    """The complaint about an interval in which a direction turns too far."""
+    return f"the direction turns too far between the samples {interval} and {interval + 1}: give more samples"
+
+
+@shown("mounts deg", "fixed", "carrier", "carried")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sights:
+    """The directions that constraints bind, fixed to what carries them.
+
+    Attributes:
+        mounts: (n,) rad, of the terminals, whose boresights come first.
+        fixed: (f, 3) unit vectors in body axes: boresights of the instruments, then axes of the body.
+        carrier: (v,) int, the terminal whose moving part each further vector is fixed to.
+        carried: (v, 3) unit vectors along the terminal's boresight, to its left and upward, at any angles.
+    """
+
+    mounts: np.ndarray
+    fixed: np.ndarray
+    carrier: np.ndarray
+    carried: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of sights, S."""
+        return self.mounts.shape[0] + self.fixed.shape[0] + self.carried.shape[0]
+
+    @property
+    @made_once
+    def carriers(self) -> AnyArray:
+        """(S,) int, the terminal whose moving part each sight is fixed to; -1 of those fixed to the body."""
+        xp = array_module(self.carrier)
+        own, still = xp.arange(self.mounts.shape[0]), xp.full(self.fixed.shape[0], -1)
+        return xp.concatenate([own, still, xp.asarray(self.carrier, int)])
+
+    @property
+    @made_once
+    def turning(self) -> AnyArray:
+        """(2, S), one where the yaw, and the pitch, of its terminal turns a sight, else zero."""
+        carried: AnyArray = self.carriers >= 0
+        return array_module(carried).stack([carried, carried]).astype(float)
+
+    def in_body(self, joints: ArrayLike) -> AnyArray:
+        """Unit vectors (..., S, 3) in body axes at joints (..., 2n), by equation (13)."""
+        xp, q, mounts = arrays(joints, self.mounts)
+        seen = body_boresights(mounts, self.fixed, q)
+        if not self.carried.shape[0]:
+            return seen
+        count = mounts.shape[0]
+        a, e = (q[..., :count] + mounts)[..., self.carrier], q[..., count:][..., self.carrier]
+        own = self.carried_at(xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e))
+        return xp.concatenate([seen, xp.stack(own, axis=-1)], axis=-2)
+
+    def carried_at(
+        self, ca: AnyArray, sa: AnyArray, ce: AnyArray, se: AnyArray, *, behind: int = 0
+    ) -> vectors.Vector:
+        """Components of the further vectors of moving parts.
+
+        Args:
+            ca: (..., v, ...) cosine of the azimuth of each vector's terminal.
+            sa: (..., v, ...) its sine.
+            ce: (..., v, ...) cosine of the elevation.
+            se: (..., v, ...) its sine.
+            behind: number of axes behind that of the vectors.
+        """
+        _, own = arrays(self.carried)
+        return vectors.carried([part.reshape(-1, *(1,) * behind) for part in own.T], ca, sa, ce, se)
+
+    def bounds(self, joint_change: ArrayLike) -> tuple[AnyArray, AnyArray]:
+        """How fast sights turn and bend, seen from the body, while joints move steadily by some change.
+
+        With ``y = |dyaw|`` and ``p = |dpitch|`` a vector of the moving part turns about the yaw axis and one
+        at right angles to it, so at ``hypot(y, p)`` at most, and its second derivative is at most the square
+        of that plus ``y p``. That of the boresight, by equation (13), has a square that is linear in
+        ``cos^2 pitch``: at most ``(y^2 + p^2)^2`` (pitch 0) or ``p^2 (p^2 + 4 y^2)`` (pitch 90 deg).
+
+        Args:
+            joint_change: (..., 2n) rad over the motion.
+
+        Returns:
+            (..., S) each: bounds of the first and second derivative in the share of the motion.
+        """
+        xp, given = arrays(joint_change)
+        change = xp.abs(given)
+        count = self.mounts.shape[0]
+        yaw, pitch = change[..., :count], change[..., count:]
+        rate = length(xp.stack([yaw, pitch], axis=-1))
+        bend = xp.maximum(rate * rate, pitch * length(xp.stack([pitch, 2 * yaw], axis=-1)))
+        still = xp.zeros((*change.shape[:-1], self.fixed.shape[0]), change.dtype)
+        rates, bends = [rate, still], [bend, still]
+        if self.carried.shape[0]:
+            rates.append(rate[..., self.carrier])
+            bends.append((rate * rate + yaw * pitch)[..., self.carrier])
+        return xp.concatenate(rates, axis=-1), xp.concatenate(bends, axis=-1)

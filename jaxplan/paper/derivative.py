@@ -1,0 +1,258 @@
+"""The paper's scheme as a pure function of its inputs, near those of a fit that was made.
+
+Which limits bind at the joins is held, and so are the segments and the times of the nodes as shares of the
+duration. Then every program is a linear system, and the chain of them is differentiated as it stands.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+from jaxplan.display import shown
+from jaxplan.model.constraints import Constraints
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.paper.segments import PathNodes, assembled, node_indices, split
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.measures import to_limits
+from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.splines import end_derivatives, energy
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ActiveChain:
+    """The segments of the platform or of the joints.
+
+    Attributes:
+        ends: (S + 1,) int, nodes where segments end.
+        nodes: (S, slots) int, the node of each slot.
+        present: (S, slots) bool, which slots hold a node.
+        sides: (S, 2, d) of rate and acceleration at the join: -1 or 1 where a limit binds, else 0.
+    """
+
+    ends: np.ndarray
+    nodes: np.ndarray
+    present: np.ndarray
+    sides: np.ndarray
+
+
+@shown()
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperActiveSet:
+    """What is held of a fit.
+
+    Attributes:
+        fractions: (m + 1,) times of the nodes over the duration.
+        joints: segments of the joints.
+        platform: segments of the platform.
+        order: of the basis.
+        stretched: whether the time is stretched to the limits.
+    """
+
+    fractions: np.ndarray
+    joints: ActiveChain
+    platform: ActiveChain
+    order: int = field(metadata={"static": True})
+    stretched: bool = field(metadata={"static": True})
+
+
+def refit(
+    held: PaperActiveSet,
+    path: Path,
+    spacecraft: Spacecraft,
+    settings: TrajectorySettings,
+    cones: Constraints,
+    rates: ArrayLike,
+) -> Trajectory:
+    """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+
+    Args:
+        held: of a fit to as many nodes.
+        path: its attitudes and joints; edges' costs have no say.
+        spacecraft: its limits and inertia.
+        settings: weights and duration.
+        cones: the zones, which this method does not look at.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+
+    Returns:
+        The trajectory, its arrays traced where the inputs are. Nothing is checked: where another limit comes
+        to bind at a join, or one does no longer, it is the optimum under those that are held.
+    """
+    attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
+    joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
+    limits = jnp.stack([jnp.asarray(spacecraft.rate_limit), jnp.asarray(spacecraft.acceleration_limit)])
+    limits = jnp.broadcast_to(limits[:, None], (2, 3))
+    duration: Any = settings.duration
+    if held.stretched:
+        duration = nominal_duration(
+            attitudes, joints, held.fractions, jnp.concatenate([limits, joint_limits], axis=1)
+        )
+    times = jnp.asarray(held.fractions * duration)
+    joint_rows, rows, b, chart_rate, end_turns = assembled(
+        attitudes, times, jnp.asarray(held.joints.nodes), jnp.asarray(held.platform.nodes), order=held.order
+    )
+    ends = jnp.stack([jnp.asarray(rates), jnp.zeros(jnp.shape(rates))], axis=1)  # (2, 2, A)
+    weights = settings.rate_weight, settings.acceleration_weight
+    angles = _chain(
+        held.joints, times, joint_rows, joints[held.joints.nodes], (0.0, 1.0), joint_limits, ends[:, :, 3:]
+    )
+    coefficients = _chain(
+        held.platform,
+        times,
+        rows,
+        b,
+        weights,
+        limits,
+        ends[::-1, :, :3],
+        end_turns=end_turns,
+    )
+    arrays: dict[str, Any] = {
+        "breaks": times[held.platform.ends],
+        "chart_attitude": attitudes[held.platform.ends[:-1]],
+        "chart_start": times[held.platform.ends[:-1]],
+        "chart_rate": chart_rate,
+        "coefficients": coefficients,
+        "joint_breaks": times[held.joints.ends],
+        "joint_coefficients": angles,
+        "node_times": times,
+    }
+    curve = Trajectory(**arrays, smoothness=2, method="paper")
+    return to_limits(curve, spacecraft) if held.stretched else curve
+
+
+def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
+    """`shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
+    turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
+    moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
+    shares = jnp.diff(jnp.asarray(fractions))[:, None]
+    own = shares > 0
+    rates = jnp.pad(jnp.where(own, moves / jnp.where(own, shares, 1), 0), ((1, 1), (0, 0)))
+    between = jnp.pad(jnp.where(own, shares, 0), ((1, 1), (0, 0)))
+    both = (
+        jnp.where(between[:-1] > 0, between[:-1], between[1:]),
+        jnp.where(between[1:] > 0, between[1:], between[:-1]),
+    )
+    middle = (both[0] + both[1]) / 2
+    accelerations = jnp.where(middle > 0, jnp.diff(rates, axis=0) / jnp.where(middle > 0, middle, 1), 0)
+    by_rate = jnp.max(jnp.abs(rates) / limits[0])
+    return jnp.maximum(by_rate, jnp.sqrt(jnp.max(jnp.abs(accelerations) / limits[1])))
+
+
+def _chain(
+    held: ActiveChain,
+    times: Array,
+    node_rows: Array,
+    node_values: Array,
+    weights: tuple[Any, Any],
+    limits: Array,
+    ends: Array,
+    end_turns: Array | None = None,
+) -> Array:
+    """Coefficients (S, l + 1, d) of a chain, as `segments` plans it; backward with ``end_turns``."""
+    count, slots, size = node_rows.shape
+    backward = end_turns is not None
+    near, far = (1, 0) if backward else (0, 1)
+    near_rows, far_rows = end_derivatives(size - 1)[near], end_derivatives(size - 1)[far]
+    last = ends[1]
+
+    def segment(derivatives: Array, own: tuple[Any, ...]) -> tuple[Array, Array]:
+        half, turn, node_rows, node_values, present, sides, closing = own
+        if backward:
+            derivatives = derivatives @ turn
+        to_x = jnp.stack([half, half**2])[:, None]
+        rate = weights[0] * half**2
+        objective = (rate * energy(size - 1, 1) + weights[1] * energy(size - 1, 2)) / (rate + weights[1])
+        rows = jnp.concatenate([node_rows, near_rows, far_rows])
+        far_values = jnp.where(closing, last, sides * limits / SAFETY)
+        values = jnp.concatenate([node_values, derivatives * to_x, far_values * to_x])
+        always = jnp.concatenate([present, jnp.ones(2, bool), jnp.full(2, closing)])
+        binds = jnp.concatenate([jnp.zeros((slots + 2, values.shape[1]), bool), sides != 0])
+        x = jax.vmap(_minimiser, (None, None, 1, 1), 1)(objective, rows, values, always[:, None] | binds)
+        return far_rows @ x / to_x, x
+
+    number = np.arange(count)
+    own = (
+        jnp.diff(times[held.ends]) / 2,
+        end_turns,
+        node_rows,
+        node_values,
+        held.present,
+        held.sides,
+        number == (0 if backward else count - 1),  # the one that closes the chain
+    )
+    return jax.lax.scan(segment, ends[0], own, reverse=backward)[1]
+
+
+def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
+    """Minimiser (p,) under the rows (r, p) that are on; a row that is off stands for its multiplier, zero."""
+    active = jnp.where(on[:, None], rows, 0)
+    off = jnp.diag(jnp.where(on, 0.0, 1.0))
+    system = jnp.block([[objective, active.T], [active, off]])
+    right = jnp.concatenate([jnp.zeros(len(objective)), jnp.where(on, values, 0)])
+    return jnp.linalg.solve(system, right)[: len(objective)]
+
+
+_BINDS = 1e-9  # of a limit
+
+
+@shown()
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperFitRecord:
+    """How a fit came about.
+
+    Attributes:
+        nodes: that were passed.
+        trajectory: before its time was stretched.
+        limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
+            where the time was stretched to the limits.
+    """
+
+    nodes: PathNodes
+    trajectory: Trajectory
+    limits: tuple[np.ndarray, np.ndarray] | None
+
+    def hold(self) -> PaperActiveSet:
+        """What is held of it; where a limit is just met at a join it counts as binding."""
+        curve = self.trajectory
+        order = curve.coefficients.shape[1] - 1
+        ends = split(len(self.nodes.turns), len(curve.coefficients), order)
+        platform, joints = (None, None) if self.limits is None else self.limits
+        return PaperActiveSet(
+            fractions=padded(self.nodes.fractions, FEWEST_NODES),
+            joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
+            platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
+            order=order,
+            stretched=self.limits is None,
+        )
+
+
+def _active_chain(
+    ends: np.ndarray,
+    order: int,
+    breaks: np.ndarray,
+    coefficients: np.ndarray,
+    limits: np.ndarray | None,
+    far: int,
+) -> ActiveChain:
+    """What is held of a chain whose segments are joined to the next one at their end ``far``."""
+    nodes = node_indices(ends, order - 2)
+    sides = np.zeros((len(ends) - 1, 2, coefficients.shape[2]))
+    if limits is not None:
+        half = np.diff(breaks)[:, None, None] / 2
+        to_x = half ** np.array([[1], [2]])
+        reached = end_derivatives(order)[far] @ coefficients / to_x
+        sides = np.where(np.abs(reached) >= limits * (1 - _BINDS), np.sign(reached), 0.0)
+        sides[-1 if far else 0] = 0.0  # the closing segment
+    present = np.arange(order - 2) <= np.diff(ends)[:, None]
+    return ActiveChain(ends=ends, nodes=nodes, present=present, sides=sides)

@@ -1,0 +1,215 @@
+"""RRT*: a tree from the start whose nodes take the cheapest way to them that is at hand.
+
+After Karaman and Frazzoli (2011). In each turn the tree grows by at most `RANGE` steps towards a random state
+(with probability `GOAL_BIAS` the goal) as far as the motion is clear. Of the nodes within `RANGE` steps, at
+most the `NEIGHBOURS` nearest, the one that offers the cheapest way becomes the new node's parent, and
+those to which the new node offers a cheaper way take it as theirs. All these motions, and the straight
+motion from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
+
+Once there is a path, the search goes on for as many extensions as that took, but at least `IMPROVE`, and only
+towards states that can be on a shorter path (informed RRT*). The straight motion from start to goal is tried
+first, and the path is smoothed at the end.
+
+The clearance wanted of a motion between two nodes is that of the way through the older one. Costs only ever
+become less, and the wanted clearance with them, so that what has been clear remains so.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.status import Status
+from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.problem import SearchResult
+from jaxplan.search.smoothing.shortcut import ARRIVED, between
+from jaxplan.search.trees import FEW, LEAST, MANY, Space, Tree, reached, search_by_trees
+
+RANGE = 10.0
+GOAL_BIAS = 0.05
+NEIGHBOURS = MANY - 1  # the motion on to the goal makes the call full
+IMPROVE = 100
+# Draws for a state that can be on a shorter path, before any will do.
+PATIENCE = 20
+
+
+def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with RRT*.
+
+    Args:
+        scenes: the problems.
+        settings: of each: limits of the effort, clearance and seed; the weights and moves are not used.
+
+    Returns:
+        OK with a path whose every edge is clear, or why there is none; OK, too, where a limit ends
+        the search after a path has been found.
+    """
+    return search_by_trees(Star, scenes, settings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extension:
+    """A motion by which the tree is to grow.
+
+    Attributes:
+        nearest: node where it begins.
+        end: (1, 4 + 2n).
+        length: steps.
+    """
+
+    nearest: int
+    end: np.ndarray
+    length: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joining:
+    """A new node with the motions between it and its neighbours, and on to the goal.
+
+    Attributes:
+        state: (4 + 2n,) of the node.
+        parent: a node from which it can be reached.
+        cost: steps from the start by way of that.
+        near: (k,) its neighbours.
+        length: (k + 1,) steps of the motions, that to the goal last.
+    """
+
+    state: np.ndarray
+    parent: int
+    cost: float
+    near: np.ndarray
+    length: np.ndarray
+
+
+class Star:
+    """The tree under way, and how far the goal is from those nodes that see it.
+
+    It is a `jaxplan.runtime.batching.Run`. A turn has one call, on how far the tree can grow towards a
+    state, and where it grows a second one, on the motions between the new node and its neighbours.
+
+    Args:
+        space: the problem.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self.space = space
+        self.tree = Tree(space.start)
+        self.to_goal = [np.inf]  # steps of the straight motion, where it is clear
+        self.best, self.last = np.inf, 0  # cost of the path, and the node from which it goes straight on
+        self.shortest = float(space.distance(space.start, space.goal))
+        self.drawn: list[np.ndarray] = []
+        self._enough = np.inf  # extensions after which the path has been improved long enough
+        self._pending: _Extension | _Joining | None = None  # that the last call is about
+        self._limit: Status | None = None
+
+    def next_request(self) -> Call | None:
+        """The next call; None at a limit, or once the path is short enough or improved long enough."""
+        if isinstance(self._pending, _Joining):
+            return self._joining_call(self._pending)
+        self._limit = self.space.spent()
+        short = self.best <= self.shortest + ARRIVED
+        if self._limit is not None or short or self.space.extensions >= self._enough:
+            return None
+        return self._extension_call(self._target())
+
+    def accept(self, answer: np.ndarray) -> None:
+        """Go on with how far the motions of the last call are clear."""
+        pending, self._pending = self._pending, None
+        if isinstance(pending, _Joining):
+            self._join(pending, reached(answer, len(pending.length)))
+        elif pending is not None:
+            self._pending = self._extended(pending, reached(answer, 1))
+        if self._pending is None and self.best < np.inf:
+            extensions = self.space.extensions
+            self._enough = min(self._enough, extensions + max(extensions, IMPROVE))
+
+    def result(self) -> SearchResult:
+        """OK with the path, not smoothed; or the limit that was reached before there was one."""
+        if self.best == np.inf:
+            assert self._limit is not None, "the tree is growing"
+            return self.space.result(self._limit)
+        branch = self.tree.states[self.tree.branch(self.last)]
+        return self.space.found(np.concatenate([branch, self.space.goal[None]]))
+
+    def _target(self) -> np.ndarray:
+        """The goal, or a random state that can be on a path shorter than the best one."""
+        space = self.space
+        if space.rng.random() < GOAL_BIAS:
+            return space.goal
+        for _ in range(PATIENCE):
+            if not self.drawn:
+                states = space.draw(MANY)
+                if self.best < np.inf:
+                    through = space.distance(states, space.start) + space.distance(states, space.goal)
+                    states = states[through < self.best]
+                self.drawn = list(states)
+            if self.drawn:
+                return self.drawn.pop()
+        return space.draw(FEW)[-1]
+
+    def _extension_call(self, target: np.ndarray) -> Call:
+        """The call on how far the tree can grow towards a state."""
+        space, tree = self.space, self.tree
+        space.extensions += 1
+        away = space.distance(tree.states[: tree.size], target)
+        nearest = int(np.argmin(away))
+        begin, cost = tree.states[nearest][None], float(tree.costs[nearest])
+        part = np.array([min(1.0, RANGE / max(float(away[nearest]), 1e-300))])
+        end, length = between(begin, target[None], part), part * away[nearest]
+        self._pending = _Extension(nearest, end, float(length[0]))
+        from_start = np.stack([[cost], cost + length])
+        from_goal = space.distance(np.stack([begin, end]), space.goal)
+        return space.reach_call(begin, end, from_start, from_goal)
+
+    def _extended(self, motion: _Extension, clear: np.ndarray) -> _Joining | None:
+        """The node at the end of what is clear of a motion, None where that is too short."""
+        space, tree = self.space, self.tree
+        gone = float(clear[0] * motion.length)
+        if gone < LEAST:
+            return None
+        state = between(tree.states[motion.nearest][None], motion.end, clear)[0]
+        away = space.distance(tree.states[: tree.size], state)
+        near = np.argsort(away, kind="stable")[:NEIGHBOURS]
+        near = near[away[near] <= RANGE]
+        ends = np.concatenate([tree.states[near], space.goal[None]])
+        length = space.distance(ends, np.broadcast_to(state, ends.shape))
+        return _Joining(state, motion.nearest, float(tree.costs[motion.nearest]) + gone, near, length)
+
+    def _joining_call(self, node: _Joining) -> Call:
+        """The call on the motions between a new node and its neighbours."""
+        space, costs = self.space, self.tree.costs[node.near]
+        first = np.concatenate([self.tree.states[node.near], space.goal[None]])
+        second = np.broadcast_to(node.state, first.shape)
+        rest = float(node.length[-1])
+        from_start = np.stack([[*costs, node.cost + rest], [*(costs + node.length[:-1]), node.cost]])
+        from_goal = space.distance(np.stack([first, second]), space.goal)
+        return space.reach_call(first, second, from_start, from_goal)
+
+    def _join(self, node: _Joining, fractions: np.ndarray) -> None:
+        """Add a node under the best parent, and let its neighbours come under it."""
+        tree, near, length = self.tree, node.near, node.length
+        clear, costs = fractions == 1, tree.costs[near]
+        ways = np.where(clear[:-1], costs + length[:-1], np.inf)
+        parent, cost = node.parent, node.cost
+        if len(near) and ways.min() < cost:
+            parent, cost = int(near[np.argmin(ways)]), float(ways.min())
+        new = tree.add(node.state, parent, cost)
+        self.to_goal.append(float(length[-1]) if clear[-1] else np.inf)
+        for i in np.flatnonzero(clear[:-1] & (cost + length[:-1] < costs - ARRIVED)):
+            self._rewire(int(near[i]), new, cost + float(length[i]))
+        through = tree.costs[: tree.size] + self.to_goal
+        self.last = int(np.argmin(through))
+        self.best = float(through[self.last])
+
+    def _rewire(self, place: int, parent: int, cost: float) -> None:
+        """Give a node another parent, and its descendants their lower costs."""
+        tree = self.tree
+        gain = tree.costs[place] - cost
+        if gain <= 0:  # an ancestor has been given a new parent, too
+            return
+        tree.parents[place] = parent
+        level = np.array([place])
+        while len(level):
+            tree.costs[level] -= gain
+            level = np.flatnonzero(np.isin(tree.parents[: tree.size], level))

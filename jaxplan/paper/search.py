@@ -1,0 +1,129 @@
+"""The printed planner, multi-heuristic A* to the letter, and weighted A* that it is compared with.
+
+The printed planner: multi-heuristic A* to the letter of section 3.2.2, corrected by the errata.
+
+Every joint moves by a whole step up or down (equation 9), or onto its goal once that is within a step, and
+stays there; the platform turns by a whole step about random axes (equation 10), or onto the goal attitude
+once that is within a step, and stays there. Every edge costs the sum of all steps (equation 16), nodes are
+checked and edges are not, the queues are independent, and the heuristics are those of equation (15). It is
+kept because the paper's tables are compared with it; it is incomplete, since no joint can leave its goal
+value again.
+
+Weighted A*: what the paper's Table 4 compares with.
+
+The paper says of it no more than its name and that steps, time and expansions are limited alike. So it is the
+printed planner without what makes that one multi-heuristic: the moves of equations (9) and (10), the cost
+(16), nodes checked and edges not, one queue keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
+admissible and consistent for the cost (16). A path found costs at most ``w1`` times the cheapest in the
+graph of the moves that were drawn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.search.calls import Scenes
+from jaxplan.search.fields import Fields
+from jaxplan.search.kernels import Expansion, Moves
+from jaxplan.search.multi_heuristic import Rules, search_by
+from jaxplan.search.problem import Scene, SearchResult
+from jaxplan.search.tree import Node, chosen, unrotated
+
+# Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.
+JOINT_MOVES = 64
+_UP, _STAY, _DOWN = 0, 1, 2
+
+
+def search_mha(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with the printed method.
+
+    Args:
+        scenes: the problems.
+        settings: of each; the clearance is not used.
+
+    Returns:
+        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+    """
+    rules = Rules(
+        propose=propose, price=price, edges=False, shared=False, direct=False, queues=3, informed=False
+    )
+    return search_by(rules, scenes, settings)
+
+
+def propose(
+    scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
+) -> Moves:
+    """Moves from a node by equations (9) and (10)."""
+    del number  # every expansion is like every other
+    vectors = rng.standard_normal((settings.attitude_moves, 3))
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    # (10) turns on the left of the attitude relative to the start; on the right of it, it is the same
+    # turn in body axes
+    turns = scene.attitude_step * unrotated(node.since, unit)
+    reached = np.linalg.norm(node.to_goal) < scene.attitude_step
+    if reached:
+        turns[:] = node.to_goal
+
+    left = scene.goal_joints - node.joints
+    snap = np.abs(left) <= scene.joint_steps
+    options = np.stack(
+        [
+            np.where(snap, left, scene.joint_steps),
+            np.zeros_like(left),
+            np.where(snap, left, -scene.joint_steps),
+        ]
+    )
+    choice = _joint_moves(len(left), rng)
+    inside = np.abs(node.joints + chosen(options, choice)) <= scene.joint_limits
+    repeated = snap & (choice == _DOWN)  # a joint on its way to the goal has one move, not two
+    allowed = np.broadcast_to(np.all(inside & ~repeated, axis=1), (len(turns), len(choice))).copy()
+    if reached:
+        allowed[1:] = False  # likewise the attitude
+    return Moves(turns, options[None], choice, allowed)
+
+
+def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
+    """(M, joints) options of each joint move."""
+    if 2**joints <= JOINT_MOVES:
+        return np.array(list(product((_UP, _DOWN), repeat=joints)), dtype=np.int32)
+    return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
+
+
+def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) by equation (16) and heuristics (3, A, M) by equation (15), rad."""
+    del fields  # the printed method has none
+    whole = scene.attitude_step + np.sum(scene.joint_steps)
+    return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]
+
+
+def search_wastar(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
+    """Search a path of each scene with weighted A*.
+
+    Args:
+        scenes: the problems.
+        settings: of each; the clearance and the anchor's weight are not used.
+
+    Returns:
+        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+    """
+    # an anchor, and one queue that is its equal and so is always followed
+    rules = Rules(
+        propose=propose,
+        price=price_alone,
+        edges=False,
+        shared=True,
+        direct=False,
+        queues=2,
+        informed=False,
+    )
+    results = search_by(rules, scenes, settings)
+    return [replace(result, queue_expansions=(result.expansions,)) for result in results]
+
+
+def price_alone(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (A, M) by equation (16) and ``h_0`` (2, A, M) by equation (15), rad."""
+    costs, heuristics = price(scene, expansion, fields)
+    return costs, heuristics[[0, 0]]

@@ -1,0 +1,423 @@
+"""The paper's scheme (section 4): how a path is cut into segments, and how these are planned one by one.
+
+A segment of ``n`` intervals has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two
+derivatives over from its neighbour, or from the start of the motion, and should keep a coefficient for its
+objective; the one that closes the chain takes two from the other end as well. So the closing segment (the
+last for the joints, the first for the platform, which is planned backward) holds at most ``l - 4``
+intervals, every other one ``l - 3``. So ``m`` intervals fit into ``S`` segments exactly if
+``m // S <= l - 4``.
+
+The programs of a fit are assembled in one compiled call. Every segment works in ``x`` in [-1, 1], where
+``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is ``h /
+2`` times that in time, an acceleration ``(h / 2)^2`` times. A segment has as many slots for nodes as the
+counting rule can fill; those left over repeat its last node and are marked absent. Nodes and segments are
+padded to a few sizes, so that fits of different paths share the compiled kernel.
+
+Segments are planned one after another, joints forward and platform backward. Every segment is a quadratic
+program for the Legendre coefficients of each axis. A joint's segment takes rate and acceleration over from
+the one before (18), the last one ends at the final rates (19). The platform is planned on charts of SO(3):
+the curve ``b`` of a segment passes ``b(t_j) = eta(t_j) + (t_j - t_a) Omega`` at its nodes (32) and meets the
+segment after it, whose chart starts there, with the transpose that (36) lacks in print:
+
+    b'(t_b) = W^T omega,   b''(t_b) = W^T omega',   W = exp(-(t_b - t_a) Omega / 2)      (36)
+
+and the first one starts at the initial rate (37): at a chart's start ``omega = b'`` and ``omega' = b''``
+exactly (34). Where a segment will meet the next one to be planned, rates and accelerations are held within
+their limits (20, whose first line means the rate, and 38). The objectives are (21) for the joints,
+accelerations alone, and (43) for the platform.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import so3
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.paper import qp
+from jaxplan.runtime.batching import run_all
+from jaxplan.runtime.jit import quick_jit
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.splines import end_derivatives, energy, legendre
+
+_CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a turn
+
+
+def fewest_segments(intervals: int, order: int) -> int:
+    """The smallest number of segments that the counting rule allows.
+
+    Args:
+        intervals: m, at least 1.
+        order: of the Legendre basis, at least `MIN_ORDER`.
+    """
+    return intervals // (order - 3) + 1
+
+
+@cache
+def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Node indices at which the segments of the joints, and those of the platform, end.
+
+    Both are split equally wherever the counting rule allows it for both; else the closing segments are
+    the short ones, which stand at opposite ends.
+
+    Args:
+        intervals: m, at least 1.
+        segments: S, from `fewest_segments` to m.
+        order: of the Legendre basis.
+
+    Returns:
+        Two integer arrays (S + 1,), from 0 to m, read-only.
+    """
+    ends = [np.round(np.linspace(0, intervals, segments + 1)).astype(int)] * 2
+    sizes = np.diff(ends[0])
+    if max(sizes[0], sizes[-1]) > order - 4 or sizes.max() > order - 3:
+        sizes = np.full(segments, intervals // segments)
+        sizes[: intervals % segments] += 1
+        ends = [np.concatenate([[0], np.cumsum(own)]) for own in (sizes, sizes[::-1])]
+    for own in ends:
+        own.flags.writeable = False
+    return ends[0], ends[1]
+
+
+def is_full(intervals: int, segments: int, order: int) -> bool:
+    """Whether a closing segment has at most one coefficient left for its objective."""
+    return segments < intervals and intervals // segments >= order - 5
+
+
+def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
+    """Whether every segment of more than one interval can work in one chart.
+
+    A segment whose edges turn by ``L`` in all has ``|eta| <= L`` along them, since ``eta`` is the rotation
+    between two motions that start together and end together; below half a turn its logarithm has no jump. A
+    single interval has none anyway.
+
+    Args:
+        turns: (m, 3) rad, rotation of each edge.
+        ends: (S + 1,) node indices where the platform's segments end.
+    """
+    turned = np.add.reduceat(np.linalg.norm(turns, axis=1), ends[:-1])
+    return bool(np.all((turned <= _CHART_REACH) | (np.diff(ends) == 1)))
+
+
+def shortest_duration(
+    moves: np.ndarray, fractions: np.ndarray, rate_limits: np.ndarray, acceleration_limits: np.ndarray
+) -> float:
+    """The duration at which the differences of the nodes, from rest to rest, just keep all limits.
+
+    First differences are held against rates, second ones against accelerations.
+
+    Args:
+        moves: (m, d) change of each axis along each edge, rad.
+        fractions: (m + 1,) of the duration.
+        rate_limits: (d,) rad/s.
+        acceleration_limits: (d,) rad/s^2.
+
+    Returns:
+        s; a curve through the nodes needs more.
+    """
+    shares = np.diff(fractions)[:, None]
+    rates = np.pad(moves / shares, ((1, 1), (0, 0)))
+    between = np.pad(shares, ((1, 1), (0, 0)), mode="edge")
+    accelerations = np.diff(rates, axis=0) / ((between[1:] + between[:-1]) / 2)
+    by_rate = np.max(np.abs(rates) / rate_limits)
+    return float(max(by_rate, np.sqrt(np.max(np.abs(accelerations) / acceleration_limits))))
+
+
+_FEWEST_SEGMENTS = 16  # smallest number that segments are padded to
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segments:
+    """The programs of the platform or of the joints, but for what couples them.
+
+    Attributes:
+        length: (S,) s, ``h``.
+        objective: (S, l + 1, l + 1) in ``x``, of order one.
+        node_rows: (S, slots, l + 1) the basis at each node.
+        node_values: (S, slots, d) rad, what the curve must be there.
+        present: (S, slots) which slots hold a node.
+    """
+
+    length: np.ndarray
+    objective: np.ndarray
+    node_rows: np.ndarray
+    node_values: np.ndarray
+    present: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Charts:
+    """The charts of the platform's segments.
+
+    Attributes:
+        attitude: (S, 3, 3) ``R_a``.
+        rate: (S, 3) rad/s, ``Omega``.
+        end_turn: (S, 3, 3) ``W`` at the segment's end, ``exp(-h Omega / 2)``.
+    """
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    end_turn: np.ndarray
+
+
+def assemble(
+    *,
+    attitudes: np.ndarray,
+    joints: np.ndarray,
+    times: np.ndarray,
+    joint_ends: np.ndarray,
+    platform_ends: np.ndarray,
+    order: int,
+    rate_weight: float,
+    acceleration_weight: float,
+) -> tuple[Segments, Segments, Charts]:
+    """Assembles all programs of a fit.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        joints: (m + 1, 2n) rad.
+        times: (m + 1,) s, increasing.
+        joint_ends: (S + 1,) node indices where the joints' segments end, with 0 and m.
+        platform_ends: (S + 1,) likewise for the platform.
+        order: of the Legendre basis.
+        rate_weight: ``lambda_1``, of the platform.
+        acceleration_weight: ``lambda_2``.
+
+    Returns:
+        Segments of the joints, segments of the platform (``node_values`` are those of ``b``), and the charts.
+    """
+    count = len(joint_ends) - 1
+    indices = [node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
+    nodes = padded(attitudes, FEWEST_NODES), padded(times, FEWEST_NODES)
+    with jax.enable_x64(True):
+        found = _assemble(*nodes, *(padded(index, _FEWEST_SEGMENTS) for index in indices), order=order)
+        joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in found)
+
+    def segments(
+        ends: np.ndarray, node_rows: np.ndarray, values: np.ndarray, weights: tuple[float, float]
+    ) -> Segments:
+        length = np.diff(times[ends])
+        # Objective (43) times (h / 2)^3, over the sum of the two weights that remain.
+        first = weights[0] * (length / 2)[:, None, None] ** 2
+        objective = (first * energy(order, 1) + weights[1] * energy(order, 2)) / (first + weights[1])
+        present = np.arange(node_rows.shape[1]) <= np.diff(ends)[:, None]
+        return Segments(
+            length=length, objective=objective, node_rows=node_rows, node_values=values, present=present
+        )
+
+    return (
+        segments(joint_ends, joint_rows, joints[indices[0]], (0.0, 1.0)),  # (21): no rate term
+        segments(platform_ends, rows, b, (rate_weight, acceleration_weight)),
+        Charts(attitude=attitudes[platform_ends[:-1]], rate=rate, end_turn=end_turn),
+    )
+
+
+def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
+    """Node of each slot (S, slots) of segments with ends (S + 1,); slots left over repeat the last one."""
+    return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
+
+
+def assembled(
+    attitudes: Array, times: Array, joint_nodes: Array, platform_nodes: Array, *, order: int
+) -> tuple[Array, ...]:
+    """What depends on the nodes, as a pure function.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        times: (m + 1,) s.
+        joint_nodes: (S, slots) node of each slot of the joints' segments.
+        platform_nodes: (S, slots) likewise of the platform's.
+        order: of the basis.
+
+    Returns:
+        Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment.
+    """
+
+    def rows(times: Array) -> Array:
+        start, end = times[:, :1], times[:, -1:]
+        return legendre(2 * (times - start) / (end - start) - 1, order)
+
+    own_times, own_attitudes = times[platform_nodes], attitudes[platform_nodes]
+    relative = jnp.swapaxes(own_attitudes[:, :1], -1, -2) @ own_attitudes  # R_a^T R_j
+    tau = own_times - own_times[:, :1]
+    rate = so3.log(relative[:, -1]) / tau[:, -1:]  # Omega of (25)
+    turned = tau[..., None] * rate[:, None]
+    back = so3.exp(-turned / 2)  # U_j^T
+    b = so3.log(back @ relative @ back) + turned  # (32); the errata have it for nodes within a segment
+    return rows(times[joint_nodes]), rows(own_times), b, rate, back[:, -1]
+
+
+_assemble = quick_jit(assembled, static_argnames="order")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathNodes:
+    """What a trajectory must pass, without its duration.
+
+    Attributes:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        joints: (m + 1, 2n) rad.
+        fractions: (m + 1,) of the duration, strictly increasing from 0 to 1.
+        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+        start: of the platform (2, 3) and of the joints (2, 2n): rate and acceleration per s and s^2.
+        end: likewise.
+    """
+
+    attitudes: np.ndarray
+    joints: np.ndarray
+    fractions: np.ndarray
+    turns: np.ndarray
+    start: tuple[np.ndarray, np.ndarray]
+    end: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def moves(self) -> np.ndarray:
+        """(m, 3 + 2n) rad: rotation and joint changes of each edge."""
+        return np.concatenate([self.turns, np.diff(self.joints, axis=0)], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainRequest:
+    """What is to be planned.
+
+    Attributes:
+        nodes: to pass.
+        duration: s.
+        segments: how many, as the counting rule allows.
+        settings: order and weights.
+        limits: of the platform (2, 3) and of the joints (2, 2n): rates and accelerations at the joins; None
+            for none.
+    """
+
+    nodes: PathNodes
+    duration: float
+    segments: int
+    settings: TrajectorySettings
+    limits: tuple[np.ndarray, np.ndarray] | None
+
+
+def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
+    """Plans all segments of many trajectories; None where a program has no solution."""
+    pairs = [_chains(request) for request in requests]
+    chains = [chain for _, *both in pairs for chain in both]
+    run_all(chains, lambda _, programs: qp.solve_all(programs), most=max(len(chains), 1))
+    return [_joined(request, *pair) for request, pair in zip(requests, pairs, strict=True)]
+
+
+def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
+    """The charts of a request, and the chains of the platform and of the joints, of which none is planned."""
+    nodes, settings = request.nodes, request.settings
+    joint_ends, platform_ends = split(len(nodes.turns), request.segments, settings.order)
+    joints, platform, charts = assemble(
+        attitudes=nodes.attitudes,
+        joints=nodes.joints,
+        times=nodes.fractions * request.duration,
+        joint_ends=joint_ends,
+        platform_ends=platform_ends,
+        order=settings.order,
+        rate_weight=settings.rate_weight,
+        acceleration_weight=settings.acceleration_weight,
+    )
+    platform_limits, joint_limits = (None, None) if request.limits is None else request.limits
+    return (
+        charts,
+        Chain(platform, nodes.end[0], nodes.start[0], platform_limits, end_turns=charts.end_turn),
+        Chain(joints, nodes.start[1], nodes.end[1], joint_limits),
+    )
+
+
+def _joined(request: ChainRequest, charts: Charts, platform: "Chain", joints: "Chain") -> Trajectory | None:
+    """The trajectory of two chains that are planned; None if one of them has a program without a solution."""
+    if platform.failed or joints.failed:
+        return None
+    nodes = request.nodes
+    times = nodes.fractions * request.duration
+    joint_ends, platform_ends = split(len(nodes.turns), request.segments, request.settings.order)
+    return Trajectory(
+        breaks=times[platform_ends],
+        chart_attitude=charts.attitude,
+        chart_start=times[platform_ends[:-1]],
+        chart_rate=charts.rate,
+        coefficients=platform.coefficients,
+        joint_breaks=times[joint_ends],
+        joint_coefficients=joints.coefficients,
+        node_times=times,
+        smoothness=2,
+        method="paper",
+    )
+
+
+class Chain:
+    """Segments of the platform or of the joints, each planned from what the one before it left.
+
+    Attributes:
+        coefficients: (S, l + 1, d) of the segments that are planned.
+        failed: whether a program had no solution, which ends the chain.
+    """
+
+    def __init__(
+        self,
+        segments: Segments,
+        first: np.ndarray,
+        last: np.ndarray,
+        limits: np.ndarray | None,
+        *,
+        end_turns: np.ndarray | None = None,
+    ) -> None:
+        """Begin with the first segment.
+
+        Args:
+            segments: of the joints or of the platform.
+            first: (2, d) rate and acceleration where the chain begins.
+            last: (2, d) likewise where it ends.
+            limits: (2, d) at the joins, or None.
+            end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward.
+        """
+        count, size = segments.objective.shape[:2]
+        self.coefficients, self.failed = np.zeros((count, size, first.shape[1])), False
+        self._segments, self._derivatives, self._last = segments, first, last
+        self._limits, self._end_turns = limits, end_turns
+        near, far = (0, 1) if end_turns is None else (1, 0)  # of the two ends of a segment
+        self._near_rows, self._far_rows = end_derivatives(size - 1)[near], end_derivatives(size - 1)[far]
+        self._open = list(range(count) if end_turns is None else reversed(range(count)))
+
+    @property
+    def _to_x(self) -> np.ndarray:
+        """(2, 1) from derivatives in time to those in ``x``, on the segment that is next."""
+        half = self._segments.length[self._open[0]] / 2
+        return np.array([[half], [half**2]])
+
+    def next_request(self) -> qp.SegmentQP | None:
+        """The program of the next segment; None at the end of the chain."""
+        if not self._open or self.failed:
+            return None
+        segments, k = self._segments, self._open[0]
+        if self._end_turns is not None:
+            self._derivatives = self._derivatives @ self._end_turns[k]  # W^T omega, as rows
+        present, to_x = segments.present[k], self._to_x
+        rows = [segments.node_rows[k, present], self._near_rows]
+        values = [segments.node_values[k, present], self._derivatives * to_x]
+        closing = len(self._open) == 1
+        if closing:
+            rows.append(self._far_rows)
+            values.append(self._last * to_x)
+        return qp.SegmentQP(
+            objective=segments.objective[k],
+            equalities=np.concatenate(rows),
+            values=np.concatenate(values),
+            limited=self._far_rows[:0] if self._limits is None or closing else self._far_rows,
+            limits=self._last[:0] if self._limits is None or closing else self._limits * to_x,
+        )
+
+    def accept(self, solution: np.ndarray | None) -> None:
+        """Go on with the answer (l + 1, d) to the last program; None where it has no solution."""
+        if solution is None:
+            self.failed = True
+            return
+        self._derivatives = self._far_rows @ solution / self._to_x
+        self.coefficients[self._open.pop(0)] = solution

@@ -1,0 +1,349 @@
+"""Step 3 by the method of the paper: how long, in how many segments, and whether the result keeps its limits.
+
+The scheme itself is `segments`. It holds limits at joins only, so the peaks over all time are looked at
+afterwards, and a trajectory that breaks a limit anywhere is no success.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.model.scenario import STRETCHED, TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.paper.derivative import PaperFitRecord
+from jaxplan.paper.segments import (
+    ChainRequest,
+    PathNodes,
+    charts_suffice,
+    fewest_segments,
+    is_full,
+    plan_chains,
+    shortest_duration,
+    split,
+)
+from jaxplan.runtime.batching import Seconds
+from jaxplan.trajectory import schedule
+from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
+from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
+
+_DEFAULT_SEGMENTS = 3
+_MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
+_LONGER = 1.001  # beyond the time that the last curve asks for, when a needed duration is looked for
+_LOOKS = 12
+_CALM = 2.5  # nominal durations; on the nodes of the paper's cases a fit needs 1.5 to 2.1 of them
+
+
+def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
+    """Fits trajectories through all nodes of paths.
+
+    A number for ``settings.duration`` is kept. Where a program has no solution more segments are tried, up to
+    one an interval; where the curve breaks a limit or leaves a joint's range, for as long as that helps.
+
+    "stretched" fits once and without limits, at the duration at which the differences of the nodes just keep
+    them, and scales the curve in time until its first limit binds, short of a millionth. That duration is
+    about half of the final one; since the weights act in seconds another choice would give another curve,
+    but the final duration depends on it by a few per cent only. Scaling would change a rate at the start or
+    end: with one, the fit is repeated at longer durations instead, until all limits are kept.
+
+    There are three segments unless ``settings.segments`` asks for another number, and more where the counting
+    rule or the reach of a chart needs them. A curve may also swing between its nodes, when they are uneven or
+    leave its segments next to no freedom. So where a stretched one needs more than 2.5 times the nominal
+    duration or leaves a joint's range, or its segments are full and their number was not asked for, more
+    are tried and the quickest is taken.
+
+    Args:
+        queries: one a fit; this method does not look at their zones.
+        seconds: of the fits, to which the time of each is added.
+
+    Returns:
+        The fits. A path without motion gives a trajectory of duration 0, unless there is a rate at an end.
+
+    Raises:
+        ValueError: if settings, costs, fractions or rates make no sense; the message names which.
+    """
+    strategy = _Strategy(Seconds(len(queries)) if seconds is None else seconds)
+    begun = [_begin(query) for query in queries]
+    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    found = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
+    for number, own in strategy.fits(problems).items():
+        found[number] = own.at_given_nodes(numbers[number])
+    return [found[number] for number in range(len(queries))]
+
+
+def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
+    """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
+    spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
+    path = checked(query.path, spacecraft, settings, node_fractions)
+    joints = path.joints.shape[1]
+    start = boundary(query.start_angular_velocity, 3), boundary(query.start_joint_rates, joints)
+    end = boundary(query.end_angular_velocity, 3), boundary(query.end_joint_rates, joints)
+    at_speed = any(np.any(rate != 0) for rate in (*start, *end))
+    path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
+    if len(path.attitudes) == 1:
+        trajectory = at_rest(query, path, settings.order, "paper", len(own))
+        return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
+    fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
+    nodes = PathNodes(
+        attitudes=path.attitudes,
+        joints=path.joints,
+        fractions=np.asarray(fractions, float),
+        turns=schedule.edge_turns(path.attitudes),
+        start=start,
+        end=end,
+    )
+    problem = PaperProblem(
+        nodes=nodes, spacecraft=spacecraft, settings=settings, at_speed=at_speed, moving=query.horizon > 0
+    )
+    return problem, own
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperProblem:
+    """What all attempts of a fit share.
+
+    Attributes:
+        nodes: of the path.
+        spacecraft: its limits.
+        settings: of step 3.
+        at_speed: whether the motion starts or ends with a rate.
+        moving: whether goal or zones are others after another time.
+    """
+
+    nodes: PathNodes
+    spacecraft: Spacecraft
+    settings: TrajectorySettings
+    at_speed: bool
+    moving: bool
+
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and accelerations of the platform (2, 3) and of the joints (2, 2n)."""
+        craft = self.spacecraft
+        platform = np.repeat([[craft.rate_limit], [craft.acceleration_limit]], 3, axis=1)
+        return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
+
+    @property
+    def at_joins(self) -> tuple[np.ndarray, np.ndarray]:
+        """Limits that are held at the joins, short of a millionth."""
+        platform, joints = self.limits
+        return platform / SAFETY, joints / SAFETY
+
+    @property
+    def stretches(self) -> bool:
+        """Whether a curve without limits is asked for, whose time is stretched to them."""
+        return self.settings.duration == STRETCHED and not self.at_speed
+
+    @property
+    def nominal_duration(self) -> float:
+        """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
+        rates, accelerations = np.hstack(self.limits)
+        ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
+        moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
+        return moves + float(np.max(ends / accelerations))
+
+    def segment_counts(self) -> Iterator[int]:
+        """Numbers of segments to try, from as few as wanted up to one an interval."""
+        intervals, order = len(self.nodes.turns), self.settings.order
+        count = max(self.settings.segments or _DEFAULT_SEGMENTS, fewest_segments(intervals, order))
+        while count < intervals:
+            if charts_suffice(self.nodes.turns, split(intervals, count, order)[1]):
+                yield count
+            count = max(count + 1, int(_MORE_SEGMENTS * count))
+        yield intervals
+
+    def is_full(self, segments: int) -> bool:
+        """Whether so many segments have next to no freedom, and their number was not asked for."""
+        own = self.settings
+        return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperAttempt:
+    """A trajectory with its peaks, and how it came about."""
+
+    trajectory: Trajectory
+    peaks: Peaks
+    origin: PaperFitRecord
+
+    @property
+    def kept(self) -> bool:
+        """Whether all limits are kept."""
+        return self.peaks.stretch <= 1 and self.peaks.in_range
+
+    @property
+    def calm(self) -> bool:
+        """Whether it does not swing between its nodes."""
+        return self.peaks.stretch <= _CALM and self.peaks.in_range
+
+    def better_than(self, other: "PaperAttempt | None") -> bool:
+        """Whether its joints keep their range where the other's do not, or else it needs less time."""
+        if other is None or self.peaks.in_range != other.peaks.in_range:
+            return other is None or self.peaks.in_range
+        return self.peaks.stretch < other.peaks.stretch
+
+
+class _Strategy:
+    """Settles many fits, which go by numbers; what is asked for at the same time is planned together.
+
+    Attributes:
+        seconds: of the fits, to which the time of attempts is added.
+    """
+
+    def __init__(self, seconds: Seconds) -> None:
+        self.seconds = seconds
+
+    def fits(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
+        """The fits at the durations that the settings ask for."""
+        stretched = {n: problem for n, problem in problems.items() if problem.stretches}
+        timed = {n: problem for n, problem in problems.items() if n not in stretched}
+        durations = {
+            n: problem.nominal_duration
+            if problem.settings.duration == STRETCHED
+            else float(problem.settings.duration)
+            for n, problem in timed.items()
+        }
+        at_speed = {n: problem for n, problem in timed.items() if problem.settings.duration == STRETCHED}
+        needed = self._needed_durations(at_speed, durations)
+        durations |= {n: own for n, own in needed.items() if own is not None}
+        return self._stretched(stretched) | self._timed(timed, durations)
+
+    def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
+        """The fits at given durations."""
+        attempts = self._best_at(problems, durations)
+        good = {n: own for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
+        left = {n: problem for n, problem in problems.items() if n not in good}
+        first = {
+            n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * own.peaks.stretch)
+            for n in left
+        }
+        needed = self._needed_durations(left, first)
+        fits = {n: _success(own.trajectory, own) for n, own in good.items()}
+        return fits | {n: _failure(left[n], durations[n], attempts[n], needed[n]) for n in left}
+
+    def _best_at(
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
+    ) -> "dict[int, PaperAttempt | None]":
+        """The attempts with the fewest segments that keep all limits; or those nearest to it.
+
+        More segments are tried for as long as they help.
+        """
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
+        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
+            counts = {n: counts[n] for n in tries}
+            made = self._attempts(problems, durations, tries, limited=True)
+            for n, own in made.items():
+                if own is None:
+                    continue
+                better = own.better_than(best[n])
+                best[n] = own if better else best[n]
+                if not better or own.kept:
+                    del counts[n]
+        return best
+
+    def _needed_durations(
+        self, problems: dict[int, PaperProblem], durations: dict[int, float]
+    ) -> dict[int, float | None]:
+        """Durations, from the given ones on, at which fits keep all limits; None where the looks run out.
+
+        A curve's own stretch is not enough, since the fit at the longer time is another curve.
+        """
+        found: dict[int, float | None] = dict.fromkeys(problems)
+        durations = {n: durations[n] for n in problems}
+        for look in range(_LOOKS):
+            for n, own in self._best_at({n: problems[n] for n in durations}, durations).items():
+                stretch = 2.0 if own is None else own.peaks.stretch
+                if stretch <= 1:
+                    found[n] = durations.pop(n)
+                else:  # in ever longer steps, should it not settle
+                    durations[n] *= stretch * _LONGER ** (2**look)
+        return found
+
+    def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
+        """The quickest of the fits at the nominal durations without limits, scaled in time to the limits."""
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        durations = {n: problem.nominal_duration for n, problem in problems.items()}
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
+        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
+            counts = {n: counts[n] for n in tries}
+            for n, own in self._attempts(problems, durations, tries, limited=False).items():
+                if own is not None and own.better_than(best[n]):
+                    best[n] = own
+                if (quickest := best[n]) is not None and quickest.calm and not problems[n].is_full(tries[n]):
+                    del counts[n]
+        message = "with any number of segments a quadratic program has no solution: change trajectory.order"
+        none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
+        return {
+            n: none if own is None else _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
+            for n, own in best.items()
+        }
+
+    def _attempts(
+        self,
+        problems: dict[int, PaperProblem],
+        durations: dict[int, float],
+        counts: dict[int, int],
+        *,
+        limited: bool,
+    ) -> "dict[int, PaperAttempt | None]":
+        """Trajectories with so many segments, and their peaks; with limits at their joins or without."""
+        requests = [
+            ChainRequest(
+                nodes=problems[n].nodes,
+                duration=durations[n],
+                segments=count,
+                settings=problems[n].settings,
+                limits=problems[n].at_joins if limited else None,
+            )
+            for n, count in counts.items()
+        ]
+        with self.seconds.shared(list(counts)):
+            planned = dict(zip(counts, plan_chains(requests), strict=True))
+            curves = {n: curve for n, curve in planned.items() if curve is not None}
+            peaks = all_peaks([(curve, problems[n].spacecraft) for n, curve in curves.items()])
+        found: dict[int, PaperAttempt | None] = dict.fromkeys(counts)
+        for (
+            (n, curve),
+            own,
+        ) in zip(curves.items(), peaks, strict=True):
+            if np.isfinite(own.stretch):
+                origin = PaperFitRecord(
+                    nodes=problems[n].nodes,
+                    trajectory=curve,
+                    limits=problems[n].at_joins if limited else None,
+                )
+                found[n] = PaperAttempt(trajectory=curve, peaks=own, origin=origin)
+        return found
+
+
+def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
+    """The fit that keeps all limits."""
+    message = within_limits(trajectory, attempt.peaks)
+    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
+
+
+def _failure(
+    problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
+) -> Fit:
+    """The fit that breaks a limit or has no curve, and in what time it would not."""
+    # "stretched" knows no rates at the ends, nor what moves.
+    enough = (
+        Needed(duration=needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
+        if needed
+        else None
+    )
+    if attempt is None:
+        advice = f"; {enough}" if enough else ": raise trajectory.duration_s or trajectory.segments"
+        message = f"with any number of segments a quadratic program has no solution in {duration:g} s{advice}"
+        return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
+    else_try = "raise trajectory.segments, or lower the rates at start and end"
+    return Fit(
+        trajectory=attempt.trajectory,
+        status=Status.LIMITS_TOO_TIGHT,
+        message=too_tight(duration, attempt.peaks, enough, else_try),
+        needed_duration=needed,
+    )

@@ -1,0 +1,257 @@
+"""Margins of all zones over time, on a scale that shows small and large ones.
+
+A scale for margins in degrees: linear near the limit at zero, where they matter, and logarithmic beyond.
+
+It is ``asinh(margin / width)``, so that half a degree and 130 deg are both read off one panel.
+
+Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, NullFormatter
+
+from jaxplan.model.zones import sight_names
+from jaxplan.plotting import samples
+from jaxplan.plotting.style import (
+    GREY,
+    KEEP_OUT,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Labels,
+    Look,
+    barrier,
+    device_entries,
+    device_style,
+    legend_beside,
+    note,
+    panels,
+    plain,
+)
+from jaxplan.plotting.time_panels import curve, time_axis
+
+if TYPE_CHECKING:
+    from jaxplan.planner import Plan
+
+
+_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
+_DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
+_TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
+_FINEST = 0.1  # deg, of ticks without a number: finer ones would run into zero
+
+
+def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
+    """Give one axis of a panel the scale, with ticks at round numbers.
+
+    Args:
+        axes: the panel.
+        which: of its axes.
+        lowest: deg, the smallest margin of the panel: the scale is linear up to about there, and at least up
+            to a degree.
+    """
+    width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
+    axis: Axis = getattr(axes, f"{which}axis")
+    getattr(axes, f"set_{which}scale")("asinh", linear_width=width)
+    axis.set_major_locator(_DegreeLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
+    axis.set_minor_locator(FixedLocator([tick for tick in _TICKS if abs(tick) >= _FINEST]))
+    axis.set_minor_formatter(NullFormatter())
+    axis.set_tick_params(which="minor", length=2, color=GREY)
+
+
+class _DegreeLocator(Locator):
+    """Round numbers of degrees, decades before what lies between them, as many as there is room for."""
+
+    def __call__(self) -> Sequence[float]:
+        assert self.axis is not None
+        return self.tick_values(*self.axis.get_view_interval())
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The ticks of a view, so far apart that their labels do not touch."""
+        axis: Any = self.axis
+        place = axis.get_transform().transform
+        apart = abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
+        ticks: list[float] = []
+        for digit in (0, 1, 5, 2, 3):
+            for tick in sorted((tick for tick in _TICKS if f"{abs(tick):e}"[0] == str(digit)), key=abs):
+                if vmin <= tick <= vmax and all(abs(place(tick) - place(other)) >= apart for other in ticks):
+                    ticks.append(tick)
+        return sorted(ticks)
+
+
+SIZE = (9.0, 4.2)  # inches
+MARK_SIZE = 7  # points, of the triangle
+# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
+_OFFSETS = np.array(
+    [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
+)
+_BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
+_CROWD = 60  # curves, beyond which they are drawn fainter
+
+
+def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
+    """Margin of every device to every zone that binds it, over time; so of other directions that zones bind.
+
+    The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
+    axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
+    beyond. Below zero, where it is red, a constraint is broken. Zones of an ``any_of`` group count as the
+    best of them. A triangle marks the lower bound over all time that the certificate proves.
+
+    Args:
+        plan: with a trajectory.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name devices and the proved bound beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory.
+    """
+    moves = samples.motion(plan)
+    (axes,) = panels(ax, 1, SIZE)
+    devices, others = draw(axes, plan, moves)
+    time_axis([axes], moves)
+    if legend:
+        legend_beside(axes, [*devices, *others])
+    return axes
+
+
+def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
+    """Draw the panel; returns the legend entries of the devices, and of all else."""
+    found = samples.margins(plan.scenario, moves)
+    alpha = 0.6 if len(found) <= _CROWD else 0.3
+    for margin in found:
+        style = device_style(margin.device)
+        curve(axes, moves.times, np.rad2deg(margin.values), **style, linewidth=0.7, alpha=alpha)
+    devices = sorted({margin.device for margin in found})
+    if found:
+        smallest = {device: _Smallest.of(device, found) for device in devices}
+        for device, line in smallest.items():
+            curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
+        marks = [(time, bound) for time, bound, _ in _proved(plan)]
+        _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
+        _name_zones(axes, moves.times, smallest, marks)
+    else:
+        note(axes, "no zones")
+        axes.set_yticks([])
+    axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
+    names = device_entries(sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints))
+    kinds: Entries = [
+        (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
+        (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),
+    ]
+    proved = _mark_proved(axes, plan)
+    limit = Line2D([], [], color=KEEP_OUT, **barrier(-1))
+    kinds.append((limit, "limit: below it\na zone is broken"))
+    return [names[device] for device in devices], [*(kinds if found else []), *proved]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Smallest:
+    """A device's smallest margin over time, deg, with its lowest instant and the zone that it is to then."""
+
+    values: np.ndarray
+    lowest: int
+    zone: str
+
+    @classmethod
+    def of(cls, device: int, found: list[samples.Margin]) -> Self:
+        own = [margin for margin in found if margin.device == device]
+        table = np.rad2deg([margin.values for margin in own])
+        table[np.isnan(table)] = np.inf
+        values = np.min(table, axis=0)
+        lowest = int(np.argmin(values))
+        zone = own[int(np.argmin(table[:, lowest]))].zone
+        return cls(values=np.where(np.isinf(values), np.nan, values), lowest=lowest, zone=zone)
+
+
+def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
+    """Scale the vertical axis to all that is drawn, deg, and mark the limit and what lies below it."""
+    before = (
+        [] if axes.get_autoscaley_on() else [np.array(axes.get_ylim())]
+    )  # of a panel that shares the axis
+    values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
+    lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+    open_near_zero(axes, "y", lowest)
+    scale = axes.yaxis.get_transform()
+    low, high = scale.transform(np.array([min(0.0, lowest), max(0.0, highest)]))
+    pad = 0.06 * max(high - low, 1.0)
+    axes.set_ylim(*scale.inverted().transform(np.array([low - pad, high + pad])))
+    axes.axhspan(-360, 0, **_BROKEN)
+    axes.axhline(0, color=KEEP_OUT, zorder=1.5, **barrier(-1))
+
+
+def _name_zones(
+    axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
+) -> None:
+    """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room."""
+    panel = axes.get_window_extent()
+    size = np.array([panel.width, panel.height]) * 72 / axes.figure.dpi  # points, before the final layout
+    height = axes.yaxis.get_transform().transform
+    low, high = height(np.array(axes.get_ylim()))
+
+    def on_page(time: np.ndarray | float, value: np.ndarray | float) -> np.ndarray:
+        across = np.divide(time, times[-1]) if times[-1] > 0 else np.full_like(time, 0.5)
+        return np.stack([across, (height(value) - low) / (high - low)], axis=-1) * size
+
+    drawn = [np.zeros_like(times), *(line.values for line in smallest.values())]  # with the line at zero
+    labels = Labels(np.concatenate([on_page(times, values) for values in drawn]))
+    labels.taken.extend((on_page(*mark), np.full(2, MARK_SIZE + 2.0)) for mark in marks)
+    for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
+        lowest = float(times[line.lowest]), float(line.values[line.lowest])
+        corner, extent = on_page(*lowest), SMALL * np.array([0.62 * len(line.zone) + 0.5, 1.2])
+        places = [corner + offset for offset in _OFFSETS * (extent / 2 + 2)]
+        spot = labels.place([p for p in places if _within(p, extent, size)], extent)
+        if spot is None:
+            continue
+        text = axes.annotate(
+            line.zone,
+            lowest,
+            xytext=tuple(spot - corner),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            color=device_style(device)["color"],
+            fontsize=SMALL,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )
+        plain(text)
+
+
+def _within(centre: np.ndarray, extent: np.ndarray, size: np.ndarray) -> bool:
+    """Whether a label is on the panel, all of it."""
+    return bool(np.all((centre >= extent / 2) & (centre <= size - extent / 2)))
+
+
+def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
+    """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
+    report = plan.certificate
+    if report is None or report.min_margin is None or report.worst_time is None:
+        return []
+    bound = float(np.rad2deg(report.min_margin))
+    word = "proved for all time:" if report.certified else "not certified; bound:"
+    where = f"{report.worst_device} to {report.worst_zone}\nat {report.worst_time:.2f} s"
+    text = f"{word}\nat least {bound:.3f} deg,\n{where}"
+    return [(report.worst_time, bound, text)] if np.isfinite(bound) else []
+
+
+def _mark_proved(axes: Axes, plan: "Plan") -> Entries:
+    """Mark the certificate's lower bound; returns the legend entry that explains the mark."""
+    look: Look = {"marker": "^", "color": "black", "markersize": MARK_SIZE, "linestyle": "none"}
+    entries: Entries = []
+    for time, bound, text in _proved(plan):
+        axes.plot([time], [bound], **look, zorder=5, clip_on=False)
+        entries.append((Line2D([], [], **look), text))
+    return entries

@@ -1,0 +1,435 @@
+"""Studies in figures: success rates, outcomes, and how quantities are spread.
+
+What the figures of studies draw: rows of scenes, whose they are, and how they look.
+
+The panels of studies: how many scenes are planned, how the others ended, and how plans are spread.
+
+Curves count all scenes of a study, also those without a plan: their values are not known, only that no plan
+was found, so a curve ends at the success rate and goes on as a thin dotted line.
+
+Studies side by side: success, outcomes, and how time, length, duration and margin are spread.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+from jaxplan.given import expect_like, several
+from jaxplan.model.status import Status
+from jaxplan.plotting.comparison import planner_colour
+from jaxplan.plotting.margin_panels import open_near_zero
+from jaxplan.plotting.style import (
+    COLOURS,
+    GREY,
+    LINE_STYLES,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    legend_beside,
+    new_figure,
+    note,
+    panels,
+    plain,
+    tidy,
+)
+from jaxplan.proportions import success_interval
+
+OK = "OK"
+_PARTS = ("kind", "planner", "settings", "table", "timings")
+
+
+class Studied(Protocol):
+    """A study of many scenes, such as a `jaxplan.study.Study`.
+
+    Attributes:
+        kind: of random scenes; None where scenarios were given.
+        planner: its name.
+        settings: that differ from the scenes' own.
+        table: a row a scene, with its status and what was found, by column.
+        timings: likewise its seconds.
+    """
+
+    @property
+    def kind(self) -> str | None: ...  # noqa: D102
+
+    @property
+    def planner(self) -> str: ...  # noqa: D102
+
+    @property
+    def settings(self) -> Mapping[str, Any]: ...  # noqa: D102
+
+    @property
+    def table(self) -> Sequence[Mapping[str, Any]]: ...  # noqa: D102
+
+    @property
+    def timings(self) -> Sequence[Mapping[str, Any]]: ...  # noqa: D102
+
+
+Studies: TypeAlias = Studied | Iterable[Studied] | Mapping[str, Studied]
+
+
+def named(studies: Studies) -> dict[str, Studied]:
+    """Studies by their names: given ones, or what tells them apart of planner, kind and settings.
+
+    Raises:
+        TypeError: if something else is given.
+        ValueError: if there are none, or one has no scenes yet.
+    """
+    if isinstance(studies, Mapping):
+        result = dict(studies)
+        for name, one in result.items():
+            expect_like(f"studies[{name!r}]", one, _PARTS, "a Study, as jp.run_study returns")
+    else:
+        wanted = "studies, as jp.run_study returns, or one"
+        every: list[Any] = (
+            [studies] if hasattr(studies, "table") else list(several("studies", studies, wanted))
+        )
+        for place, one in enumerate(every):
+            expect_like(f"studies[{place}]", one, _PARTS, "a Study, as jp.run_study returns")
+        result = dict(zip(_names(every), every, strict=True))
+    if not result:
+        raise ValueError("there are no studies to draw")
+    for name, study in result.items():
+        if not study.table:
+            raise ValueError(f"study {name} has no scenes to draw yet")
+    return result
+
+
+def _names(studies: Sequence[Studied]) -> list[str]:
+    kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
+    names = []
+    for study in studies:
+        parts = [study.planner]
+        if len(kinds) > 1:
+            parts.append(study.kind or "scenarios")
+        if any(other != settings[0] for other in settings):
+            parts += [f"{name} = {value}" for name, value in study.settings.items()]
+        names.append(", ".join(parts))
+    often, seen = Counter(names), Counter[str]()
+    for place, name in enumerate(names):
+        if often[name] > 1:
+            seen[name] += 1
+            names[place] = f"{name} ({seen[name]})"
+    return names
+
+
+def looks(studies: Sequence[Studied]) -> list[Look]:
+    """Colour and line style of each: the planner's colour, unless two are by the same.
+
+    Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
+    """
+    planners = [study.planner for study in studies]
+    distinct = len(set(planners)) == len(planners)
+    return [
+        {
+            "color": planner_colour(name) if distinct else COLOURS[place % len(COLOURS)],
+            "linestyle": LINE_STYLES[place % len(LINE_STYLES)],
+            "zorder": 2 + 0.1 * (place % len(LINE_STYLES)),
+        }
+        for place, name in enumerate(planners)
+    ]
+
+
+def planned_values(study: Studied, column: str) -> np.ndarray:
+    """A column of table or times, of the scenes that are planned, in ascending order."""
+    planned = [row for row in study.table if row["status"] == OK]
+    if planned and column not in planned[0]:
+        scenes = {row["scene"] for row in planned}
+        planned = [row for row in study.timings if row["scene"] in scenes]
+    return np.sort(np.array([row[column] for row in planned if row[column] is not None], dtype=float))
+
+
+_SIZE = (8.0, 4.2)  # inches
+_ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
+_BAR = 0.6  # of a line
+# Multiples of a power of ten that have a number, for the ratio from the least to the largest value.
+_SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
+_FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
+# Of scenes that nobody could plan in blue, of the planner's failures in red.
+_OUTCOMES = {
+    Status.OK.name: "0.87",
+    Status.INVALID_START.name: "#92C5DE",
+    Status.INVALID_GOAL.name: "#4393C3",
+    Status.GOAL_UNREACHABLE.name: "#2166AC",
+    Status.NO_PATH.name: "#053061",
+    Status.NODE_LIMIT.name: "#B2182B",
+    Status.TIME_LIMIT.name: "#D6604D",
+    Status.LIMITS_TOO_TIGHT.name: "#F4A582",
+    Status.GOAL_MISSED.name: "#E08214",
+    Status.INFEASIBLE.name: "#FDDBC7",
+    Status.UNCERTIFIED.name: "#762A83",
+    "crashed": "black",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a curve is of.
+
+    Attributes:
+        label: of the axis, with its unit.
+        decades: whether the axis is logarithmic.
+        margin: whether more of it is better: the curve counts scenes with at least a value, not at most, and
+            the axis opens near zero.
+    """
+
+    label: str
+    decades: bool = False
+    margin: bool = False
+
+
+QUANTITIES = {
+    "total_s": Quantity("time to plan (s)", decades=True),
+    "search_s": Quantity("search time (s)", decades=True),
+    "expansions": Quantity("expansions", decades=True),
+    "length_steps": Quantity("path length (steps)"),
+    "interior_nodes": Quantity("path length (interior nodes)"),
+    "duration_s": Quantity("duration (s)"),
+    "slew_deg": Quantity("slew (deg)"),
+    "peak": Quantity("largest share of a limit"),
+    "min_margin_deg": Quantity("smallest margin, proved (deg)", margin=True),
+}
+
+
+def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
+    """Shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
+
+    Args:
+        studies: one, several, or several by their names.
+        ax: axes, a figure to put them in, or None for a new one.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if something else than studies is given.
+        ValueError: if there is nothing to draw.
+    """
+    every = named(studies)
+    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    _lines(axes, every)
+    axes.grid(False, axis="y")
+    for line, (study, look) in enumerate(zip(every.values(), looks([*every.values()]), strict=True)):
+        planned, scenes = sum(row["status"] == OK for row in study.table), len(study.table)
+        low, high = (100 * bound for bound in success_interval(planned, scenes))
+        axes.plot([low, high], [line, line], color=look["color"], linewidth=1.6, solid_capstyle="butt")
+        axes.plot([100 * planned / scenes], [line], color=look["color"], marker="o", clip_on=False, zorder=3)
+        axes.annotate(
+            f"{planned}/{scenes}",
+            (low if low > 25 else high, line),
+            xytext=(-6 if low > 25 else 6, 0),
+            textcoords="offset points",
+            ha="right" if low > 25 else "left",
+            va="center",
+            fontsize=SMALL,
+            color=GREY,
+        )
+    axes.set(xlim=(-2, 102), xticks=range(0, 101, 25))
+    axes.set_xlabel("success rate, 95 % interval (%)", fontsize=TEXT)
+    return axes
+
+
+def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axes:
+    """How the scenes ended, as shares of all of them, a study a line.
+
+    Args:
+        studies: one, several, or several by their names.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name the statuses beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if something else than studies is given.
+        ValueError: if there is nothing to draw.
+    """
+    every = named(studies)
+    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    _lines(axes, every)
+    axes.grid(False)
+    seen = []
+    for line, study in enumerate(every.values()):
+        left = 0.0
+        for name, colour in _OUTCOMES.items():
+            share = 100 * sum(row["status"] == name for row in study.table) / len(study.table)
+            if share:
+                axes.barh(line, share, _BAR, left=left, color=colour, edgecolor="white", linewidth=0.5)
+                left += share
+                seen.append(name)
+    axes.set(xlim=(0, 100), xticks=range(0, 101, 25))
+    axes.set_xlabel("outcome (% of scenes)", fontsize=TEXT)
+    if legend:
+        legend_beside(axes, [(Patch(color=_OUTCOMES[name]), name) for name in _OUTCOMES if name in seen])
+    return axes
+
+
+def distribution(
+    studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
+) -> Axes:
+    """The share of all scenes that are planned with at most a value; of margins, with at least it.
+
+    Args:
+        studies: one, several, or several by their names.
+        quantity: a column of `QUANTITIES`.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name the studies beside the panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if something else than studies is given.
+        ValueError: if there is nothing to draw, or no such quantity.
+
+    Example:
+        >>> jp.plot.distribution([mha, wastar], "total_s")
+    """
+    if quantity not in QUANTITIES:
+        raise ValueError(f"quantity = {quantity!r}: must be one of {', '.join(QUANTITIES)}")
+    every, what = named(studies), QUANTITIES[quantity]
+    (axes,) = panels(ax, 1, _SIZE)
+    tidy(axes)
+    curves = [planned_values(study, quantity) for study in every.values()]
+    known = [values for values in curves if len(values)]
+    if known:
+        low, high = min(values[0] for values in known), max(values[-1] for values in known)
+        if what.decades:
+            _use_decades(axes, low, high)
+        else:
+            if what.margin:
+                open_near_zero(axes, "x", low)
+            axes.set_xlim(min(0.0, 1.05 * low), 1.05 * high if high > 0 else 1.0)
+        for study, values, look in zip(every.values(), curves, looks([*every.values()]), strict=True):
+            if len(values):
+                _curve(axes, values, len(study.table), look, what)
+    else:
+        note(axes, "no plans")
+    axes.set_ylim(0, 104)
+    axes.set_yticks(range(0, 101, 25))
+    axes.set_xlabel(what.label, fontsize=TEXT)
+    axes.set_ylabel(f"scenes with at {'least' if what.margin else 'most'} that (%)", fontsize=TEXT)
+    if legend:
+        legend_beside(axes, study_entries(every, censored=any(_failures(study) for study in every.values())))
+    return axes
+
+
+def study_entries(every: dict[str, Studied], *, censored: bool) -> Entries:
+    """Legend entries of curves."""
+    entries: Entries = [
+        (Line2D([], [], linewidth=1.8, **look), name)
+        for name, look in zip(every, looks([*every.values()]), strict=True)
+    ]
+    return entries + [(Line2D([], [], color=GREY, **_FAINT), "no plan for\nthe others")] * censored
+
+
+def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
+    """Steps from one value to the next, and the dotted line to the edge where scenes are without a plan."""
+    left, right = axes.get_xlim()
+    shares = 100 * np.arange(len(values) + 1) / scenes
+    top = shares[-1]
+    if what.margin:
+        axes.step([left, *values, values[-1]], [top, *shares[::-1]], where="pre", linewidth=1.8, **look)
+    else:
+        axes.step([values[0], *values], shares, where="post", linewidth=1.8, **look)
+        if len(values) < scenes:
+            axes.plot([values[-1], right], [top, top], color=look["color"], **_FAINT)
+
+
+def _use_decades(axes: Axes, low: float, high: float) -> None:
+    """A logarithmic axis on which at least two ticks have a number; with zeros it is linear up to one."""
+    if low > 0:
+        axes.set_xscale("log")
+        axes.set_xlim(0.8 * low, 1.4 * high)
+        subs = next(subs for ratio, subs in _SUBS.items() if high < ratio * low)
+        axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    else:
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xlim(0, 1.4 * max(high, 1.0))
+        axes.xaxis.set_major_locator(FixedLocator([0, *(10.0 ** np.arange(10))]))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _failures(study: Studied) -> bool:
+    return any(row["status"] != OK for row in study.table)
+
+
+def _lines(axes: Axes, names: Sequence[str] | dict[str, Studied]) -> None:
+    """A line a study, from top to bottom, with its name to the left."""
+    tidy(axes)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_yticks(range(len(names)), list(names))
+    axes.tick_params(axis="y", length=0)
+    for label in axes.get_yticklabels():
+        plain(label)
+
+
+_SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
+_ROWS, _COLUMNS = 3, 2
+_CURVES = 2.6  # inches: of a row of curves
+_LINE, _AROUND = 0.26, 0.75  # inches: of a study's line, and of what is around the lines
+
+
+def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Success rates, outcomes, and the spreads of planning time, path length, duration and margin.
+
+    Args:
+        studies: one, several such as of several planners, or several by their names.
+        ax: six axes, a figure to put them in, or None for a new one.
+        legend: whether to name statuses and studies beside the panels.
+
+    Returns:
+        The axes, from left to right and from top to bottom.
+
+    Raises:
+        TypeError: if something else than studies is given.
+        ValueError: if there is nothing to draw, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.study([jp.run_study(range(50), planner=name) for name in ("mha", "rrt_connect")])
+    """
+    every = named(studies)
+    if ax is None:
+        ax = new_figure(_size(len(every)))
+    if isinstance(ax, Figure | SubFigure):
+        heights = [_AROUND + _LINE * len(every), _CURVES, _CURVES]
+        ax = ax.subplots(_ROWS, _COLUMNS, gridspec_kw={"height_ratios": heights})
+    grid = panels(ax, _ROWS * _COLUMNS, _size(len(every)))
+    success_rates(every, grid[0])
+    outcomes(every, grid[1], legend=legend)
+    grid[1].tick_params(axis="y", labelleft=False)
+    for place, (quantity, axes) in enumerate(zip(_SPREADS, grid[2:], strict=True)):
+        distribution(every, quantity, axes, legend=legend and place == 1)
+    kinds = ", ".join(sorted({one.kind or "given scenarios" for one in every.values()}))
+    counts = sorted({len(one.table) for one in every.values()})
+    told = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    plain(grid[0].set_title(f"{kinds}: {told} scene{'s' * (counts != [1])}", loc="left", fontsize=10))
+    return grid
+
+
+def study_figure(studies: Studies) -> Figure:
+    """The same on a page of its own, which does not belong to pyplot.
+
+    Args:
+        studies: see `study`.
+    """
+    every = named(studies)
+    figure = Figure(figsize=_size(len(every)), layout="constrained")
+    study(every, figure)
+    return figure
+
+
+def _size(studies: int) -> tuple[float, float]:
+    """Width and height of the page, inches."""
+    return 11.0, _AROUND + _LINE * studies + 2 * _CURVES + 0.3

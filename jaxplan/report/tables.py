@@ -1,0 +1,376 @@
+"""Tables of a report: the scene, its constraints, and what was found.
+
+What was asked: the spacecraft, its devices and limits, the zones, and the two ends of the manoeuvre.
+
+Angles in degrees. Directions are azimuth and elevation, as on the unfolded sphere: of zones and targets in
+the inertial frame, of instruments in body axes.
+
+What was found: path, trajectory, and what the certificate proves of it, quantity by quantity.
+
+Peaks are upper bounds and margins lower bounds over all time, from the proof and not from samples. Degrees
+and seconds.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxplan import quaternion
+from jaxplan.geometry.vectors import azimuth_elevation
+from jaxplan.model.limits import limits
+from jaxplan.model.scenario import GivenState, paths
+from jaxplan.model.zones import JointBound, Zone, binds_all
+from jaxplan.report.markup import (
+    NONE,
+    Column,
+    Markup,
+    Row,
+    facts,
+    join,
+    number,
+    numeric,
+    share,
+    table,
+    tag,
+)
+from jaxplan.trajectory import excess
+
+if TYPE_CHECKING:
+    from jaxplan.certificate import ProvedMargin, Report
+    from jaxplan.model.scenario import Scenario
+    from jaxplan.model.spacecraft import Spacecraft
+    from jaxplan.planner import Plan
+
+
+def spacecraft_tables(craft: "Spacecraft") -> Markup:
+    """The platform's limits, and the devices with theirs."""
+    parts = [facts(_platform(craft), "Platform, limits of each body axis")]
+    if craft.terminals:
+        columns = [
+            Column("Terminal"),
+            numeric("Mount", "deg"),
+            numeric("Yaw \N{PLUS-MINUS SIGN}", "deg"),
+            numeric("Pitch \N{PLUS-MINUS SIGN}", "deg"),
+            numeric("Rate", "deg/s"),
+            numeric("Acceleration", "deg/s\N{SUPERSCRIPT TWO}"),
+        ]
+        rows = [
+            [
+                terminal.name,
+                *(
+                    number(float(np.rad2deg(value)))
+                    for value in (
+                        terminal.mount,
+                        terminal.yaw_limit,
+                        terminal.pitch_limit,
+                        terminal.rate_limit,
+                        terminal.acceleration_limit,
+                    )
+                ),
+            ]
+            for terminal in craft.terminals
+        ]
+        parts.append(table(columns, rows, "Terminals, with the limits of their joints"))
+    if craft.instruments:
+        columns = [Column("Instrument"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
+        rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
+        parts.append(table(columns, rows, "Instruments, fixed to the body; boresights in body axes"))
+    return join(parts)
+
+
+def _platform(craft: "Spacecraft") -> list[tuple[str, str]]:
+    rows = [
+        (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
+        for limit in limits(craft)
+        if not limit.quantity.of_joints
+    ]
+    if craft.inertia is not None:
+        rows.append(("Moments of inertia", f"{_list(np.diagonal(craft.inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
+    return rows
+
+
+def _span(values: Any) -> str:
+    """One number where all are the same, else all of them."""
+    given = np.unique(values)
+    return f"{given[0]:.6g}" if len(given) == 1 else ", ".join(f"{value:.6g}" for value in values)
+
+
+def _list(values: Any, digits: int) -> str:
+    return ",\N{NO-BREAK SPACE} ".join(number(float(value), digits) for value in values)
+
+
+def _direction(vector: Any) -> tuple[str, str]:
+    """Azimuth and elevation, deg."""
+    azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
+    return number(float(np.rad2deg(azimuth))), number(float(np.rad2deg(elevation)))
+
+
+def kind_of(zone: Zone) -> str:
+    """What a zone asks, in words."""
+    words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]
+    words += ["moving"] * zone.moves
+    words += [] if zone.any_of is None else [f"any of {zone.any_of}"]
+    words += [] if zone.entry is None else [f"with all of {zone.entry}"]
+    return ", ".join(words)
+
+
+def _where(zone: Zone) -> tuple[str, str, str, str]:
+    """What a zone is about, the azimuth and elevation of its axis there, and its half angle, deg."""
+    if isinstance(zone, JointBound):
+        yaw, pitch = (float(weight) for weight in zone.normal)
+        sign = "+" if pitch >= 0 else "\N{MINUS SIGN}"
+        least = number(float(np.rad2deg(zone.least)))
+        weighted = f"{number(yaw, 3)} yaw {sign} {number(abs(pitch), 3)} pitch"
+        return f"{weighted}, at least {least} deg", NONE, NONE, NONE
+    half_angle = number(float(np.rad2deg(zone.half_angle)))
+    if zone.axis_device is not None:
+        return f"boresight of {zone.axis_device}", NONE, NONE, half_angle
+    if zone.axis_body is not None:
+        return "body axis", *_direction(zone.axis_body), half_angle
+    return "inertial axis", *_direction(zone.axis_at()), half_angle
+
+
+def _bound(zone: Zone) -> str:
+    """What a zone binds."""
+    if isinstance(zone, JointBound):
+        return zone.device
+    of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
+    return "all devices" if binds_all(zone) else ", ".join([*zone.devices, *of])
+
+
+def zones_table(scenario: "Scenario") -> Markup:
+    """The zones, or that there are none."""
+    if not scenario.zones:
+        return facts([("Zones", "none: devices may look anywhere")], "Zones")
+    columns = [
+        Column("Zone"),
+        Column("Kind"),
+        Column("About"),
+        numeric("Azimuth", "deg"),
+        numeric("Elevation", "deg"),
+        numeric("Half angle", "deg"),
+        Column("Binds"),
+    ]
+    rows = [[zone.name, kind_of(zone), *_where(zone), _bound(zone)] for zone in scenario.zones]
+    return table(columns, rows, "Zones; axes that move as they are at first")
+
+
+def motion_table(plan: "Plan") -> Markup:
+    """How zones and targets move between start and goal; nothing where none does."""
+    goal = plan.goal
+    moving = list(paths(plan.scenario))
+    if not moving:
+        return join(())
+    last = goal.time if goal is not None else min(float(path.times[-1]) for _, path in moving)
+    columns = [
+        Column("What moves"),
+        numeric("Azimuth at first", "deg"),
+        numeric("Elevation at first", "deg"),
+        numeric(f"Azimuth after {last:.2f} s", "deg"),
+        numeric("Elevation then", "deg"),
+        numeric("Turns at most at", "deg/s"),
+    ]
+    rows = [
+        [
+            name,
+            *_direction(path.at(0.0)),
+            *_direction(path.at(last)),
+            number(float(np.rad2deg(path.largest_rate(0.0, last))), 4),
+        ]
+        for name, path in moving
+    ]
+    return table(columns, rows, "Zones and targets that move, inertial")
+
+
+def ends_tables(plan: "Plan") -> Markup:
+    """Start and goal: attitudes, joints, and the targets that were asked for."""
+    scenario, goal = plan.scenario, plan.goal
+    start = scenario.start.attitude
+    attitudes = [("Start", start), *([("Goal", goal.attitude)] if goal is not None else [])]
+    rows = []
+    for name, matrix in attitudes:
+        rows.append((f"{name}, quaternion w x y z", _list(quaternion.from_matrix(matrix), 6)))
+    if goal is not None:
+        turn = f"{number(float(np.rad2deg(goal.slew_angle)), 3)} deg, {number(goal.slew_angle, 4)} rad"
+        rows.append(("Platform turns by", turn))
+    parts = [facts(rows, "Attitude, body to inertial")]
+    if scenario.spacecraft.terminals:
+        parts.append(_joints_table(plan))
+    asked = scenario.goal
+    if not isinstance(asked, GivenState) and len(asked.directions):
+        then = asked.at(0.0 if goal is None else goal.time)
+        columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
+        targets = [
+            [terminal.name, *_direction(direction)]
+            for terminal, direction in zip(scenario.spacecraft.terminals, then.directions, strict=True)
+        ]
+        parts.append(table(columns, targets, "Targets asked for, inertial"))
+    return join(parts)
+
+
+def _joints_table(plan: "Plan") -> Markup:
+    craft, goal = plan.scenario.spacecraft, plan.goal
+    start = np.rad2deg(plan.scenario.start.joints)
+    end = None if goal is None else np.rad2deg(goal.joints)
+    columns = [
+        Column("Joint"),
+        *(numeric(title, "deg") for title in ("Start", "Goal", "Change", "Limit \N{PLUS-MINUS SIGN}")),
+    ]
+    rows = [
+        [
+            name,
+            number(float(start[i])),
+            NONE if end is None else number(float(end[i])),
+            NONE if end is None else number(float(end[i] - start[i])),
+            number(float(np.rad2deg(craft.joint_limits[i]))),
+        ]
+        for i, name in enumerate(craft.joint_names)
+    ]
+    return table(columns, rows, "Joints")
+
+
+_STEP_NAMES = {
+    "decompose": "goal",
+    "search": "path",
+    "trajectory": "trajectory",
+    "certificate": "certificate",
+    "compile": "compiling",
+    "total": "in all",
+}
+
+
+def path_table(plan: "Plan") -> Markup:
+    """How the search went, and the path if there is one."""
+    assert plan.search is not None
+    settings = plan.scenario.search
+    rows = [
+        ("Planner", f"{settings.method}, seed {settings.seed}"),
+        ("Expansions", f"{plan.search.expansions} of at most {settings.max_expansions}"),
+    ]
+    if plan.path is not None:
+        edges = plan.path.edges
+        rows += [
+            ("Length", f"{number(plan.path.length)} steps"),
+            ("Edges", str(edges)),
+            ("Interior nodes", str(max(edges - 1, 0))),
+        ]
+    return facts(rows, "How it was found")
+
+
+def trajectory_table(plan: "Plan") -> Markup:
+    """Method, duration and smoothness."""
+    trajectory, bound = plan.trajectory, plan.duration_bound
+    assert trajectory is not None
+    asked = plan.scenario.trajectory.duration
+    rows = [
+        ("Method", trajectory.method),
+        ("Duration", f"{number(trajectory.duration, 3)} s"),
+        ("Asked for", f'"{asked}"' if isinstance(asked, str) else f"{asked:g} s"),
+    ]
+    if bound is not None:
+        above = excess(trajectory.duration, bound)
+        there = " to this goal" if plan.goal_chosen else ""
+        rows.append((f"No motion{there} is quicker than", f"{number(bound, 3)} s"))
+        if above is not None:
+            rows.append(("Above that", f"{share(above)} %"))
+    rows.append(("Continuous derivatives", str(trajectory.smoothness)))
+    if plan.ok and plan.message:
+        rows.append(("Note", plan.message))
+    return facts(rows, "Method and duration")
+
+
+def highest_peak(report: "Report", craft: "Spacecraft") -> tuple[str, str]:
+    """The quantity that comes closest to its limit, and its share of that in percent."""
+    name = max(report.peaks, key=lambda name: report.peaks[name])
+    return _limited(name, craft)[0].lower(), share(report.peaks[name])
+
+
+def peaks_table(report: "Report", craft: "Spacecraft") -> Markup:
+    """Peaks beside their limits."""
+    columns = [
+        Column("Quantity"),
+        numeric("Largest, at most"),
+        numeric("Limit"),
+        Column("Unit"),
+        numeric("Share", "%"),
+        Column(""),
+        numeric("At", "s"),
+    ]
+    rows = []
+    for name, peak in report.peaks.items():
+        label, unit, limits = _limited(name, craft)
+        same = len(limits) > 0 and np.ptp(limits) <= 1e-12 * np.max(limits)
+        rows.append(
+            [
+                label,
+                number(peak * float(limits[0]), 3) if same else NONE,
+                f"{number(float(limits[0]), 3)}" if same else _range(limits),
+                unit,
+                share(peak),
+                _bar(peak),
+                number(report.peak_times.get(name)),
+            ]
+        )
+    return table(columns, rows, "Peaks over all time, as proved")
+
+
+def _range(limits: np.ndarray) -> str:
+    if not len(limits):
+        return NONE
+    return f"{number(float(np.min(limits)), 3)} to {number(float(np.max(limits)), 3)}"
+
+
+def _limited(name: str, craft: "Spacecraft") -> tuple[str, str, np.ndarray]:
+    """Of a peak in the report: its label, its unit, and the limits of its components in that unit."""
+    for limit in limits(craft):
+        if limit.quantity.name == name:
+            return limit.quantity.label, limit.quantity.printed_unit, limit.quantity.in_unit(limit.bound)
+    return name.replace("_", " "), "", np.zeros(0)
+
+
+def _bar(peak: float) -> Markup:
+    """A share of one as a line; beyond one it is full, and of another colour."""
+    beyond = not peak <= 1 + 1e-9
+    width = 100 if beyond else 100 * peak
+    return tag(
+        "span",
+        tag("span", class_="fill over" if beyond else "fill", style=f"width:{width:.1f}%"),
+        class_="bar",
+        aria_hidden="true",
+    )
+
+
+def margins_table(margins: tuple["ProvedMargin", ...], plan: "Plan") -> Markup:
+    """Margins by zone and device, the smallest first."""
+    zones = {zone.name: zone for zone in plan.scenario.zones}
+    columns = [
+        Column("Zone"),
+        Column("Kind"),
+        Column("Device"),
+        numeric("Margin, at least", "deg"),
+        numeric("Smallest at", "s"),
+    ]
+    rows: list[Row] = [
+        [
+            margin.zone if len(margin.zones) == 1 else f"{margin.zone} of {', '.join(margin.zones)}",
+            kind_of(zones[margin.zone]),
+            margin.device,
+            number(float(np.rad2deg(margin.bound)), 3),
+            number(margin.time),
+        ]
+        for margin in sorted(margins, key=lambda margin: margin.bound)
+    ]
+    return table(columns, rows, "Margins over all time, as proved", marked=0)
+
+
+def faults_list(report: "Report") -> Markup:
+    """What the certificate does not hold for; nothing if all is well."""
+    if not report.faults:
+        return join(())
+    return tag("ul", *(tag("li", fault) for fault in report.faults), class_="faults")
+
+
+def timings_table(plan: "Plan") -> Markup:
+    """Seconds by step."""
+    rows = [[_STEP_NAMES.get(name, name), number(seconds, 3)] for name, seconds in plan.timings.items()]
+    return table([Column("Step"), numeric("Time", "s")], rows, "Time spent planning")
