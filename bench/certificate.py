@@ -18,7 +18,7 @@ from _machine import print_machine
 from _options import positive
 
 import jaxplan as jp
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model import constraints, zones
 from jaxplan.planner.check import prove
 
@@ -44,7 +44,7 @@ def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, fl
     return float(least), float(ratio)
 
 
-def timed(scenario: jp.Scenario, plan: jp.Plan, repeats: int) -> tuple[Report, float, float]:
+def timed(scenario: jp.Scenario, plan: jp.Plan, repeats: int) -> tuple[Certificate, float, float]:
     """The report, and the median and least milliseconds of making it."""
     assert plan.goal is not None
     assert plan.trajectory is not None

@@ -85,12 +85,12 @@ def test_what_is_refused_leads_on_and_what_is_certified_ends_it(case_plan):
     attempts.accept_path(path_of(attempts.need))
     attempts.accept_fit(fit)
     assert isinstance(attempts.need, ProofQuery)
-    attempts.accept_report(replace(case_plan.certificate, certified=False))
+    attempts.accept_certificate(replace(case_plan.certificate, certified=False))
     assert attempts.plan.status is jp.Status.UNCERTIFIED
     assert isinstance(attempts.need, SearchQuery)
     attempts.accept_path(path_of(attempts.need))
     attempts.accept_fit(fit)
-    attempts.accept_report(case_plan.certificate)
+    attempts.accept_certificate(case_plan.certificate)
     assert attempts.need is None
     assert attempts.result().ok
 

@@ -273,7 +273,7 @@ def results(plan, failed, scenario):
 
 def test_what_is_public_is_found():
     names = {cls.__name__ for cls in CLASSES}
-    assert {"Scenario", "Goal", "Report", "Samples", "Decomposition", "Tle", "Shell", "Held"} <= names
+    assert {"Scenario", "Goal", "Certificate", "Samples", "Decomposition", "Tle", "Shell", "Held"} <= names
     assert len(CLASSES) > 40
 
 
@@ -293,7 +293,7 @@ def test_what_is_half_made_is_printed_as_its_line(plan):
         thing = make(cls, without=[fields(cls)[0].name])
         assert str(thing) == repr(thing)
     assert str(replace(plan.certificate, min_margin="wide")).startswith(
-        "<Report: certified yes; min margin wide;"
+        "<Certificate: certified yes; min margin wide;"
     )
     assert "certified                  yes" in str(plan.certificate)
 
@@ -350,7 +350,7 @@ def test_lines_say_what_a_thing_is(plan, scenario):
     assert repr(plan.path).startswith(f"<Path: edges {plan.path.edges}; length {plan.path.length:.6g} steps;")
     assert f"duration {plan.trajectory.duration:.6g} s" in repr(plan.trajectory)
     assert repr(plan).startswith("<Plan of case 2: status OK; slew angle 55.7")
-    assert repr(plan.certificate).startswith("<Report: certified yes; min margin ")
+    assert repr(plan.certificate).startswith("<Certificate: certified yes; min margin ")
 
 
 def test_settings_tell_first_what_somebody_chose():

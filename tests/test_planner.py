@@ -12,7 +12,7 @@ from trust import flights, golden
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import SKY_KINDS
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, runs
@@ -366,7 +366,9 @@ def test_limits_at_the_ends_of_their_ranges_are_planned():
 
 
 def test_advice_on_what_is_not_proved_follows_from_what_fails():
-    fault = Report(certified=False, faults=("terminal-1 yaw is beyond",), peaks={"yaw": 1.01}, min_margin=0.1)
+    fault = Certificate(
+        certified=False, faults=("terminal-1 yaw is beyond",), peaks={"yaw": 1.01}, min_margin=0.1
+    )
     assert "joint limits" in messages.uncertified(fault)
     assert "clearance" not in messages.uncertified(fault)
     fast = replace(fault, peaks={"yaw": 0.9, "angular_velocity": 1.2})
@@ -376,7 +378,7 @@ def test_advice_on_what_is_not_proved_follows_from_what_fails():
     near = replace(fault, peaks={"yaw": 1.0}, min_margin=-0.01)
     assert "clearance_deg" in messages.uncertified(near)
     assert "duration_s" not in messages.uncertified(near)
-    assert messages.uncertified(Report(certified=False, faults=("odd",))).startswith("odd: ")
+    assert messages.uncertified(Certificate(certified=False, faults=("odd",))).startswith("odd: ")
 
 
 def test_targets_that_cannot_be_reached_together_say_by_how_much():

@@ -16,7 +16,7 @@ from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model import constraints
 from jaxplan.model import path as motions
 from jaxplan.model.path import Goal, Path
@@ -63,7 +63,7 @@ def make_plan(
         edge_costs=np.diff(law(share)),
     )
     bound = 0.02 if zones and terminals + instruments else None
-    report = Report(
+    report = Certificate(
         certified=True,
         min_margin=bound,
         worst_time=None if bound is None else 0.25 * duration,

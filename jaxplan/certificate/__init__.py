@@ -12,12 +12,15 @@ about -1e-11), and evaluation in float64 errs by less than a thousandth, 1e-12, 
 extended precision; an estimate of it is counted in as well.
 """
 
+from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin
 from jaxplan.certificate.proof import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, certify, certify_batch, prove_margins
-from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report
+
+Report = Certificate  # its name before
 
 __all__ = [
     "LIMIT_ALLOWANCE",
     "MARGIN_ALLOWANCE",
+    "Certificate",
     "Claim",
     "EndState",
     "ProvedMargin",

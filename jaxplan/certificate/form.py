@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from jaxplan.certificate.report import EndState
+from jaxplan.certificate.claims import EndState
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints

@@ -19,8 +19,8 @@ import numpy as np
 
 from jaxplan.certificate import bounds, series
 from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
+from jaxplan.certificate.claims import EndState
 from jaxplan.certificate.motion import DEGREE, Samples
-from jaxplan.certificate.report import EndState
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.limits import Limit, limits
 
@@ -219,7 +219,7 @@ def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def jumps(samples: Samples) -> dict[str, np.ndarray]:
-    """Jumps by the names and units of `Report.jumps`, (n,) each: from every interval to the next.
+    """Jumps by the names and units of `Certificate.jumps`, (n,) each: from every interval to the next.
 
     From the last one it is to the first, so that there are two at least (see `motion`).
     """

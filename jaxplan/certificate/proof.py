@@ -16,9 +16,9 @@ import numpy as np
 
 from jaxplan.certificate import bounds, form, limits, series
 from jaxplan.certificate.bounds import Errors, Minima
+from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin, every_sight
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion, Samples
-from jaxplan.certificate.report import Claim, EndState, ProvedMargin, Report, every_sight
 from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
 from jaxplan.runtime.batching import grouped
@@ -50,13 +50,13 @@ class Case:
     bindings: Bindings
 
     @classmethod
-    def of(cls, claim: Claim) -> "Self | Report":
+    def of(cls, claim: Claim) -> "Self | Certificate":
         """The case, or a report of what is wrong with its form."""
         curve, zones = form.plain(claim.trajectory), form.plain(claim.cones)
         ends = {"start": claim.start, "goal": claim.goal}
         refused = form.faults(curve, claim.spacecraft, zones, len(claim.zone_names), ends, claim.sight_names)
         if refused:
-            return Report(certified=False, faults=tuple(refused))
+            return Certificate(certified=False, faults=tuple(refused))
         static = form.is_static(curve)
         return cls(
             claim=claim,
@@ -84,7 +84,7 @@ class Case:
         )
 
 
-def prove_alike(cases: Sequence[Case]) -> list[Report]:
+def prove_alike(cases: Sequence[Case]) -> list[Certificate]:
     """Reports on cases of one kind."""
     craft = cases[0].claim.spacecraft
     bindings = Bindings.joined([case.bindings for case in cases])
@@ -96,7 +96,7 @@ def prove_alike(cases: Sequence[Case]) -> list[Report]:
         if len(cases) > 1:
             return [report for case in cases for report in prove_alike([case])]
         beyond = f"a chart turns by more than {series.LARGEST_TURN:g} rad or a number overflows"
-        return [Report(certified=False, faults=(beyond,), evaluations=samples.time.size)]
+        return [Certificate(certified=False, faults=(beyond,), evaluations=samples.time.size)]
     limited = limits.quantities(craft, evidence)
     margin, room, jumps = bindings.prove(evidence), limits.prove(limited, evidence), limits.jumps(samples)
     reports, clause, component = [], 0, 0
@@ -147,7 +147,7 @@ class _Found:
     jumps: dict[str, np.ndarray]
 
 
-def _report(case: Case, found: _Found) -> Report:
+def _report(case: Case, found: _Found) -> Certificate:
     """What is said of one trajectory."""
     claim, bindings, margin, room = case.claim, case.bindings, found.margin, found.room
     names, sights = claim.zone_names, claim.every_sight
@@ -165,7 +165,7 @@ def _report(case: Case, found: _Found) -> Report:
         *limits.faults(found.limited, room, LIMIT_ALLOWANCE),
         *bindings.faults(margin, found.motion, sights, names, MARGIN_ALLOWANCE, found.number),
     )
-    report = Report(
+    report = Certificate(
         certified=not faults,
         peaks=limits.peaks(found.limited, room),
         peak_times=limits.peak_times(found.limited, room),
@@ -228,7 +228,7 @@ def certify(
     start: EndState,
     goal: EndState,
     sight_names: Sequence[str] | None = None,
-) -> Report:
+) -> Certificate:
     """Proves, or refuses to, that a trajectory is safe and does what it should.
 
     Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
@@ -259,14 +259,14 @@ def certify(
     return certify_batch([claim])[0]
 
 
-def certify_batch(claims: Sequence[Claim]) -> list[Report]:
+def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
     """What `certify` says of each of many trajectories, in less time."""
-    reports: dict[int, Report] = {}
+    reports: dict[int, Certificate] = {}
     cases: list[tuple[int, Case]] = []
     with np.errstate(all="ignore"):  # NaN and infinities are found by their values
         for number, claim in enumerate(claims):
             case = Case.of(claim)
-            if isinstance(case, Report):
+            if isinstance(case, Certificate):
                 reports[number] = case
             else:
                 cases.append((number, case))

@@ -15,7 +15,7 @@ reports is `jaxplan.planner.runs`.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
@@ -135,10 +135,10 @@ class Attempts:
             self._meeting.accept_fit(fitted)
             self._meet(self._meeting)
 
-    def accept_report(self, report: Report) -> None:
+    def accept_certificate(self, certificate: Certificate) -> None:
         """Go on with the certificate that was needed."""
         way = self._climbed
-        self._attempted(way, judged(way.so_far, report))
+        self._attempted(way, judged(way.so_far, certificate))
 
     @property
     def _climbed(self) -> "_Way":

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import Claim, EndState, ProvedMargin, Report, certify_batch, prove_margins
+from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
 from jaxplan.given import expect
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -189,22 +189,22 @@ class ProofQuery:
     trajectory: Trajectory
 
 
-def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Report:
+def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Certificate:
     """Certify a trajectory by itself, see `ProofQuery`."""
     return prove_batch([ProofQuery(scenario=scenario, goal=goal, trajectory=trajectory)])[0]
 
 
-def prove_batch(queries: Sequence[ProofQuery]) -> list[Report]:
+def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     """Certify many trajectories, alike ones together."""
-    reports = []
-    for query, report in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
+    certificates = []
+    for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
             *_goal_faults(query.scenario, query.goal),
             *arrival_faults(query.scenario, query.goal, query.trajectory),
         )
-        certified, faults = report.certified and not off, (*report.faults, *off)
-        reports.append(replace(report, certified=certified, faults=faults))
-    return reports
+        certified, faults = certificate.certified and not off, (*certificate.faults, *off)
+        certificates.append(replace(certificate, certified=certified, faults=faults))
+    return certificates
 
 
 def _claim(query: ProofQuery) -> Claim:
@@ -232,14 +232,14 @@ def _claim(query: ProofQuery) -> Claim:
     )
 
 
-def certify(plan: Plan) -> Report:
+def certify(plan: Plan) -> Certificate:
     """Certify a plan anew, trusting nothing it says, its goal included.
 
     Args:
         plan: with a trajectory.
 
     Returns:
-        The certificate, or a report of what could not be proved.
+        The certificate, which lists what could not be proved.
 
     Raises:
         TypeError: if it is no plan.
@@ -255,8 +255,8 @@ def certify(plan: Plan) -> Report:
         missing = "trajectory" if plan.trajectory is None else "goal"
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
     refuse_types(plan.scenario)
-    report = prove(plan.scenario, plan.goal, plan.trajectory)
-    return replace(report, faults=_of_zones(plan.scenario, report.faults))
+    certificate = prove(plan.scenario, plan.goal, plan.trajectory)
+    return replace(certificate, faults=_of_zones(plan.scenario, certificate.faults))
 
 
 def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.given import file_path
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
@@ -131,7 +131,7 @@ def plan_table(scenario: Scenario) -> Table:
         method=Text(),
     )
     report = _table(
-        Report,
+        Certificate,
         certified=YesNo(),
         min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
         worst_time=Nullable(_POSITIVE),
@@ -163,7 +163,7 @@ def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> 
     return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
 
 
-def _make_parts(*, status: str, report: Report | None = None, **parts: Any) -> dict[str, Any]:
+def _make_parts(*, status: str, report: Certificate | None = None, **parts: Any) -> dict[str, Any]:
     return {"status": Status[status], "certificate": report, **parts}
 
 

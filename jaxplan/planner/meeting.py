@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
 from jaxplan.model.status import Status
@@ -51,11 +51,11 @@ def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 
 
-def judged(so_far: Plan, report: Report) -> Plan:
-    """The plan with a report on its trajectory, certified or not."""
-    so_far = replace(so_far, certificate=report)
-    if so_far.status in (Status.OK, Status.UNCERTIFIED) and not report.certified:
-        return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(report))
+def judged(so_far: Plan, certificate: Certificate) -> Plan:
+    """The plan with a certificate on its trajectory, certified or not."""
+    so_far = replace(so_far, certificate=certificate)
+    if so_far.status in (Status.OK, Status.UNCERTIFIED) and not certificate.certified:
+        return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(certificate))
     return so_far
 
 

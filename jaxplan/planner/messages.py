@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Report
+from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.decomposition import Decomposition
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.scenario import Scenario, moves
@@ -103,9 +103,9 @@ def farther(nearest: Plan, plan: Plan) -> str:
     return "; ".join(filter(None, (plan.message, failed, nearest.message)))
 
 
-def uncertified(report: Report) -> str:
+def uncertified(certificate: Certificate) -> str:
     """Of a trajectory that is not proved safe."""
-    beyond = {name for name, peak in report.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
+    beyond = {name for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
     advice = []
     if beyond & {"yaw", "pitch"}:
         advice.append(
@@ -114,10 +114,10 @@ def uncertified(report: Report) -> str:
         )
     if beyond - {"yaw", "pitch"}:
         advice.append("set a longer trajectory.duration_s")
-    if report.min_margin is not None and not report.min_margin >= -MARGIN_ALLOWANCE:
+    if certificate.min_margin is not None and not certificate.min_margin >= -MARGIN_ALLOWANCE:
         advice.append("try a larger search.clearance_deg or smaller search steps")
     return (
-        "; ".join(report.faults)
+        "; ".join(certificate.faults)
         + ": "
         + ("; ".join(advice) or "try another search.seed or trajectory.method")
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.display import as_table, shown
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
@@ -26,9 +26,9 @@ def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     return goal.angular_velocity, goal.joint_rates
 
 
-def report_summary(report: Report | None) -> dict[str, Any]:
+def report_summary(report: Certificate | None) -> dict[str, Any]:
     """What a certificate says, in the units of files, for machines; of none, the same keys with None."""
-    found = Report(certified=False, faults=()) if report is None else report
+    found = Certificate(certified=False, faults=()) if report is None else report
     margin = found.min_margin
     summary = {
         "certified": found.certified,
@@ -77,7 +77,7 @@ class Plan:
     search: SearchResult | None = None
     path: Path | None = None
     trajectory: Trajectory | None = None
-    certificate: Report | None = None
+    certificate: Certificate | None = None
     timings: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -86,7 +86,7 @@ class Plan:
         return self.status is Status.OK
 
     @property
-    def report(self) -> Report | None:
+    def report(self) -> Certificate | None:
         """The certificate, by the name that it had before."""
         return self.certificate
 

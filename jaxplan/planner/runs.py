@@ -122,8 +122,8 @@ def _prove_certificates(open_: Sequence[Attempts]) -> None:
     waiting = _in_need(open_, ProofQuery)
     with shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
         found = prove_batch([query for _, query in waiting])
-    for (attempts, _), report in zip(waiting, found, strict=True):
-        attempts.accept_report(report)
+    for (attempts, _), certificate in zip(waiting, found, strict=True):
+        attempts.accept_certificate(certificate)
 
 
 def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:

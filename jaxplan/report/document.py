@@ -14,7 +14,7 @@ from jaxplan.scenario import dump_scenario
 from jaxplan.version import __version__
 
 if TYPE_CHECKING:
-    from jaxplan.certificate import Report
+    from jaxplan.certificate import Certificate
     from jaxplan.planner import Plan
 
 # What a browser may load: pictures and looks that are in the page itself.
@@ -52,7 +52,7 @@ class Verdict:
     advice: str = ""
 
     @classmethod
-    def of(cls, plan: "Plan", report: "Report | None") -> Self:
+    def of(cls, plan: "Plan", report: "Certificate | None") -> Self:
         """Of a plan, with the certificate made anew; a plan that says it is well but is not is found out."""
         if plan.ok and report is not None and report.certified:
             text = "Every zone and every limit holds at every instant, not at samples alone."
@@ -97,7 +97,7 @@ def page(plan: "Plan") -> str:
     return f"<!DOCTYPE html>\n{tag('html', head, tag('body', main), lang='en')}\n"
 
 
-def _parts(plan: "Plan", report: "Report | None", pictures: dict[str, Markup]) -> list[Markup]:
+def _parts(plan: "Plan", report: "Certificate | None", pictures: dict[str, Markup]) -> list[Markup]:
     """The sections, as far as the plan came."""
 
     def shown(*names: str) -> list[Markup]:
@@ -129,7 +129,7 @@ def _parts(plan: "Plan", report: "Report | None", pictures: dict[str, Markup]) -
     return [*parts, section("settings", "Scenario file", intro, text)]
 
 
-def _certificate(plan: "Plan", report: "Report") -> list[Markup]:
+def _certificate(plan: "Plan", report: "Certificate") -> list[Markup]:
     margins = check_margins(plan)
     verdict = "holds at every instant" if report.certified else "does not hold"
     rows = [("Certificate", verdict), ("Instants evaluated", f"{report.evaluations:,}")]
@@ -141,7 +141,7 @@ def _certificate(plan: "Plan", report: "Report") -> list[Markup]:
     return content
 
 
-def _header(plan: "Plan", verdict: Verdict, report: "Report | None") -> Markup:
+def _header(plan: "Plan", verdict: Verdict, report: "Certificate | None") -> Markup:
     """Title, verdict, how far it came, and the numbers that matter most."""
     look = "verdict good" if verdict.certified else "verdict bad"
     told: list[Any] = [tag("strong", verdict.word), tag("p", verdict.text)]
@@ -170,7 +170,7 @@ def _steps(verdict: Verdict) -> Markup:
     return tag("ol", *items, class_="steps")
 
 
-def _numbers(plan: "Plan", report: "Report | None") -> list[tuple[str, str, str]]:
+def _numbers(plan: "Plan", report: "Certificate | None") -> list[tuple[str, str, str]]:
     """(label, number, unit) of what matters most."""
     found = []
     if plan.goal is not None:

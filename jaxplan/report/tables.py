@@ -36,7 +36,7 @@ from jaxplan.report.markup import (
 from jaxplan.trajectory import excess
 
 if TYPE_CHECKING:
-    from jaxplan.certificate import ProvedMargin, Report
+    from jaxplan.certificate import Certificate, ProvedMargin
     from jaxplan.model.scenario import Scenario
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.planner import Plan
@@ -279,13 +279,13 @@ def trajectory_table(plan: "Plan") -> Markup:
     return facts(rows, "Method and duration")
 
 
-def highest_peak(report: "Report", craft: "Spacecraft") -> tuple[str, str]:
+def highest_peak(certificate: "Certificate", craft: "Spacecraft") -> tuple[str, str]:
     """The quantity that comes closest to its limit, and its share of that in percent."""
-    name = max(report.peaks, key=lambda name: report.peaks[name])
-    return _limited(name, craft)[0].lower(), share(report.peaks[name])
+    name = max(certificate.peaks, key=lambda name: certificate.peaks[name])
+    return _limited(name, craft)[0].lower(), share(certificate.peaks[name])
 
 
-def peaks_table(report: "Report", craft: "Spacecraft") -> Markup:
+def peaks_table(certificate: "Certificate", craft: "Spacecraft") -> Markup:
     """Peaks beside their limits."""
     columns = [
         Column("Quantity"),
@@ -297,7 +297,7 @@ def peaks_table(report: "Report", craft: "Spacecraft") -> Markup:
         numeric("At", "s"),
     ]
     rows = []
-    for name, peak in report.peaks.items():
+    for name, peak in certificate.peaks.items():
         label, unit, limits = _limited(name, craft)
         same = len(limits) > 0 and np.ptp(limits) <= 1e-12 * np.max(limits)
         rows.append(
@@ -308,7 +308,7 @@ def peaks_table(report: "Report", craft: "Spacecraft") -> Markup:
                 unit,
                 share(peak),
                 _bar(peak),
-                number(report.peak_times.get(name)),
+                number(certificate.peak_times.get(name)),
             ]
         )
     return table(columns, rows, "Peaks over all time, as proved")
@@ -321,7 +321,7 @@ def _range(limits: np.ndarray) -> str:
 
 
 def _limited(name: str, craft: "Spacecraft") -> tuple[str, str, np.ndarray]:
-    """Of a peak in the report: its label, its unit, and the limits of its components in that unit."""
+    """Of a peak in the certificate: its label, its unit, and the limits of its components in that unit."""
     for limit in limits(craft):
         if limit.quantity.name == name:
             return limit.quantity.label, limit.quantity.printed_unit, limit.quantity.in_unit(limit.bound)
@@ -363,11 +363,11 @@ def margins_table(margins: tuple["ProvedMargin", ...], plan: "Plan") -> Markup:
     return table(columns, rows, "Margins over all time, as proved", marked=0)
 
 
-def faults_list(report: "Report") -> Markup:
+def faults_list(certificate: "Certificate") -> Markup:
     """What the certificate does not hold for; nothing if all is well."""
-    if not report.faults:
+    if not certificate.faults:
         return join(())
-    return tag("ul", *(tag("li", fault) for fault in report.faults), class_="faults")
+    return tag("ul", *(tag("li", fault) for fault in certificate.faults), class_="faults")
 
 
 def timings_table(plan: "Plan") -> Markup:

@@ -21,17 +21,17 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import options, schedule
-from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import (
     Attempt,
     Ladder,
     make_attempts,
     rungs,
 )
-from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked
+from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import AttemptRequest, FitProblem
-from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
+from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
@@ -138,7 +138,7 @@ class Strategy:
             if not problem.rests and fits[n].status is not Status.OK
         }
         for n, other in self.timed(again).items():
-            fits[n] = _better(fits[n], other)
+            fits[n] = better(fits[n], other)
         return fits
 
     def _in_least_time(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
@@ -158,7 +158,7 @@ class Strategy:
         found = self._released({n: (problems[n], attempt) for n, attempt in shortened.items()})
         found |= self._quickest({n: problem for n, problem in free.items() if n not in shortened}, radii)
         for n, other in self._within_limits(free, found, radii).items():
-            fits[n] = _better(other, fits[n])
+            fits[n] = better(other, fits[n])
         return fits
 
     def timed(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
@@ -168,14 +168,14 @@ class Strategy:
         possible = {n: problem for n, problem in problems.items() if durations[n] >= problem.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations, radii)
         fits = {
-            n: _success(problems[n], attempt, radii[n])
+            n: success(problems[n], attempt, radii[n])
             for n, attempt in attempts.items()
             if attempt is not None and attempt.peaks.stretch <= 1
         }
         # The shortest motion says whether there is one at all, and what to ask for.
         left = {n: problem for n, problem in problems.items() if n not in fits}
         best = self.shortest(left, dict.fromkeys(left, np.inf))
-        fits |= {n: _beyond() for n, own in best.items() if own is None}
+        fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         needed = self._needed({n: left[n] for n in quickest}, quickest, durations)
         for n, own in quickest.items():
@@ -183,9 +183,9 @@ class Strategy:
             if (
                 not problem.at_speed and enough is not None and enough <= duration
             ):  # slowing it keeps all limits
-                fits[n] = _success(problem, time_scaled(problem, own, duration), radii[n])
+                fits[n] = success(problem, time_scaled(problem, own, duration), radii[n])
             else:
-                fits[n] = _too_tight(
+                fits[n] = limits_too_tight(
                     problem, attempts[n] or time_scaled(problem, own, duration), duration, enough
                 )
         return fits
@@ -319,15 +319,15 @@ class Strategy:
         """Fits from motions in just the time that their limits allow."""
         best = {n: own for n, own in attempts.items() if own is not None}
         best |= self._slowed({n: problems[n] for n in best if problems[n].at_speed}, best)
-        fits = {n: _beyond() for n, own in attempts.items() if own is None}
+        fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         for n, own in best.items():
             problem = problems[n]
             if not problem.at_speed:
-                fits[n] = _success(problem, own, radii[n], stretch=True)
+                fits[n] = success(problem, own, radii[n], stretch=True)
             elif own.peaks.stretch <= 1:
-                fits[n] = _success(problem, own, radii[n])
+                fits[n] = success(problem, own, radii[n])
             else:
-                fits[n] = _too_tight(problem, own, own.trajectory.duration, None)
+                fits[n] = limits_too_tight(problem, own, own.trajectory.duration, None)
         return fits
 
     def _slowed(self, problems: dict[int, FitProblem], attempts: dict[int, Attempt]) -> dict[int, Attempt]:
@@ -404,64 +404,3 @@ def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
         if not own.sound or other.needed < own.needed:
             found[n] = other
     return found
-
-
-def _better(fit: Fit, other: Fit) -> Fit:
-    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
-
-    def key(one: Fit) -> tuple[bool, bool, float]:
-        found, curve = one.status is Status.OK, one.trajectory
-        time = curve.duration if found and curve is not None else one.needed_duration
-        return not found, curve is None, np.inf if time is None else time
-
-    return min(fit, other, key=key)
-
-
-def _success(problem: FitProblem, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
-    """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
-    curve = attempt.trajectory
-    if stretch:
-        curve = curve.scaled(attempt.peaks.stretch * SAFETY)
-    broken = None
-    if attempt.breach is not None:
-        device, depth = attempt.breach
-        broken = f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg", "a larger search.clearance_deg"
-    elif not attempt.peaks.in_range:
-        broken = "a joint leaves its range", "start and goal farther inside, or lower joint rates there"
-    if broken is not None:
-        message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
-        return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
-    nearest = attempt.peaks.names[attempt.peaks.binding]
-    share = excess(curve.duration, problem.bound)
-    above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
-    message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
-    if attempt.radius > radius:
-        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
-        how = wide if np.isfinite(attempt.radius) else "only a first guess"
-        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
-        message = f"{message}; {note}"
-    origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
-    return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
-
-
-def _too_tight(problem: FitProblem, closest: Attempt, duration: float, needed: float | None) -> Fit:
-    """The fit that breaks a limit, and in what time it would not."""
-    enough = None
-    if needed is not None:
-        enough = Needed(duration=needed, moving=problem.horizon > 0, scalable=True)
-    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
-    return Fit(
-        trajectory=closest.trajectory,
-        status=Status.LIMITS_TOO_TIGHT,
-        message=too_tight(duration, closest.peaks, enough, else_try),
-        needed_duration=needed,
-    )
-
-
-def _beyond() -> Fit:
-    """No chart holds the path."""
-    message = (
-        f"the nodes lie more than {np.rad2deg(options.CHART.reach):.0f} deg off the steady rotation "
-        'from start to goal: set trajectory.method to "paper"'
-    )
-    return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)

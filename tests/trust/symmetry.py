@@ -10,7 +10,7 @@ import numpy as np
 from manoeuvres import craft, judge, manoeuvre
 from scipy.spatial.transform import Rotation
 
-from jaxplan.certificate import Report
+from jaxplan.certificate import Certificate
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory import Trajectory
@@ -79,7 +79,7 @@ def transformed(what: str, given: Scene, rng: np.random.Generator) -> tuple[Scen
     return (moved, spacecraft, zones), slower
 
 
-def compare(what: str, first: Report, second: Report, slower: float) -> None:
+def compare(what: str, first: Certificate, second: Certificate, slower: float) -> None:
     """Two reports say the same."""
     near = SHARP + OPEN * abs(first.min_margin)
     assert abs(first.min_margin - second.min_margin) <= near, (what, first.min_margin, second.min_margin)

@@ -91,7 +91,7 @@ class ProvedMargin:
 
 @shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "evaluations")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Report:
+class Certificate:
     """What is proved of a trajectory, for all times and not for samples alone.
 
     Of a trajectory that cannot be evaluated only `certified` (False) and `faults` are filled.
@@ -143,4 +143,4 @@ class Report:
         return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)
 
     def _repr_html_(self) -> str:
-        return as_table("Report", self.rows())
+        return as_table("Certificate", self.rows())
