@@ -185,7 +185,7 @@ def show(name: str, scenes: list[jp.Scenario], step: float) -> None:
         found = f"{np.median(kept):>12.1e}{np.max(kept):>12.1e}" if kept else ""
         print(f"{label:<20}{len(kept):>8}{len(own) - len(kept):>8}{found}")
     if held:
-        print(f"above the optimum: median {np.median(held):.1e}, largest {np.max(held, key=abs):.1e}")
+        print(f"above the optimum: median {np.median(held):.1e}, largest {max(held, key=abs):.1e}")
 
 
 def in_time(scenes: Iterable[jp.Scenario], duration: float | str) -> list[jp.Scenario]:

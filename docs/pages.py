@@ -14,9 +14,9 @@ from pathlib import Path
 
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
-from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.spelling import Entry, entries, template
-from jaxplan.scenario.tables import Either, Rows, Table
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.spelling import Entry, entries, template
+from jaxplan.schema.tables import Either, Rows, Table
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = ROOT / "notebooks"

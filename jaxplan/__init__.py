@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.jit import compilation_cache
-    from jaxplan.scenario import ScenarioError, load_scenario, save_scenario
+    from jaxplan.schema import ScenarioError, load_scenario, save_scenario
     from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
@@ -49,7 +49,7 @@ _HOMES = {
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
     "Scenario": "jaxplan.model.scenario",
-    "ScenarioError": "jaxplan.scenario",
+    "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
     "Spacecraft": "jaxplan.model.spacecraft",
@@ -70,7 +70,7 @@ _HOMES = {
     "hold": "jaxplan.sensitivity",
     "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
-    "load_scenario": "jaxplan.scenario",
+    "load_scenario": "jaxplan.schema",
     "load_study": "jaxplan.study",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
@@ -80,7 +80,7 @@ _HOMES = {
     "replan": "jaxplan.sensitivity",
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
-    "save_scenario": "jaxplan.scenario",
+    "save_scenario": "jaxplan.schema",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",

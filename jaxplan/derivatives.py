@@ -18,13 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
-from jaxplan.display import shown
-from jaxplan.given import expect
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.check import prove
 from jaxplan.planner.meeting import judged
+from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.display import shown
 from jaxplan.sensitivity import Held, hold, replan
 from jaxplan.trajectory import Trajectory
 

@@ -20,10 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.decomposition.caps import leaves_open
-from jaxplan.decomposition.sensitivity import differentiable_goal, goal_in_time
-from jaxplan.display import shown
-from jaxplan.given import expect
+from jaxplan.goal.caps import leaves_open
+from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.planner import Plan
@@ -33,6 +31,8 @@ from jaxplan.planner.goals import find_goals
 from jaxplan.planner.meeting import fit, fitted_plan, judged
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
+from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import make_room
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name

@@ -7,16 +7,17 @@ Everything broadcasts over leading axes, computes with numpy or JAX as its argum
 functions of the angle, so they are computed as smooth functions of its square: below one radian by their
 series, above by the closed form. That keeps values and first derivatives right down to zero, where the
 printed closed forms lose all digits (Lemma 3 of the paper, with the sign and the threshold of its errata).
-The logarithm goes through the unit quaternion (`jaxplan.quaternion`), which needs no branch near half a turn.
+The logarithm goes through the unit quaternion (`jaxplan.geometry.quaternion`), which needs no branch near
+half a turn.
 """
 
 from math import factorial
 
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components, length
-from jaxplan.given import expect_numbers
+from jaxplan.runtime.arguments import expect_numbers
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
 _TERMS = 10

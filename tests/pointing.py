@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from jaxplan.decomposition import Decomposition, decompose
+from jaxplan.goal import Decomposition, decompose
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal

@@ -11,7 +11,7 @@ import jaxplan as jp
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import Targets
 from jaxplan.model.zones import KeepOut
-from jaxplan.scenario import ScenarioError
+from jaxplan.schema import ScenarioError
 
 SCENE = make_scenario(2)
 SUN = KeepOut(name="Sun", direction=np.array([0.0, 0.0, 1.0]), half_angle=0.1, devices=("terminal-1",))

@@ -14,7 +14,7 @@ from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.goals import find_goals
-from jaxplan.scenario import dump_scenario, parse_scenario
+from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
 from jaxplan.search.problem import steps_between
 from jaxplan.search.smoothing.shortcut import between

@@ -8,7 +8,7 @@ import pytest
 from jaxplan import so3
 from jaxplan.cases import CASE_NAMES, case_path, paper_case
 from jaxplan.model import constraints, zones
-from jaxplan.scenario import dump_scenario, load_scenario, parse_scenario
+from jaxplan.schema import dump_scenario, load_scenario, parse_scenario
 
 # Section 5: the published goals, equations (50) and (53).
 GOALS = {

@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan import orbits
 from jaxplan.constellation import relay_spacecraft
 from jaxplan.constellation.links import nominal_attitudes
 from jaxplan.constellation.shell import CLEARANCE, waiting_directions
-from jaxplan.decomposition import decompose
-from jaxplan.decomposition.multistart import nearest_attitudes
+from jaxplan.goal import decompose
+from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets
 from jaxplan.model.zones import tabulate
+from jaxplan.sky import orbits
 
 R, MU = 6378.137, 398600.4418
 SUN = np.array([0.0, np.cos(np.deg2rad(23.44)), np.sin(np.deg2rad(23.44))])

@@ -5,7 +5,7 @@ from pointing import KINDS, PAPER_DIRECTIONS, Printed, Problem, make_problem, ra
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
-from jaxplan.decomposition import Decomposition
+from jaxplan.goal import Decomposition
 from jaxplan.model.zones import KeepIn, KeepOut
 
 # Case by case: the start, the limits at the goal that its answer tells of, the goal as (50) and (53)

@@ -4,8 +4,8 @@ from pointing import Printed, Problem, random_problem
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
 
-from jaxplan.decomposition import descent, multistart
-from jaxplan.decomposition.caps import HAIR, Caps, assemble, group_excess
+from jaxplan.goal import descent, multistart
+from jaxplan.goal.caps import HAIR, Caps, assemble, group_excess
 
 
 def caps_of(problem: Problem) -> Caps:

@@ -22,8 +22,7 @@ from jaxplan import sky
 from jaxplan.certificate import Claim, EndState, ProvedMargin
 from jaxplan.constellation import Constellation
 from jaxplan.constellation.shell import Shell
-from jaxplan.decomposition import Decomposition
-from jaxplan.display import UNKNOWN, as_table, shown
+from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
@@ -31,6 +30,7 @@ from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.meeting import fit
+from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
 from jaxplan.table4 import PAPER_KINDS, printed_rows

@@ -16,9 +16,9 @@ import pytest
 
 from jaxplan.cli import main
 from jaxplan.model.status import Status
-from jaxplan.scenario.faults import DeviceNames, Place
-from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.tables import Either, Rows, Table
+from jaxplan.schema.faults import DeviceNames, Place
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
 
 ROOT = Path(__file__).parent.parent
@@ -133,7 +133,7 @@ def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
 
 
 def test_no_table_of_the_package_is_left_out(rows):
-    modules = (module for name, module in sys.modules.items() if name.startswith("jaxplan.scenario"))
+    modules = (module for name, module in sys.modules.items() if name.startswith("jaxplan.schema"))
     found = [thing for module in modules for thing in vars(module).values() if isinstance(thing, Table)]
     assert len(found) > 10
     inner = {

@@ -13,11 +13,11 @@ from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan import quaternion
 from jaxplan.cli import main
 from jaxplan.epochs import parse_epoch, utc_texts
 from jaxplan.exporting import FORMATS, formats
 from jaxplan.exporting.sampled import instants, labels, sample
+from jaxplan.geometry import quaternion
 
 STEP = 0.05
 

@@ -11,7 +11,7 @@ from trust.long_run import examine
 import jaxplan as jp
 from jaxplan.paper import qp
 from jaxplan.planner import goals
-from jaxplan.scenario import with_settings
+from jaxplan.schema import with_settings
 from jaxplan.search import mha
 from jaxplan.search.tree import make_root, trace
 from jaxplan.trajectory import box_qp, program

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan import quaternion, so3
-from jaxplan.geometry import rotations, vectors
+from jaxplan import so3
+from jaxplan.geometry import quaternion, rotations, vectors
 from jaxplan.geometry.vectors import arrays
 from jaxplan.model import spacecraft
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan import so3
-from jaxplan.decomposition import sensitivity
-from jaxplan.decomposition.descent import active_terms
-from jaxplan.decomposition.sensitivity import differentiable_goal
 from jaxplan.geometry.vectors import pointing
+from jaxplan.goal import sensitivity
+from jaxplan.goal.descent import active_terms
+from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.constraints import JOINTS
 from jaxplan.model.path import Goal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate

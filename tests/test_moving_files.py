@@ -11,7 +11,7 @@ import pytest
 from moving_scenes import LOW_ORBIT, great_circle
 
 import jaxplan as jp
-from jaxplan import scenario as sc
+from jaxplan import schema as sc
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import known_until, moves

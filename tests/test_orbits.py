@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxplan import orbits
+from jaxplan.sky import orbits
 
 # Satellites with nothing in common: altitude km, then inclination, node and argument of latitude, rad.
 RNG = np.random.default_rng(3)

@@ -21,7 +21,7 @@ from jaxplan.planner.check import breaches, certify
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.report.tables import trajectory_table
-from jaxplan.scenario import parse_scenario, with_settings
+from jaxplan.schema import parse_scenario, with_settings
 from jaxplan.search import SearchResult, make_scene
 from jaxplan.trajectory import METHODS, Fit, by_name
 

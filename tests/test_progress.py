@@ -11,8 +11,8 @@ import jax
 import pytest
 
 import jaxplan as jp
-from jaxplan import progress
-from jaxplan.progress import progress_bar
+from jaxplan.runtime import progress
+from jaxplan.runtime.progress import progress_bar
 
 LOWERED, COMPILED = (
     "/jax/core/compile/jaxpr_to_mlir_module_duration",

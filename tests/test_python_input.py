@@ -16,7 +16,7 @@ from scenes import make_scenario
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.planner.runs import as_filed
-from jaxplan.scenario import load_scenario, with_settings
+from jaxplan.schema import load_scenario, with_settings
 
 PACKAGE = Path(jp.__file__).parent
 EVERY_KEY = load_scenario(Path(__file__).parent / "scenarios" / "every_key.toml")

@@ -15,10 +15,10 @@ from stated import state_margins
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS, random_kinds, random_scenes, random_starts
-from jaxplan.decomposition import decompose
+from jaxplan.goal import decompose
 from jaxplan.model.scenario import SearchSettings, TrajectorySettings
 from jaxplan.model.zones import tabulate
-from jaxplan.scenario import dump_scenario, parse_scenario
+from jaxplan.schema import dump_scenario, parse_scenario
 
 SEEDS = 40
 TARGETS = [[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832], [0.4601, -0.7960, -0.3933]]  # of the paper

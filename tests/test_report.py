@@ -19,7 +19,7 @@ from jaxplan.model.limits import limits
 from jaxplan.model.path import Path as Way
 from jaxplan.model.status import STEPS, Status
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.scenario import parse_scenario
+from jaxplan.schema import parse_scenario
 from jaxplan.search import SearchResult
 
 NASTY = "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\"> & $x_1$"

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-import jaxplan.scenario as sc
-from jaxplan.scenario.bodies import SKY
-from jaxplan.scenario.kinds import shortest_degrees
-from jaxplan.scenario.layout import (
+import jaxplan.schema as sc
+from jaxplan.schema.bodies import SKY
+from jaxplan.schema.kinds import shortest_degrees
+from jaxplan.schema.layout import (
     JOINT_BOUND,
     KEEP_IN,
     KEEP_OUT,
@@ -27,7 +27,7 @@ from jaxplan.scenario.layout import (
     TRAJECTORY,
     VECTOR,
 )
-from jaxplan.scenario.states import STATE, TARGETS
+from jaxplan.schema.states import STATE, TARGETS
 
 EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
 MINIMAL = """

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-import jaxplan.scenario as sc
+import jaxplan.schema as sc
 
 EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
 TABLES = tomllib.loads(EVERY_KEY.read_text())

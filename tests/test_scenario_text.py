@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import jaxplan.scenario as sc
+import jaxplan.schema as sc
 
 EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
 TEXT = EVERY_KEY.read_text()

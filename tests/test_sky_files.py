@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan import scenario as sc
+from jaxplan import schema as sc
 from jaxplan import sky
 from jaxplan.sky import frames
 from jaxplan.tuning.parameters import find_number

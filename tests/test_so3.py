@@ -9,7 +9,8 @@ import pytest
 from quick import quick_jit
 from scipy.spatial.transform import Rotation
 
-from jaxplan import quaternion, so3
+from jaxplan import so3
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 
 HALF_TURN = np.pi

@@ -8,7 +8,7 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.runtime.workers import _libraries
-from jaxplan.scenario import with_settings
+from jaxplan.schema import with_settings
 from jaxplan.study import blocks
 from jaxplan.study.rows import COLUMNS, TIMES
 

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.planner.check import start_breaches
-from jaxplan.scenario import parse_scenario
-from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.spelling import template
-from jaxplan.scenario.tables import Either, Rows, Table
+from jaxplan.schema import parse_scenario
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.spelling import template
+from jaxplan.schema.tables import Either, Rows, Table
 
 OPTION = re.compile(r"#(?=[\w\[])")
 

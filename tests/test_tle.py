@@ -9,7 +9,8 @@ from heavens import teme_to_j2000
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxplan import orbits, sky
+from jaxplan import sky
+from jaxplan.sky import orbits
 from jaxplan.sky.satellites import check_sum, tle_state_teme
 
 api = pytest.importorskip("sgp4.api", reason="sgp4 is not installed")

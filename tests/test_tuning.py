@@ -13,8 +13,8 @@ from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
-from jaxplan.scenario import scenario_to_dict
-from jaxplan.scenario.numbers import find_number, with_numbers
+from jaxplan.schema import scenario_to_dict
+from jaxplan.schema.numbers import find_number, with_numbers
 from jaxplan.tuning.objectives import OBJECTIVES, make_objective, objective_label
 from jaxplan.tuning.parameters import parameters
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import jaxplan as jp
-from jaxplan.scenario import with_settings
+from jaxplan.schema import with_settings
 from jaxplan.search import add_planner
 from jaxplan.search.calls import Scenes
 from jaxplan.search.smoothing import smooth_results

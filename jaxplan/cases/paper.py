@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.scenario import load_scenario
+from jaxplan.schema import load_scenario
 
 CASE_NAMES = ("case-1", "case-2", "case-3", "case-4")
 

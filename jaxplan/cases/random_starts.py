@@ -14,14 +14,15 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxplan import orbits, so3
+from jaxplan import so3
 from jaxplan.cases.paper import paper_case
-from jaxplan.decomposition import decompose
+from jaxplan.goal import decompose
 from jaxplan.model.path import Goal, motion
 from jaxplan.model.scenario import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft, body_boresights, joints_along
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
+from jaxplan.sky import orbits
 
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)

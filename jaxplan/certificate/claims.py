@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxplan.display import as_table, shown
+from jaxplan.runtime.display import as_table, shown
 
 if TYPE_CHECKING:
     from jaxplan.model.constraints import Constraints

@@ -54,7 +54,7 @@ def count(text: str) -> int:
 def load_scene(name: str) -> "Scenario":
     """The scenario of a file, or a case of the paper."""
     from jaxplan.cases import CASE_NAMES, case_path
-    from jaxplan.scenario import ScenarioError, load_scenario
+    from jaxplan.schema import ScenarioError, load_scenario
 
     cases = ", ".join(CASE_NAMES)
     if name in CASE_NAMES:

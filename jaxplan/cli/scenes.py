@@ -60,7 +60,7 @@ def _new(options: argparse.Namespace) -> int:
 def _text(source: str | None) -> str:
     """The template, or the file of a case."""
     from jaxplan.cases import CASE_NAMES, case_path
-    from jaxplan.scenario.spelling import template
+    from jaxplan.schema.spelling import template
 
     if source is None:
         return template()
@@ -80,7 +80,7 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _findings(name: str) -> dict[str, Any]:
     """Collect what a scenario file holds, its faults, and what its start and goal break."""
-    from jaxplan.scenario import ScenarioError
+    from jaxplan.schema import ScenarioError
 
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:
@@ -118,7 +118,7 @@ def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
 def _line(found: dict[str, Any]) -> str:
     """The findings for a reader."""
     from jaxplan.model.status import Status
-    from jaxplan.scenario import ScenarioError
+    from jaxplan.schema import ScenarioError
 
     name, holds = found["file"], found["holds"]
     if holds is None:

@@ -151,7 +151,7 @@ def _report(options: argparse.Namespace) -> int:
 
 def _table4(options: argparse.Namespace) -> int:
     from jaxplan.cases import RANDOM_KINDS
-    from jaxplan.progress import progress_bar
+    from jaxplan.runtime.progress import progress_bar
     from jaxplan.search import PLANNERS
     from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
 

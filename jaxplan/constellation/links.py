@@ -23,11 +23,11 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxplan import orbits
 from jaxplan.constellation.shell import Shell
 from jaxplan.model.spacecraft import Spacecraft, Terminal
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.scenario import ScenarioError
+from jaxplan.schema import ScenarioError
+from jaxplan.sky import orbits
 
 
 def relay_spacecraft() -> Spacecraft:

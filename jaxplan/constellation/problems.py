@@ -11,12 +11,12 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.constellation.shell import Shell
-from jaxplan.display import shown
-from jaxplan.given import several
 from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
-from jaxplan.scenario import ScenarioError
+from jaxplan.runtime.arguments import several
+from jaxplan.runtime.display import shown
+from jaxplan.schema import ScenarioError
 
 
 @shown(

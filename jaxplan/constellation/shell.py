@@ -14,7 +14,7 @@ one in the same slot of the plane to the west. Ascending nodes spread over the w
 pattern and over half of it in a star, where the first plane and the last one move in opposite directions.
 
 Satellites are numbered plane by plane, from west to east, and in a plane slot by slot in the direction of
-flight. Lengths are in km, angles in rad, times in s; the frame is that of `jaxplan.orbits`.
+flight. Lengths are in km, angles in rad, times in s; the frame is that of `jaxplan.sky.orbits`.
 """
 
 import math
@@ -25,12 +25,12 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxplan import orbits
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import separation
-from jaxplan.given import number
+from jaxplan.runtime.arguments import number
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.scenario import ScenarioError
+from jaxplan.schema import ScenarioError
+from jaxplan.sky import orbits
 
 CLEARANCE = math.radians(1.0)
 """rad, from the Sun's cone, and from the Earth's where a terminal waits."""

@@ -28,15 +28,15 @@ from jaxplan.constellation.links import (
 )
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell, in_the_sun, is_number, waiting_directions
-from jaxplan.decomposition import decompose
-from jaxplan.decomposition.multistart import nearest_attitudes
-from jaxplan.given import expect
+from jaxplan.goal import decompose
+from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
-from jaxplan.orbits import EARTH_RADIUS
-from jaxplan.scenario import ScenarioError
-from jaxplan.scenario.reading import checked_spacecraft
+from jaxplan.runtime.arguments import expect
+from jaxplan.schema import ScenarioError
+from jaxplan.schema.reading import checked_spacecraft
+from jaxplan.sky.orbits import EARTH_RADIUS
 
 SUN_OUTAGES = ("wait", "keep")
 

@@ -16,10 +16,10 @@ from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_csv, write_npz
-from jaxplan.given import expect, file_path
 from jaxplan.planner import Plan, certify
+from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
-from jaxplan.scenario.faults import nearest
+from jaxplan.schema.faults import nearest
 
 
 @dataclass(frozen=True, kw_only=True)

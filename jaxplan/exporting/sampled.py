@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, frame
-from jaxplan.progress import progress_bar
+from jaxplan.runtime.progress import progress_bar
 
 if TYPE_CHECKING:
     from jaxplan.model.spacecraft import Spacecraft

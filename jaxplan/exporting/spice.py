@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxplan import quaternion
 from jaxplan.epochs import ephemeris_time
 from jaxplan.exporting.sampled import Sampled, instrument_frames, labels, plain, progress, terminal_motion
+from jaxplan.geometry import quaternion
 
 if TYPE_CHECKING:
     from jaxplan.model.spacecraft import Spacecraft

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan import quaternion
 from jaxplan.exporting.sampled import Sampled, labels, progress, table_lines, terminal_motion
+from jaxplan.geometry import quaternion
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 

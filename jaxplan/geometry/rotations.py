@@ -1,8 +1,8 @@
 """Unit quaternions, components first: the one place where their products and matrices are written out.
 
 A quaternion is four components ``w x y z`` as `jaxplan.geometry.vectors` has them, and so are those handed
-out. A quaternion and its negative are the same rotation. `jaxplan.quaternion` has the same for arrays
-(..., 4), `jaxplan.so3` for matrices and rotation vectors.
+out. A quaternion and its negative are the same rotation. `jaxplan.geometry.quaternion` has the same for
+arrays (..., 4), `jaxplan.so3` for matrices and rotation vectors.
 """
 
 from typing import TypeAlias

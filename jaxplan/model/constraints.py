@@ -38,10 +38,10 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, separation
 from jaxplan.model.directions import DirectionPath, Sights
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)

@@ -23,11 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.display import shown
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
-from jaxplan.given import floats
 from jaxplan.model.spacecraft import body_boresights
+from jaxplan.runtime.arguments import floats
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
 FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.epochs import parse_epoch
-from jaxplan.given import as_floats
 from jaxplan.model.directions import DirectionPath
+from jaxplan.runtime.arguments import as_floats
 
 # Relative; twice what an angle can lose on the way to degrees and back.
 ROUNDING = 4 * np.finfo(float).eps

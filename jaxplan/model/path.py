@@ -17,11 +17,11 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import AnyArray, arrays, length
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import Sights
+from jaxplan.runtime.display import shown
 
 
 @shown(

@@ -16,13 +16,13 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.equality import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
 # `search.add_planner` adds to them.

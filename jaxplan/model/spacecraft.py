@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, azimuth_elevation, pointing
-from jaxplan.given import expect_numbers
+from jaxplan.runtime.arguments import expect_numbers
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
 

@@ -19,11 +19,11 @@ from typing import Any, ClassVar
 import jax
 import numpy as np
 
-from jaxplan.display import shown
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.spacecraft import stacked
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.display import shown
 
 
 def _static(default: Any) -> Any:

@@ -14,12 +14,12 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.paper.segments import PathNodes, assembled, node_indices, split
+from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.peaks import SAFETY

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.scenario.faults import Place, nearest
-from jaxplan.scenario.kinds import Integer, Interval, Kind, Number
+from jaxplan.schema.faults import Place, nearest
+from jaxplan.schema.kinds import Integer, Interval, Kind, Number
 
 # Beyond any angle, rate or coefficient of a manoeuvre, and small enough for what is computed from them.
 SANE = Interval("[-1e6, 1e6]")

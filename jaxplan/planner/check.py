@@ -12,7 +12,6 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
-from jaxplan.given import expect
 from jaxplan.model.constraints import (
     INERTIAL,
     JOINTS,
@@ -28,8 +27,9 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import body_axis_name, sight_names
 from jaxplan.planner.moving import arrival_faults
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.scenario import ScenarioError
-from jaxplan.scenario.reading import refuse_types, take_in
+from jaxplan.runtime.arguments import expect
+from jaxplan.schema import ScenarioError
+from jaxplan.schema.reading import refuse_types, take_in
 from jaxplan.trajectory import Trajectory
 
 # What rounding may cost at the very limit, rad; the certificate allows the same.

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Certificate
-from jaxplan.given import file_path
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
@@ -41,11 +40,12 @@ from jaxplan.planner.arrays import (
     Times,
     Words,
 )
+from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file
-from jaxplan.scenario import ScenarioError, scenario_from_dict, scenario_to_dict
-from jaxplan.scenario.faults import DeviceNames, Place
-from jaxplan.scenario.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
-from jaxplan.scenario.tables import Field, Table
+from jaxplan.schema import ScenarioError, scenario_from_dict, scenario_to_dict
+from jaxplan.schema.faults import DeviceNames, Place
+from jaxplan.schema.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
+from jaxplan.schema.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
 

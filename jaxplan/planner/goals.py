@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.decomposition import decompose, goal_limits
-from jaxplan.decomposition.beside import GoalProblem, goals_beside
-from jaxplan.decomposition.caps import leaves_open
-from jaxplan.decomposition.multistart import tracking_rates
+from jaxplan.goal import decompose, goal_limits
+from jaxplan.goal.beside import GoalProblem, goals_beside
+from jaxplan.goal.caps import leaves_open
+from jaxplan.goal.multistart import tracking_rates
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
-from jaxplan.decomposition import Decomposition
+from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Certificate
-from jaxplan.display import as_table, shown
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner.files import read_plan, write_plan
+from jaxplan.runtime.display import as_table, shown
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory, duration_bound, excess
 

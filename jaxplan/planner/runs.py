@@ -15,18 +15,18 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from typing import Any, TypeVar
 
-from jaxplan.given import expect, several
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.attempts import Attempts, SearchQuery
 from jaxplan.planner.check import ProofQuery, prove_batch
 from jaxplan.planner.clock import Clock, shared_step
 from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.record import Plan, PlanningError
-from jaxplan.progress import progress_bar
+from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, one_thread, who_works
-from jaxplan.scenario import ScenarioError
-from jaxplan.scenario.reading import take_in
+from jaxplan.schema import ScenarioError
+from jaxplan.schema.reading import take_in
 from jaxplan.search import PLANNERS, search_batch
 from jaxplan.trajectory import METHODS, FitQuery, fit_batch
 

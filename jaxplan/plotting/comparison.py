@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from jaxplan.given import expect_like, several
 from jaxplan.plotting.style import (
     COLOURS,
     GREY,
@@ -35,6 +34,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.runtime.arguments import expect_like, several
 from jaxplan.search import PLANNERS
 
 

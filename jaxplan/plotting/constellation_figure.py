@@ -10,7 +10,6 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
-from jaxplan.given import expect_like
 from jaxplan.plotting.projections import View, circle
 from jaxplan.plotting.style import (
     GREY,
@@ -27,6 +26,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.runtime.arguments import expect_like
 
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from jaxplan.display import shown
 from jaxplan.plotting import samples
 from jaxplan.plotting.projections import PALE, View
 from jaxplan.plotting.sky_maps import draw_line, draw_sphere, draw_zones, view_of
@@ -33,8 +32,9 @@ from jaxplan.plotting.style import (
     legend_beside,
     panels,
 )
-from jaxplan.progress import progress_bar
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.progress import progress_bar
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -22,7 +22,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
-from jaxplan.given import expect_like, several
 from jaxplan.model.status import Status
 from jaxplan.plotting.comparison import planner_colour
 from jaxplan.plotting.margin_panels import open_near_zero
@@ -42,6 +41,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.runtime.arguments import expect_like, several
 from jaxplan.proportions import success_interval
 
 OK = "OK"

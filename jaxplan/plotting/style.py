@@ -35,8 +35,8 @@ from matplotlib.patheffects import withTickedStroke
 from matplotlib.text import Text
 from numpy.typing import ArrayLike
 
-from jaxplan.given import as_floats, expect, show
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import as_floats, expect, show
 
 if TYPE_CHECKING:
     from jaxplan.planner import Plan

@@ -16,7 +16,6 @@ from matplotlib.ticker import (
     SymmetricalLogLocator,
 )
 
-from jaxplan.given import expect_like
 from jaxplan.plotting.style import (
     COLOURS,
     GREY,
@@ -30,6 +29,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.runtime.arguments import expect_like
 
 Row = Mapping[str, float]
 

@@ -10,9 +10,9 @@ import errno
 import os
 from pathlib import Path
 
-from jaxplan.given import expect, file_path
 from jaxplan.planner import Plan
 from jaxplan.report.document import page
+from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 
 __all__ = ["report_html"]

@@ -10,7 +10,7 @@ from jaxplan.model.status import STEPS, Status
 from jaxplan.planner.check import certify, check_margins
 from jaxplan.report import tables
 from jaxplan.report.markup import Markup, facts, join, number, section, tag
-from jaxplan.scenario import dump_scenario
+from jaxplan.schema import dump_scenario
 from jaxplan.version import __version__
 
 if TYPE_CHECKING:

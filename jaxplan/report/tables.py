@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import GivenState, paths

@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.display import shown
 from jaxplan.runtime.batching import Run, Seconds, in_groups, run_all
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search.problem import Scene
 

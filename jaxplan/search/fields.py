@@ -46,7 +46,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -57,6 +56,7 @@ from jaxplan.model.constraints import (
     thresholds,
 )
 from jaxplan.model.path import motion
+from jaxplan.runtime.display import shown
 from jaxplan.search.problem import Scene
 
 SIZE = 20

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import dot
 from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT, Constraints

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, Constraints, score_curvature, thresholds
 from jaxplan.search.problem import Scene

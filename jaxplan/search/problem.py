@@ -15,14 +15,14 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan import quaternion
-from jaxplan.display import shown
+from jaxplan.geometry import quaternion
 from jaxplan.model.constraints import INERTIAL, SIGHT, Constraints
 from jaxplan.model.directions import Sights
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
+from jaxplan.runtime.display import shown
 
 
 def held_axes(

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxplan.epochs import TT_MINUS_TAI, leaps
-from jaxplan.given import floats
-from jaxplan.orbits import EARTH_RADIUS
+from jaxplan.runtime.arguments import floats
+from jaxplan.sky.orbits import EARTH_RADIUS
 
 
 def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Satellites in motion: circular orbits of `jaxplan.orbits`, and two-line elements by SGP4.
+"""Satellites in motion: circular orbits of `jaxplan.sky.orbits`, and two-line elements by SGP4.
 
 Two-line elements: read with every column checked, since sgp4 is silent about most of what is wrong.
 
@@ -15,9 +15,9 @@ from numbers import Real
 import jax
 import numpy as np
 
-from jaxplan import orbits
-from jaxplan.display import shown
 from jaxplan.epochs import parse_epoch
+from jaxplan.runtime.display import shown
+from jaxplan.sky import orbits
 from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 
 COLUMNS = 69
@@ -202,7 +202,7 @@ _ERRORS = {
 @shown("altitude km", "inclination deg", "node deg", "latitude deg", "epoch")
 @dataclass(frozen=True, kw_only=True)
 class CircularOrbit:
-    """A satellite on a circular Keplerian orbit, as in `jaxplan.orbits`.
+    """A satellite on a circular Keplerian orbit, as in `jaxplan.sky.orbits`.
 
     Its elements are those about the axes of the GCRS: the equator of J2000, not that of date, from which
     it differs by 0.006 deg a year.

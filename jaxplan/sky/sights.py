@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from jaxplan.epochs import parse_epoch
 from jaxplan.geometry.vectors import separation
-from jaxplan.given import floats, number
+from jaxplan.runtime.arguments import floats, number
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 
@@ -27,7 +27,7 @@ _LONGEST_STEP = 10.0  # s
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
     """Where something is.
 
-    With these, `jaxplan.orbits.earth_blocks` tells whether the Earth is in between two satellites.
+    With these, `jaxplan.sky.orbits.earth_blocks` tells whether the Earth is in between two satellites.
 
     Args:
         thing: a satellite, a body's name, or a position.

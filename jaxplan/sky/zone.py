@@ -15,9 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxplan.geometry.vectors import separation
-from jaxplan.given import number, several
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import KeepOut
+from jaxplan.runtime.arguments import number, several
 from jaxplan.sky.sights import (
     Epoch,
     Thing,

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.display import as_table, shown
-from jaxplan.given import expect
+from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.display import as_table, shown
 from jaxplan.study.result import Study, aligned
 from jaxplan.study.rows import OK, Row
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.given import file_path
 from jaxplan.model.scenario import Scenario
-from jaxplan.progress import progress_bar
+from jaxplan.runtime.arguments import file_path
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
 from jaxplan.study.blocks import Answer, Blocks, Work, by_workers, in_this_process, plan_chunk
 from jaxplan.study.result import Study

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan.cases import RANDOM_KINDS, random_scenario
-from jaxplan.given import several
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.runs import as_filed
-from jaxplan.scenario import ScenarioError, scenario_to_dict, with_settings
+from jaxplan.runtime.arguments import several
+from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
 from jaxplan.search import PLANNERS
 from jaxplan.version import __version__
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
-from jaxplan.display import shown
 from jaxplan.model.path import Path
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt

@@ -22,11 +22,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, so3
-from jaxplan.display import shown
+from jaxplan import so3
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import components
-from jaxplan.given import floats
 from jaxplan.model.limits import Kinematics
+from jaxplan.runtime.arguments import floats
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 

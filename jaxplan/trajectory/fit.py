@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.display import shown
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
+from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.peaks import Peaks
 

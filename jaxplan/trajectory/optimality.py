@@ -19,10 +19,10 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.display import shown
 from jaxplan.geometry.vectors import array_module
 from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, margins_of_scores, scores
 from jaxplan.model.directions import Sights
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import options
 from jaxplan.trajectory.motion import loads_at

@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jaxplan.given import expect, several
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed
-from jaxplan.progress import progress_bar
+from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.scenario import scenario_to_dict
-from jaxplan.scenario.numbers import find_number, with_numbers
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.schema import scenario_to_dict
+from jaxplan.schema.numbers import find_number, with_numbers
 from jaxplan.sensitivity import Held, expect_known_time, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded

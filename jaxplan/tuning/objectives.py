@@ -20,7 +20,7 @@ from jax import Array
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.workers import one_thread
-from jaxplan.scenario.numbers import with_numbers
+from jaxplan.schema.numbers import with_numbers
 from jaxplan.sensitivity import Held, replan
 from jaxplan.trajectory import Trajectory, measures
 from jaxplan.tuning.parameters import Parameter

@@ -18,10 +18,10 @@ import numpy as np
 from jax import Array
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.scenario import ScenarioError
-from jaxplan.scenario.kinds import Integer
-from jaxplan.scenario.layout import SEARCH, TRAJECTORY
-from jaxplan.scenario.numbers import NumberPlace, find_number
+from jaxplan.schema import ScenarioError
+from jaxplan.schema.kinds import Integer
+from jaxplan.schema.layout import SEARCH, TRAJECTORY
+from jaxplan.schema.numbers import NumberPlace, find_number
 from jaxplan.study.task import Task, make_task
 
 _DIGITS = 4  # that a number tried has, so that settings found can be written down

@@ -6,9 +6,9 @@ from typing import Any
 
 import jax
 
-from jaxplan.display import as_table, shown
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
+from jaxplan.runtime.display import as_table, shown
 
 
 @shown("over", "objective")

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan.cases import random_scenario
-from jaxplan.display import as_table, shown
 from jaxplan.model.scenario import Scenario
-from jaxplan.progress import Bar, progress_bar
+from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.progress import Bar, progress_bar
 from jaxplan.study import Study, run_study
 from jaxplan.study.blocks import LARGEST
 from jaxplan.study.result import aligned, column_values

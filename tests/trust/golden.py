@@ -15,7 +15,7 @@ from pathlib import Path
 
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
-from jaxplan.scenario import with_settings
+from jaxplan.schema import with_settings
 
 FILE = Path(__file__).parents[1] / "data" / "golden_plans.json"
 SEEDS = 20

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.scenario import GivenState
-from jaxplan.scenario import dump_scenario, parse_scenario
+from jaxplan.schema import dump_scenario, parse_scenario
 from trust.mixed import mixed_scenario, shape_of
 from trust.tally import Tally, tally
 

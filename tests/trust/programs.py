@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
-from jaxplan.decomposition import descent
+from jaxplan.goal import descent
 from jaxplan.paper.qp import SegmentQP, solve_all
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 

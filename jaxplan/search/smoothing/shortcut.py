@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan import quaternion, so3
-from jaxplan.geometry import rotations
+from jaxplan import so3
+from jaxplan.geometry import quaternion, rotations
 from jaxplan.model.path import Path
 from jaxplan.search.calls import Call, Kernel, Scenes
 from jaxplan.search.problem import TAPER_STEPS, Scene, steps_between

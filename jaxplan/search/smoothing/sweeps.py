@@ -12,8 +12,7 @@ from functools import reduce
 import jax.numpy as jnp
 from jax import Array
 
-from jaxplan import quaternion
-from jaxplan.geometry import rotations, vectors
+from jaxplan.geometry import quaternion, rotations, vectors
 from jaxplan.geometry.vectors import dot
 from jaxplan.model.constraints import (
     INERTIAL,

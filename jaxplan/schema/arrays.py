@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan import quaternion
+from jaxplan.geometry import quaternion
 from jaxplan.model.directions import DirectionPath
-from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Interval, Kind, Number, finite, read_array
+from jaxplan.schema.faults import Place
+from jaxplan.schema.kinds import Interval, Kind, Number, finite, read_array
 
 UNIT_TOLERANCE = 1e-3
 

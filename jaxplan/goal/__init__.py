@@ -16,15 +16,15 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxplan import quaternion
-from jaxplan.decomposition import multistart
-from jaxplan.decomposition.caps import Caps, assemble, deepest_row
-from jaxplan.display import shown
+from jaxplan.geometry import quaternion
+from jaxplan.goal import multistart
+from jaxplan.goal.caps import Caps, assemble, deepest_row
 from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
+from jaxplan.runtime.display import shown
 
 
 @shown(

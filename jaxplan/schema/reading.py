@@ -24,12 +24,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from jaxplan.given import as_floats, expect, file_path
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.runtime.arguments import as_floats, expect, file_path
 from jaxplan.runtime.files import replacing_file
-from jaxplan.scenario import toml
-from jaxplan.scenario.checks import (
+from jaxplan.schema import toml
+from jaxplan.schema.checks import (
     ZONES,
     check_count,
     check_parts,
@@ -37,9 +37,9 @@ from jaxplan.scenario.checks import (
     check_spacecraft,
     resolve_directions,
 )
-from jaxplan.scenario.faults import DeviceNames, Ear, Place, ScenarioError, quote
-from jaxplan.scenario.layout import SCENARIO, SPACECRAFT
-from jaxplan.scenario.spelling import python_root
+from jaxplan.schema.faults import DeviceNames, Ear, Place, ScenarioError, quote
+from jaxplan.schema.layout import SCENARIO, SPACECRAFT
+from jaxplan.schema.spelling import python_root
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:

@@ -14,9 +14,9 @@ import numpy as np
 
 from jaxplan import sky
 from jaxplan.epochs import parse_epoch
-from jaxplan.scenario.faults import Place, nearest
-from jaxplan.scenario.kinds import Interval, Kind, Number, Text
-from jaxplan.scenario.tables import Either, Field, Rows, Table
+from jaxplan.schema.faults import Place, nearest
+from jaxplan.schema.kinds import Interval, Kind, Number, Text
+from jaxplan.schema.tables import Either, Field, Rows, Table
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION = Number(Interval("[-180, 180]"), degrees=True)

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.model.scenario import GivenState, Scenario
-from jaxplan.scenario.arrays import Direction, Each, Inertia, PerAxis, Vector
-from jaxplan.scenario.faults import nearest
-from jaxplan.scenario.kinds import Integer, Interval, Number
-from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.states import STATE, TARGETS, Goal
-from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.schema.arrays import Direction, Each, Inertia, PerAxis, Vector
+from jaxplan.schema.faults import nearest
+from jaxplan.schema.kinds import Integer, Interval, Number
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.states import STATE, TARGETS, Goal
+from jaxplan.schema.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 

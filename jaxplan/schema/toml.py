@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from jaxplan.scenario.faults import ScenarioError, quote, spell_key
+from jaxplan.schema.faults import ScenarioError, quote, spell_key
 
 LARGEST_FILE = 2**20  # bytes
 _DEEPEST = 16  # brackets, or parts of a dotted key; a scenario needs four

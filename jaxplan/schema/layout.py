@@ -13,11 +13,11 @@ from jaxplan.model import scenario as model
 from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
-from jaxplan.scenario.arrays import Direction, Inertia, PerAxis
-from jaxplan.scenario.bodies import SKY, DeviceList, DeviceName, Epoch, TerminalFactors, View
-from jaxplan.scenario.kinds import Choice, Integer, Interval, Number, Text, YesNo
-from jaxplan.scenario.states import ANGLE_DEG, PITCH_LIMIT, SAMPLES, STATE, TIMES, YAW_LIMIT, Goal, split_zone
-from jaxplan.scenario.tables import Field, Rows, Table
+from jaxplan.schema.arrays import Direction, Inertia, PerAxis
+from jaxplan.schema.bodies import SKY, DeviceList, DeviceName, Epoch, TerminalFactors, View
+from jaxplan.schema.kinds import Choice, Integer, Interval, Number, Text, YesNo
+from jaxplan.schema.states import ANGLE_DEG, PITCH_LIMIT, SAMPLES, STATE, TIMES, YAW_LIMIT, Goal, split_zone
+from jaxplan.schema.tables import Field, Rows, Table
 from jaxplan.sky import BODIES
 
 SCHEMA_VERSION = 1

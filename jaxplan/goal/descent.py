@@ -30,9 +30,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.decomposition.caps import Caps, applies
 from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
+from jaxplan.goal.caps import Caps, applies
 from jaxplan.runtime.jit import quick_jit
 
 

@@ -24,14 +24,14 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-from jaxplan.given import show
-from jaxplan.scenario import toml
-from jaxplan.scenario.arrays import Direction
-from jaxplan.scenario.faults import DeviceNames, Place
-from jaxplan.scenario.kinds import Kind
-from jaxplan.scenario.layout import SCENARIO
-from jaxplan.scenario.states import PATH, TargetList
-from jaxplan.scenario.tables import Either, Field, Rows, Table
+from jaxplan.runtime.arguments import show
+from jaxplan.schema import toml
+from jaxplan.schema.arrays import Direction
+from jaxplan.schema.faults import DeviceNames, Place
+from jaxplan.schema.kinds import Kind
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.states import PATH, TargetList
+from jaxplan.schema.tables import Either, Field, Rows, Table
 
 _UNITS = {
     "_deg_s3": "deg/s³",
@@ -210,7 +210,7 @@ def template() -> str:
     Lines that begin with ``#`` and no blank are options. Each holds without the ``#``, too; of a block whose
     header is such a line, all together.
     """
-    source = files("jaxplan.scenario").joinpath("template.toml").read_text(encoding="utf-8")
+    source = files("jaxplan.schema").joinpath("template.toml").read_text(encoding="utf-8")
     told: set[tuple[str, str]] = set()
     return "\n\n".join(_block(block, told) for block in source.strip().split("\n\n")) + "\n"
 

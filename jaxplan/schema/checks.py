@@ -20,11 +20,11 @@ import numpy as np
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import MINIMUM, STRETCHED
-from jaxplan.scenario.arrays import PerAxis
-from jaxplan.scenario.bodies import SATELLITES, View
-from jaxplan.scenario.faults import Place, nearest
-from jaxplan.scenario.kinds import shortest_degrees
-from jaxplan.scenario.states import PITCH_LIMIT, TIMES, YAW_LIMIT, join_path
+from jaxplan.schema.arrays import PerAxis
+from jaxplan.schema.bodies import SATELLITES, View
+from jaxplan.schema.faults import Place, nearest
+from jaxplan.schema.kinds import shortest_degrees
+from jaxplan.schema.states import PITCH_LIMIT, TIMES, YAW_LIMIT, join_path
 
 MOST_ZONES = 1000
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}

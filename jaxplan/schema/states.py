@@ -18,10 +18,10 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.scenario import GivenState, Targets
-from jaxplan.scenario.arrays import Direction, Each, Quaternion, Vector
-from jaxplan.scenario.faults import Place
-from jaxplan.scenario.kinds import Interval, Kind, Number, read_array
-from jaxplan.scenario.tables import Either, Field, Table
+from jaxplan.schema.arrays import Direction, Each, Quaternion, Vector
+from jaxplan.schema.faults import Place
+from jaxplan.schema.kinds import Interval, Kind, Number, read_array
+from jaxplan.schema.tables import Either, Field, Table
 
 _TIME = Number(Interval("[-1e7, 1e7]"))
 MOST_SAMPLES = 10_000

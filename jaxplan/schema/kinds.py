@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.given import as_floats
-from jaxplan.scenario.faults import Place, quote, show
+from jaxplan.runtime.arguments import as_floats
+from jaxplan.schema.faults import Place, quote, show
 
 
 def read_array(

@@ -23,11 +23,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan import quaternion, so3
-from jaxplan.decomposition import descent
-from jaxplan.decomposition.caps import pairs_at_goal, single_yaws
-from jaxplan.decomposition.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
+from jaxplan import so3
+from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
+from jaxplan.goal import descent
+from jaxplan.goal.caps import pairs_at_goal, single_yaws
+from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets

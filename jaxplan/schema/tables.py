@@ -11,9 +11,9 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
-from jaxplan.given import a_or_an
-from jaxplan.scenario.faults import Place, nearest
-from jaxplan.scenario.kinds import Kind
+from jaxplan.runtime.arguments import a_or_an
+from jaxplan.schema.faults import Place, nearest
+from jaxplan.schema.kinds import Kind
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@
 types. `spelling` has words for every key, `numbers` those numbers that may be tuned.
 """
 
-from jaxplan.scenario.faults import ScenarioError
-from jaxplan.scenario.reading import (
+from jaxplan.schema.faults import ScenarioError
+from jaxplan.schema.reading import (
     dump_scenario,
     load_scenario,
     parse_scenario,

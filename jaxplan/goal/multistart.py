@@ -30,11 +30,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan import quaternion
-from jaxplan.decomposition.caps import Caps, assemble, group_excess
-from jaxplan.decomposition.descent import Minima, descend, descent_ends
-from jaxplan.decomposition.sensitivity import goal_in_time
-from jaxplan.geometry import rotations
+from jaxplan.geometry import quaternion, rotations
+from jaxplan.goal.caps import Caps, assemble, group_excess
+from jaxplan.goal.descent import Minima, descend, descent_ends
+from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
