@@ -22,11 +22,11 @@ from jaxplan.model.path import Path, edge_margins
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
+from jaxplan.proportions import success_interval
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene
-from jaxplan.proportions import success_interval
 
 PAPER_KINDS = ("keep_out", "keep_in")
 

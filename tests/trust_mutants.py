@@ -28,31 +28,38 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # Part: what is changed, and the tests that are to find it.
 PARTS = {
-    "so3": (["so3.py"], ["test_so3.py"]),
-    "zones": (["zones.py"], ["test_zones.py", "test_path.py"]),
-    "spacecraft": (["spacecraft.py"], ["test_spacecraft.py"]),
-    "limits": (["model/limits.py"], ["test_limits.py"]),
-    "kernels": (["search/kernels.py"], ["test_expansion.py", "test_smoothing.py"]),
+    "so3": (["so3.py"], ["geometry/test_so3.py"]),
+    "zones": (
+        ["model/zones.py", "model/constraints.py", "model/directions.py"],
+        ["model/test_zones.py", "model/test_path.py", "model/test_constraints.py"],
+    ),
+    "spacecraft": (["model/spacecraft.py"], ["model/test_spacecraft.py"]),
+    "limits": (["model/limits.py"], ["model/test_limits.py"]),
+    "kernels": (["search/kernels.py"], ["search/test_expansion.py", "search/test_smoothing.py"]),
     "rows": (
         ["trajectory/constraints.py"],
-        ["test_global_rows.py", "test_global_parts.py", "test_global_spline.py"],
+        [
+            "trajectory/test_global_rows.py",
+            "trajectory/test_global_parts.py",
+            "trajectory/test_global_spline.py",
+        ],
     ),
     "spline": (
         ["trajectory/splines.py"],
-        ["test_global_parts.py", "test_global_spline.py"],
+        ["trajectory/test_global_parts.py", "trajectory/test_global_spline.py"],
     ),
-    "paper": (["trajectory/paper/segments.py"], ["test_trajectory_paper.py"]),
+    "paper": (["paper/segments.py"], ["paper/test_trajectory_paper.py"]),
     "certificate": (
-        [f"certificate/{name}.py" for name in ("bounds", "errors", "jets", "limits", "margins", "motion")],
+        [f"certificate/{name}.py" for name in ("bounds", "series", "limits", "margins", "motion")],
         [
-            f"test_{name}.py"
+            f"certificate/test_{name}.py"
             for name in ("certificate_parts", "certificate_limits", "certificate", "moving_certificate")
         ],
     ),
-    "goal": (["decomposition/sensitivity.py"], ["test_goal_derivatives.py"]),
+    "goal": (["goal/sensitivity.py"], ["goal/test_goal_derivatives.py"]),
     "refit": (
-        ["trajectory/paper/derivative.py", "trajectory/derivative.py", "trajectory/optimality.py"],
-        ["test_refit_parts.py", "test_sensitivity.py"],
+        ["paper/derivative.py", "trajectory/derivative.py", "trajectory/optimality.py"],
+        ["trajectory/test_refit_parts.py", "derivatives/test_sensitivity.py"],
     ),
 }
 CHANGES = re.compile(

@@ -16,11 +16,11 @@ import numpy as np
 from jaxplan.constellation.links import WHEN
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell
+from jaxplan.proportions import success_interval
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import as_table, shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
-from jaxplan.proportions import success_interval
 from jaxplan.study.result import aligned
 
 _LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite

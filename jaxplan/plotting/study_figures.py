@@ -41,8 +41,8 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like, several
 from jaxplan.proportions import success_interval
+from jaxplan.runtime.arguments import expect_like, several
 
 OK = "OK"
 _PARTS = ("kind", "planner", "settings", "table", "timings")

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxplan.proportions import success_interval
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.display import as_table, shown
-from jaxplan.proportions import success_interval
 from jaxplan.study.rows import COLUMNS, OK, TABLE, TIMES, TIMINGS, Row, read_header, read_rows
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ PROMISES = {
     "held_links": (4, 15, 30, 2, 10, 8, 2),
 }
 # Rows of start (rotation vector, joints), keep-out and keep-in cones (direction, half-angle): see `numbers`.
-GOLDEN = Path(__file__).parent / "data" / "random_scenes.json"
+GOLDEN = Path(__file__).parents[1] / "data" / "random_scenes.json"
 NEW_KINDS = [kind for kind in RANDOM_KINDS if kind not in SKY_KINDS]
 # Of the others: keep-out and keep-in cones, joint bounds; how many are about axes of the body, about beams,
 # for vectors of the body, for vectors of terminals, moving; how many groups.

@@ -29,7 +29,7 @@ from jaxplan.schema.layout import (
 )
 from jaxplan.schema.states import STATE, TARGETS
 
-EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
+EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 MINIMAL = """
 schema_version = 1
 name = "minimal"

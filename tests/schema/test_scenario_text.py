@@ -8,7 +8,7 @@ import pytest
 
 import jaxplan.schema as sc
 
-EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
+EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 TEXT = EVERY_KEY.read_text()
 
 

@@ -273,7 +273,7 @@ def test_two_line_elements_make_targets_too():
 
 
 def test_the_readmes_file_is_read():
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
     chapter = readme[readme.index("## Moving targets and zones") : readme.index("## Limits of the method")]
     (toml,) = re.findall(r"```toml\n(.*?)```", chapter, re.DOTALL)
     text = LOW_ORBIT.read_text()

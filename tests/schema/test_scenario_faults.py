@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import jaxplan.schema as sc
 
-EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
+EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 TABLES = tomllib.loads(EVERY_KEY.read_text())
 ABSENT = object()
 

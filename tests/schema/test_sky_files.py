@@ -17,7 +17,7 @@ from jaxplan.tuning.parameters import find_number
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+README = (Path(__file__).parents[2] / "README.md").read_text()
 ORBIT = (
     "altitude_km = 500.0, inclination_deg = 97.4, ascending_node_deg = 20, argument_of_latitude_deg = 57.0"
 )

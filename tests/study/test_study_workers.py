@@ -362,7 +362,7 @@ def test_what_a_worker_dies_of_as_it_begins_is_told(tmp_path):
 def test_a_script_that_is_no_file_has_workers_too():
     script = (
         "import sys\n"
-        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
         "from fake_study import plan_nothing, task\n"
         "from jaxplan.study.run import run_task\n"
         "print(len(run_task(task(4), 2, None, 1, False, plan_nothing).table), __file__)\n"

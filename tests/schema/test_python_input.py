@@ -19,7 +19,7 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.schema import load_scenario, with_settings
 
 PACKAGE = Path(jp.__file__).parent
-EVERY_KEY = load_scenario(Path(__file__).parent / "scenarios" / "every_key.toml")
+EVERY_KEY = load_scenario(Path(__file__).parents[1] / "scenarios" / "every_key.toml")
 SCENE = make_scenario(3, 1)
 SUN = jp.KeepOut(name="sun", direction=[0, 0, 1], half_angle=0.1)
 ANGLES = np.linspace(0, 0.4, 5)

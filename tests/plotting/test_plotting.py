@@ -8,85 +8,22 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
+from drawn import make_plan, unit
 from matplotlib import pyplot
 from matplotlib.figure import Figure
-from numpy.polynomial import Polynomial
-from numpy.polynomial.legendre import poly2leg
 from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.certificate import Certificate
 from jaxplan.model import constraints
 from jaxplan.model import path as motions
-from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import projections, samples, style
-from jaxplan.trajectory.curve import Trajectory
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
-
-
-def make_plan(
-    terminals: int = 3, instruments: int = 1, *, zones: int = 4, duration: float = 40.0, edges: int = 6
-) -> Plan:
-    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law."""
-    scenario = make_scenario(terminals, instruments, keep_out=_keep_out(zones), turn=(0.6, -1.1, 0.9))
-    still = 0.0 if duration == 0 else 1.0
-    start, end = scenario.start, scenario.goal
-    first = Rotation.from_rotvec(start.rotation_vector)
-    turn = still * (first.inv() * Rotation.from_rotvec(end.rotation_vector)).as_rotvec()
-    change = still * (end.joints - start.joints)
-    law = Polynomial([0, 0, 0, 10, -15, 6])
-    series = poly2leg(law(Polynomial([0.5, 0.5])).coef)[:, None]
-    joints = series * change
-    joints[0] += start.joints
-    share = np.linspace(0, 1, edges + 1)
-    trajectory = Trajectory(
-        breaks=np.array([0, duration]),
-        chart_attitude=first.as_matrix()[None],
-        chart_start=np.zeros(1),
-        chart_rate=np.zeros((1, 3)),
-        coefficients=(series * turn)[None],
-        joint_breaks=np.array([0, duration]),
-        joint_coefficients=joints[None],
-        node_times=duration * share,
-        smoothness=2,
-        method="paper",
-    )
-    path = Path(
-        attitudes=(first * Rotation.from_rotvec(law(share)[:, None] * turn)).as_matrix(),
-        joints=start.joints + law(share)[:, None] * change,
-        edge_costs=np.diff(law(share)),
-    )
-    bound = 0.02 if zones and terminals + instruments else None
-    report = Certificate(
-        certified=True,
-        min_margin=bound,
-        worst_time=None if bound is None else 0.25 * duration,
-        worst_device=None if bound is None else "terminal-1",
-        worst_zone=None if bound is None else "zone-0",
-        faults=(),
-    )
-    goal = Goal(attitude=path.attitudes[-1], joints=path.joints[-1], slew_angle=float(np.linalg.norm(turn)))
-    return Plan(
-        scenario=scenario, status=Status.OK, goal=goal, path=path, trajectory=trajectory, certificate=report
-    )
-
-
-def _keep_out(count: int) -> tuple[KeepOut, ...]:
-    rng = np.random.default_rng(5)
-    return tuple(
-        KeepOut(name=f"zone-{i}", direction=_unit(rng.standard_normal(3)), half_angle=rng.uniform(0.05, 0.4))
-        for i in range(count)
-    )
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return np.asarray(vector, dtype=float) / np.linalg.norm(vector)
 
 
 def _direction(points: np.ndarray) -> np.ndarray:
@@ -103,7 +40,7 @@ def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _cones() -> list[tuple[np.ndarray, float]]:
     """Random cones, and all that is awkward: on poles and edges, touching poles, half spheres, huge ones."""
     rng = np.random.default_rng(0)
-    axes = [_unit(axis) for axis in rng.standard_normal((12, 3))]
+    axes = [unit(axis) for axis in rng.standard_normal((12, 3))]
     special = [(0, 90), (0, -90), (180, 0), (-180, 20), (179.9, -10), (90, 0), (-90, 0), (0, 0), (35, 60)]
     axes += list(_direction(np.array(special, dtype=float)))
     half_angles = np.deg2rad([0.5, 12, 30, 60, 89.9, 90, 100, 150, 179])
@@ -173,7 +110,7 @@ def test_region_holds_the_axis_and_not_its_opposite() -> None:
     for axis in rng.standard_normal((20, 3)):
         for half_angle in np.deg2rad([3, 45, 90, 135, 177]):
             points = projections.unfold(np.stack([axis, -axis]))
-            winding = _winding(projections.region(_unit(axis), half_angle), points)
+            winding = _winding(projections.region(unit(axis), half_angle), points)
             np.testing.assert_allclose(winding, [1, 0], atol=1e-6)
 
 
@@ -191,8 +128,8 @@ def test_a_line_is_cut_where_it_leaves_the_map() -> None:
 def test_no_line_across_the_map_has_a_streak() -> None:
     rng = np.random.default_rng(3)
     for normal in [*rng.standard_normal((30, 3)), [0, 0, 1], [1, 0, 0], [0, 1e-9, 1]]:
-        turned = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 400), _unit(normal)))
-        way = turned.apply(_unit(np.cross(normal, [0.3, 0.5, 0.7])))
+        turned = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 400), unit(normal)))
+        way = turned.apply(unit(np.cross(normal, [0.3, 0.5, 0.7])))
         first, second = _steps(projections.cut(projections.unfold(way)))
         assert np.all(np.abs(second - first)[:, 0] <= 180)
         # where it is cut, the chord on the map leaves the great circle by far less than a step
@@ -205,21 +142,19 @@ def test_no_line_across_the_map_has_a_streak() -> None:
 def _mixed_scenario() -> Scenario:
     """Four terminals, an instrument, every kind of zone; the groups change hands along `_mixed_moves`."""
     keep_out = (
-        KeepOut(name="sun", direction=_unit([1, 2, 3]), half_angle=0.3),
-        KeepOut(
-            name="moon", direction=_unit([-1, 2, -1]), half_angle=2.0, devices=("terminal-2", "camera-1")
-        ),
+        KeepOut(name="sun", direction=unit([1, 2, 3]), half_angle=0.3),
+        KeepOut(name="moon", direction=unit([-1, 2, -1]), half_angle=2.0, devices=("terminal-2", "camera-1")),
     )
     both = ("terminal-1", "terminal-3")
     keep_in = (
-        KeepIn(name="earth", direction=_unit([1, 0, 1]), half_angle=1.2, devices=("terminal-4",)),
-        KeepIn(name="east", direction=_unit([1, 0.2, 0]), half_angle=1.0, devices=both, any_of="link"),
-        KeepIn(name="west", direction=_unit([-1, 0, 0.2]), half_angle=0.7, devices=both[1:], any_of="link"),
+        KeepIn(name="earth", direction=unit([1, 0, 1]), half_angle=1.2, devices=("terminal-4",)),
+        KeepIn(name="east", direction=unit([1, 0.2, 0]), half_angle=1.0, devices=both, any_of="link"),
+        KeepIn(name="west", direction=unit([-1, 0, 0.2]), half_angle=0.7, devices=both[1:], any_of="link"),
         KeepIn(
-            name="north", direction=_unit([0, 1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
+            name="north", direction=unit([0, 1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
         ),
         KeepIn(
-            name="south", direction=_unit([0, -1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
+            name="south", direction=unit([0, -1, 0]), half_angle=1.0, devices=("camera-1",), any_of="other"
         ),
     )
     return make_scenario(4, 1, keep_out=keep_out, keep_in=keep_in)

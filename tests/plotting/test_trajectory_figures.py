@@ -5,13 +5,13 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+from drawn import make_plan
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import poly2leg
 from scenes import make_spacecraft
-from test_plotting import make_plan
 
 import jaxplan as jp
 from jaxplan.planner import Plan
