@@ -20,7 +20,7 @@ from _options import positive
 import jaxplan as jp
 from jaxplan.certificate import Certificate
 from jaxplan.model import constraints, zones
-from jaxplan.planner.check import prove
+from jaxplan.planner.proof import prove
 
 
 def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, float]:

@@ -21,8 +21,8 @@ from jax import export
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.check import prove
-from jaxplan.planner.meeting import judged
+from jaxplan.planner.proof import prove
+from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.sensitivity import Held, hold, replan

@@ -1,7 +1,7 @@
 """From a scenario to a certified plan, and plans as files."""
 
-from jaxplan.planner.check import certify, check_margins
 from jaxplan.planner.files import PlanFileError
+from jaxplan.planner.proof import certify, check_margins
 from jaxplan.planner.record import Plan, PlanningError, load_plan, save_plan
 from jaxplan.planner.runs import plan, plan_batch
 

@@ -20,12 +20,14 @@ from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.check import ProofQuery, start_breaches
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery
-from jaxplan.planner.meeting import Meeting, duration_guesses, fitted_plan, judged, wanted_fit
+from jaxplan.planner.meeting import Meeting, duration_guesses
 from jaxplan.planner.moving import always, swept
+from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import fitted_plan, judged, wanted_fit
+from jaxplan.planner.validity import start_breaches
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 

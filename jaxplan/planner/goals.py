@@ -16,8 +16,8 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.check import breaches
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import breaches
 
 CANDIDATES = 16
 """Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""

@@ -1,8 +1,4 @@
-"""A moving goal met in time, by plans for one guess of the duration after the other.
-
-From one step to the next: what step 3 is asked, and a plan with its trajectory and certificate.
-
-When the manoeuvre ends, where the goal moves while the platform is on its way to it.
+"""When a manoeuvre ends whose goal moves while the platform is on its way to it.
 
 In a given duration that is known. In the shortest, or one stretched to the limits, the duration depends on
 the goal and the goal on the duration: fits and goals follow each other until both agree. That goes fast,
@@ -14,61 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
 from jaxplan.model.status import Status
-from jaxplan.planner import messages
 from jaxplan.planner.goals import GoalQuery, find_goals
-from jaxplan.planner.record import Plan, end_rates
-from jaxplan.trajectory import Fit, FitQuery, duration_bound, fit_batch
+from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import wanted_fit
+from jaxplan.trajectory import Fit, FitQuery, duration_bound
 
-
-def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
-    """Step 3 of a scenario along a path to a goal, by the method it asks for."""
-    start, end = scenario.start, end_rates(scenario, goal)
-    return FitQuery(
-        path=path,
-        spacecraft=scenario.spacecraft,
-        settings=scenario.trajectory,
-        cones=scenario.constraints,
-        start_angular_velocity=start.angular_velocity,
-        start_joint_rates=start.joint_rates,
-        end_angular_velocity=end[0],
-        end_joint_rates=end[1],
-        horizon=goal.time,
-    )
-
-
-def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
-    """The trajectory of a scenario along a path to a goal, fitted by itself."""
-    return fit_batch([wanted_fit(scenario, path, goal)])[0]
-
-
-def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
-    """The plan with what step 3 found, if anything, not yet certified."""
-    message = fitted.note if fitted.status is Status.OK else fitted.message
-    return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
-
-
-def judged(so_far: Plan, certificate: Certificate) -> Plan:
-    """The plan with a certificate on its trajectory, certified or not."""
-    so_far = replace(so_far, certificate=certificate)
-    if so_far.status in (Status.OK, Status.UNCERTIFIED) and not certificate.certified:
-        return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(certificate))
-    return so_far
-
-
-# Fits, each to the goal where the one before ends, after which duration and goal should agree.
-_ROUNDS = 5
-# Share of the duration by which it may differ from the goal's time; below it the two agree.
-_SETTLED = 1e-2
-# Shares of the duration by which the motion is given more than the shortest time, one after the other.
-_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
-# Factor on the bound that is a first guess of a duration; it makes room for a detour.
-_DETOUR = 1.4
-# Factors on that guess, one after the other, where there is no goal then.
-_FACTORS = (1.0, 2.0, 0.6, 4.0)
+_ROUNDS = 5  # fits, each to the goal where the one before ends, after which duration and goal should agree
+_SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
+_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
+_DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
+_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, one after the other, where there is no goal then
 
 
 def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:

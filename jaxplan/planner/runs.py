@@ -1,139 +1,25 @@
-"""From scenarios to plans: checked, planned in rounds, handed out.
+"""The door: plan one scenario, or many at once, here or in processes of their own.
 
 What is planned is what a scenario file would say: checked alike, with the numbers that it would hold.
-
-Plans of many scenarios in rounds: scenario -> goals -> path -> trajectory -> certificate -> plan.
-
-In each round all scenarios that are not settled yet get what they need next: their goals are found one by
-one, their searches, fits and proofs are made together. What that is, with all retries, is for their
-`Attempts` to say.
-
-Planning one scenario, or many at once.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Future
-from typing import Any, TypeVar
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.attempts import Attempts, SearchQuery
-from jaxplan.planner.check import ProofQuery, prove_batch
-from jaxplan.planner.clock import Clock, shared_step
-from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
+from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, several
-from jaxplan.runtime.jit import make_room
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import take_in
-from jaxplan.search import PLANNERS, search_batch
-from jaxplan.trajectory import METHODS, FitQuery, fit_batch
+from jaxplan.search import PLANNERS
+from jaxplan.trajectory import METHODS
 
-
-def as_filed(name: str, given: object) -> Scenario:
-    """A scenario that was made in Python, as a file would hold it.
-
-    Args:
-        name: of the argument, for messages.
-        given: to be planned.
-
-    Raises:
-        TypeError: for what is no scenario, such as the name of a file.
-        ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
-            lists every fault by its attribute.
-        ValueError: for methods that do not exist.
-    """
-    several = isinstance(given, list | tuple)
-    advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
-    scenario = expect(name, given, Scenario, advice)
-    for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
-        method = getattr(getattr(scenario, part), "method", None)
-        if isinstance(method, str) and method not in methods:
-            known = " or ".join(f'"{known}"' for known in methods)
-            raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
-    try:
-        return take_in(scenario)
-    except ScenarioError as error:
-        raise ScenarioError(error.faults, name) from error
-
-
-Query = TypeVar("Query")
-
-
-def plan_in_rounds(
-    scenarios: Sequence[Scenario],
-    clocks: Sequence[Clock],
-    settled: Callable[[int], object] = lambda count: None,
-) -> list[Plan]:
-    """Plan scenarios together.
-
-    Args:
-        scenarios: the problems.
-        clocks: of each.
-        settled: is told after each round how many plans have been settled by it.
-
-    Returns:
-        The plans in the same order, failed ones with their status and message.
-    """
-    every = [Attempts(*one) for one in zip(scenarios, clocks, strict=True)]
-    open_ = every
-    while open_:
-        make_room()
-        _find_goals(open_)
-        _search_paths(open_)
-        _fit_trajectories(open_)
-        _prove_certificates(open_)
-        left = [attempts for attempts in open_ if attempts.need is not None]
-        settled(len(open_) - len(left))
-        open_ = left
-    return [attempts.result() for attempts in every]
-
-
-def _find_goals(open_: Sequence[Attempts]) -> None:
-    """Step 1 of all that need it, one by one."""
-    for attempts, query in _in_need(open_, GoalQuery):
-        with attempts.clock.step("decompose"):
-            found = find_goals(query.scenario, query.time)
-        attempts.accept_goals(found)
-
-
-def _search_paths(open_: Sequence[Attempts]) -> None:
-    """Step 2 of all that need it, together."""
-    waiting = _in_need(open_, SearchQuery)
-    with shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
-        scenes, settings = [query.scene for _, query in waiting], [query.settings for _, query in waiting]
-        found = search_batch(scenes, settings, seconds)
-    for (attempts, _), result in zip(waiting, found, strict=True):
-        attempts.accept_path(result)
-
-
-def _fit_trajectories(open_: Sequence[Attempts]) -> None:
-    """Step 3 of all that need it, together."""
-    waiting = _in_need(open_, FitQuery)
-    with shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
-        found = fit_batch([query for _, query in waiting], seconds)
-    for (attempts, _), fitted in zip(waiting, found, strict=True):
-        attempts.accept_fit(fitted)
-
-
-def _prove_certificates(open_: Sequence[Attempts]) -> None:
-    """The certificates of all that need one, together."""
-    waiting = _in_need(open_, ProofQuery)
-    with shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
-        found = prove_batch([query for _, query in waiting])
-    for (attempts, _), certificate in zip(waiting, found, strict=True):
-        attempts.accept_certificate(certificate)
-
-
-def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:
-    """The attempts whose next need is of a kind, each with that need."""
-    needs: list[tuple[Attempts, Any]] = [(attempts, attempts.need) for attempts in open_]
-    return [(attempts, need) for attempts, need in needs if isinstance(need, kind)]
-
-
-# Scenarios that are planned at once, so that progress is seen and memory stays small.
 TOGETHER = 256
+"""Scenarios that are planned at once, so that progress is seen and memory stays small."""
 _LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask for together
 _PARTS = 3  # for each worker, so that all get done at about the same time
 
@@ -210,6 +96,33 @@ def plan_batch(
         except WorkersDiedError as error:
             raise RuntimeError(str(error)) from None
     return _here(scenarios, progress)
+
+
+def as_filed(name: str, given: object) -> Scenario:
+    """A scenario that was made in Python, as a file would hold it.
+
+    Args:
+        name: of the argument, for messages.
+        given: to be planned.
+
+    Raises:
+        TypeError: for what is no scenario, such as the name of a file.
+        ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
+            lists every fault by its attribute.
+        ValueError: for methods that do not exist.
+    """
+    several = isinstance(given, list | tuple)
+    advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
+    scenario = expect(name, given, Scenario, advice)
+    for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
+        method = getattr(getattr(scenario, part), "method", None)
+        if isinstance(method, str) and method not in methods:
+            known = " or ".join(f'"{known}"' for known in methods)
+            raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
+    try:
+        return take_in(scenario)
+    except ScenarioError as error:
+        raise ScenarioError(error.faults, name) from error
 
 
 def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from jaxplan.model.status import STEPS, Status
-from jaxplan.planner.check import certify, check_margins
+from jaxplan.planner.proof import certify, check_margins
 from jaxplan.report import tables
 from jaxplan.report.markup import Markup, facts, join, number, section, tag
 from jaxplan.schema import dump_scenario

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.planner.check import start_breaches
+from jaxplan.planner.validity import start_breaches
 from jaxplan.schema import parse_scenario
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.spelling import template

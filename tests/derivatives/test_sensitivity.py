@@ -15,7 +15,7 @@ from scenes import make_scenario
 import jaxplan as jp
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, tabulate
-from jaxplan.planner.meeting import fit
+from jaxplan.planner.steps import fit
 from jaxplan.sensitivity import follow, hold, replan
 
 STEP = 5e-6  # twice that is within what the rows that bind allow

@@ -13,7 +13,7 @@ from relays import avoids, look, make_relay, sees
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.path import Goal
-from jaxplan.planner.check import certify
+from jaxplan.planner.proof import certify
 from jaxplan.search.problem import held_axes
 
 METHODS = ("mha", "rrt_connect")

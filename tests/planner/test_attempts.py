@@ -7,9 +7,9 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, SearchQuery
-from jaxplan.planner.check import ProofQuery
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.search import SearchResult
 from jaxplan.search.tree import make_root, trace

@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM
 from jaxplan.model.zones import sight_names
-from jaxplan.planner.check import check_margins
+from jaxplan.planner.proof import check_margins
 from jaxplan.plotting import samples
 
 SEEDS = (2, 3)

@@ -6,7 +6,7 @@ import pytest
 from scenes import make_scenario
 
 import jaxplan as jp
-from jaxplan.planner.check import certify
+from jaxplan.planner.proof import certify
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,10 @@ from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, runs
 from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
-from jaxplan.planner.check import breaches, certify
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.proof import certify
+from jaxplan.planner.validity import breaches
 from jaxplan.report.tables import trajectory_table
 from jaxplan.schema import parse_scenario, with_settings
 from jaxplan.search import SearchResult, make_scene

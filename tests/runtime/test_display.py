@@ -29,7 +29,7 @@ from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.paper import derivative as paper
-from jaxplan.planner.meeting import fit
+from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.search import Barrier
 from jaxplan.study.run import run_task

@@ -22,7 +22,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepOut, tabulate
-from jaxplan.planner.check import prove
+from jaxplan.planner.proof import prove
 from jaxplan.trajectory import duration_bound
 
 CRAFT = make_spacecraft()

@@ -8,7 +8,7 @@ import pytest
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.planner.meeting import wanted_fit
+from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import attempts, fit_batch, sqp
 from jaxplan.trajectory.program import decrease_bound, solve
 

@@ -25,7 +25,7 @@ from jaxplan.model.path import Path
 from jaxplan.paper import segments
 from jaxplan.paper.derivative import PaperFitRecord, nominal_duration, refit
 from jaxplan.paper.segments import ChainRequest, PathNodes, plan_chains
-from jaxplan.planner.meeting import fit
+from jaxplan.planner.steps import fit
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.optimality import energy_of, offset_of
 from jaxplan.trajectory.peaks import SAFETY

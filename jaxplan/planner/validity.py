@@ -1,0 +1,155 @@
+"""Whether a state keeps the limits and meets every constraint, said in words where it does not."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jaxplan.model.constraints import (
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    best_entries,
+    chosen_entries,
+    state_margins,
+)
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import body_axis_name, sight_names
+
+ROUNDING = 1e-9
+"""rad, or share of a rate: what rounding may cost at the very limit; the certificate allows the same."""
+
+
+def breaches(
+    scenario: Scenario,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    angular_velocity: np.ndarray,
+    joint_rates: np.ndarray,
+    *,
+    arriving: bool = False,
+    time: float = 0.0,
+) -> tuple[str, ...]:
+    """Everything a state breaks: joint limits, also those that it cannot but break next, rates and zones.
+
+    Args:
+        scenario: limits and zones.
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad.
+        angular_velocity: (3,) rad/s, body axes.
+        joint_rates: (2n,) rad/s.
+        arriving: whether the state ends a motion instead of starting one: what was just before counts.
+        time: s, when it is; zones that move are where they are then.
+
+    Returns:
+        A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
+    """
+    craft = scenario.spacecraft
+    found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
+    found += [
+        f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
+        for name, excess, limit in zip(
+            craft.joint_names, np.abs(joints) - craft.joint_limits, craft.joint_limits, strict=True
+        )
+        if not excess <= ROUNDING
+    ]
+    rates = [
+        ("the platform's rate", np.max(np.abs(angular_velocity)), craft.rate_limit),
+        *zip(
+            [f"the rate of {name}" for name in craft.joint_names],
+            np.abs(joint_rates),
+            craft.joint_rate_limits,
+            strict=True,
+        ),
+    ]
+    found += [
+        f"{name} is {np.rad2deg(rate):.4g} deg/s, its limit {np.rad2deg(limit):.4g} deg/s"
+        for name, rate, limit in rates
+        if not rate <= limit * (1 + ROUNDING)
+    ]
+    found += _overruns(scenario, joints, joint_rates, arriving)
+    return (*found, *_zone_breaches(scenario, attitude, joints, time))
+
+
+def start_breaches(scenario: Scenario) -> tuple[str, ...]:
+    """Everything that the scenario's start breaks, a phrase each."""
+    start = scenario.start
+    return breaches(scenario, start.attitude, start.joints, start.angular_velocity, start.joint_rates)
+
+
+def _overruns(
+    scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
+) -> Iterator[str]:
+    """Joints within their limits that even full braking takes beyond, or that come from there."""
+    craft = scenario.spacecraft
+    room = craft.joint_limits - np.abs(joints)
+    outward = np.where(arriving, -1, 1) * np.sign(joints) * joint_rates
+    braking = joint_rates**2 / (2 * craft.joint_acceleration_limits)
+    for j in np.flatnonzero((room >= -ROUNDING) & (outward > 0) & (braking > room + ROUNDING)):
+        gap, rate, limit = np.rad2deg([max(room[j], 0), abs(joint_rates[j]), craft.joint_limits[j]])
+        where = f"{craft.joint_names[j]}, {gap:.4g} deg from its limit of {limit:.4g} deg,"
+        if arriving:
+            yield f"{where} moves away from it at {rate:.4g} deg/s, so it must have been beyond it"
+        else:
+            yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
+
+
+def _zone_breaches(
+    scenario: Scenario, attitude: np.ndarray, joints: np.ndarray, time: float
+) -> Iterator[str]:
+    rows = scenario.constraints.at(time)
+    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
+    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
+    yield from constraint_breaches(rows, scenario.spacecraft, attitude, joints, names, groups)
+
+
+def constraint_breaches(
+    rows: Constraints,
+    spacecraft: Spacecraft,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    names: Sequence[str],
+    groups: Sequence[str | None],
+) -> Iterator[str]:
+    """Every pointing constraint that a state breaks, a phrase each.
+
+    Args:
+        rows: the constraints, at an instant.
+        spacecraft: whose devices they bind.
+        attitude: (3, 3) body to inertial.
+        joints: (2n,) rad.
+        names: of the rows, without padding.
+        groups: likewise the name of the group that a row's constraint is, None where it has none.
+
+    Yields:
+        The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
+    """
+    sights = rows.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
+    worst = np.min(table, axis=-1, initial=np.inf)
+    leaders = np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING))
+    if not len(leaders):
+        return
+    called = sight_names(spacecraft.device_names, rows)
+    beams = [f"the beam of {name}" for name in spacecraft.device_names]
+    axes = beams + called[len(beams) :]
+    chosen = chosen_entries(rows, worst)
+    for leader in leaders:
+        row = int(np.argmin(np.where(rows.entry == chosen[leader], worst, np.inf)))
+        sight = int(np.argmin(table[row]))
+        name = names[row] if groups[row] is None else f"{names[row]}, the nearest of group {groups[row]}"
+        overlap = f"{np.rad2deg(-worst[row]):.4g} deg"
+        yield f"{called[sight]} is {overlap} {_where(rows, row, name, axes)}"
+
+
+def _where(rows: Constraints, row: int, name: str, axes: Sequence[str]) -> str:
+    """Where a sight is that breaks a row; `axes` are the names of all sights as axes of others."""
+    if rows.frame[row] == JOINTS:
+        return f"beyond joint bound {name}"
+    side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"
+    if rows.frame[row] == INERTIAL:
+        return f"{side} zone {name}"
+    if rows.frame[row] == SIGHT:
+        return f"{side} cone {name}, about {axes[rows.partner[row]]}"
+    return f"{side} cone {name}, about {body_axis_name(rows.axis[row])}"
