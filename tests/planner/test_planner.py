@@ -15,7 +15,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Certificate
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner import messages, runs
+from jaxplan.planner import messages, rounds
 from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.goals import GoalQuery, find_goals
@@ -154,7 +154,7 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
     scenario = jp.paper_case(1)
     nearest, *others = find_goals(scenario)
     assert others
-    fit_batch = runs.fit_batch
+    fit_batch = rounds.fit_batch
 
     def fail(queries, *rest):
         jump = Fit(trajectory=None, status=jp.Status.UNCERTIFIED, message="it jumps")
@@ -165,7 +165,7 @@ def test_a_farther_goal_is_taken_with_a_word_on_the_nearest(monkeypatch):
             for query, fit in zip(queries, fits, strict=True)
         ]
 
-    monkeypatch.setattr(runs, "fit_batch", fail)
+    monkeypatch.setattr(rounds, "fit_batch", fail)
     plan = jp.plan(scenario)
     assert plan.goal.slew_angle > nearest.slew_angle + 0.01
     assert "this is not the nearest goal" in plan.message
