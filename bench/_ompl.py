@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.search import Scene
-from jaxplan.search.smoothing.shortcut import subdivide
+from jaxplan.search.paths import subdivide
 
 try:
     from ompl import base, geometric, util

@@ -20,11 +20,9 @@ from jaxplan.cases import paper_case
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
 from jaxplan.search.calls import Scenes
+from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, expansion_call
 from jaxplan.search.fields import distance_fields
-from jaxplan.search.kernels import expansion_call
-from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS
-from jaxplan.search.multi_heuristic import Rules, Search
-from jaxplan.search.tree import make_root
+from jaxplan.search.multi_heuristic import Rules, Search, make_root
 
 
 def median_us(call: Callable[[], object], repeats: int) -> float:
@@ -48,7 +46,7 @@ def expansion_times(repeats: int) -> None:
         arguments = (node.packed, moves.turns, moves.options, moves.choice, clearance, fields)
         empty = jax.jit(lambda scene, packed, *rest: packed[:3] + rest[0].sum())
         print(f"children an expansion          {len(moves.turns) * len(moves.choice):10d}")
-        nothing = median_us(lambda: np.asarray(empty(scene.on_device, *arguments)), repeats)
+        nothing = median_us(lambda: np.asarray(empty(scene.packed[1], *arguments)), repeats)
         print(f"an empty jitted call           {nothing:10.0f} us")
         call = expansion_call(node.packed, moves, clearance, fields, edges=True)
         kernel = median_us(lambda: Scenes([scene]).answers([call]), repeats)

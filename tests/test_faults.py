@@ -13,7 +13,7 @@ from jaxplan.paper import qp
 from jaxplan.planner import goals
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
-from jaxplan.search.tree import make_root, trace
+from jaxplan.search.multi_heuristic import make_root, trace
 from jaxplan.trajectory import box_qp, program
 
 RNG = np.random.default_rng(21)

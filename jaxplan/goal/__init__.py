@@ -7,24 +7,31 @@ the global one, the others are the next best.
 
 `caps` tells what the attitude decides on, and writes it in one form; `descent` finds local minima from many
 starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
-ones. `sensitivity` has the goals' derivatives. Attitudes are body to inertial, angles in radians, joints all
-yaws and then all pitches.
+ones; `beside` finds goals beside what the attitude does not decide on. `sensitivity` has the goals'
+derivatives. Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.goal import multistart
-from jaxplan.goal.caps import Caps, assemble, deepest_row
-from jaxplan.model.constraints import Constraints, state_margins
+from jaxplan.goal.beside import goals_beside
+from jaxplan.goal.caps import Caps, GoalProblem, assemble, deepest_row
+from jaxplan.goal.sensitivity import goal_in_time
+from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.display import shown
+from jaxplan.runtime.jit import quick_jit
+
+CANDIDATES = 16
+"""Goals to choose from where their joints decide more; hardly a problem has as many minima."""
+_BROKEN = -1e-9  # rad, a margin
 
 
 @shown(
@@ -46,7 +53,8 @@ class Decomposition:
     within the joints' ranges at which the worst sight is least deep in a zone.
 
     Attributes:
-        goals: distinct local minima of the slew, nearest first and none beyond its bound.
+        goals: distinct local minima of the slew, nearest first and none beyond its bound. Where something is
+            left open and the nearest breaks it, others that keep it are among them.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.
         joint_excess: rad, how far the worst joint is beyond its limit at the goal; -inf without terminals.
@@ -78,8 +86,8 @@ def decompose(
     """Solve problem (7), corrected, for its global minimum and the next-best local ones.
 
     What the targets settle is left to the caller, such as zones that only bind terminals: these point at
-    their targets whatever the attitude. So is what depends on joints in another way than by a boresight's
-    direction or a bound of one joint (`caps.leaves_open`).
+    their targets whatever the attitude. What depends on joints in another way than by a boresight's direction
+    or a bound of one joint is left open (`caps.leaves_open`): goals may break it, see `Decomposition.goals`.
 
     Args:
         spacecraft: its terminals and instruments, any number of either.
@@ -88,34 +96,39 @@ def decompose(
         cones: all constraints, for the devices of the spacecraft.
         max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
         max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
+            Where something is left open there may be more, to choose from.
         seed: turns the set of starts; the same seed gives the same goals to the last bit.
 
     Returns:
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
-    start = np.asarray(start_attitude, dtype=np.float64)
-    directions = np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3)
     limits = goal_limits(spacecraft, targets)
-    caps = assemble(spacecraft, start, directions, limits, cones)
+    problem = GoalProblem(
+        spacecraft=spacecraft,
+        start=np.asarray(start_attitude, dtype=np.float64),
+        directions=np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3),
+        joint_limits=limits,
+        rows=cones,
+    )
+    caps = assemble(problem)
     with jax.enable_x64(True):
-        solutions = multistart.minima(caps, max_goals, seed)
-        best = (
-            solutions if len(solutions) else _least_broken(spacecraft, start, directions, limits, cones, seed)
-        )
-    states = _states(best[np.arange(max_goals) % len(best)], start, directions, spacecraft)
+        solutions = multistart.minima(caps, max(max_goals, CANDIDATES) if caps.open else max_goals, seed)
+        best = solutions if len(solutions) else _least_broken(problem, seed)
+    attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
+    joints = problem.joints(attitudes)
     goals = [
-        Goal(attitude=attitude, joints=np.clip(joints, -limits, limits), slew_angle=slew)
-        for attitude, joints, slew in states[: len(solutions)]
+        Goal(attitude=attitude, joints=np.clip(angles, -limits, limits), slew_angle=slew)
+        for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
         if slew <= max_slew
     ]
-    attitude, joints, slew = states[0]
-    joint_excess = np.abs(joints) - limits
-    sights = cones.sights(spacecraft.mounts, spacecraft.fixed_boresights)
-    margins = state_margins(cones, sights, attitude, joints)
-    zone_excess, worst_zone, worst_device = deepest_row(caps, cones, margins)
+    if caps.open and goals and _breaks(problem, goals[0]):
+        goals += goals_beside(problem, np.stack([goal.attitude for goal in goals]), max_slew, seed)
+        goals.sort(key=lambda goal: goal.slew_angle)
+    joint_excess = np.abs(joints[0]) - limits
+    zone_excess, worst_zone, worst_device = deepest_row(caps, problem, attitudes[0], joints[0])
     return Decomposition(
         goals=tuple(goals),
-        slew_angle=slew,
+        slew_angle=slews[0],
         joint_excess=float(np.max(joint_excess, initial=-np.inf)),
         worst_joint=int(np.argmax(joint_excess)) if len(limits) else None,
         zone_excess=zone_excess,
@@ -124,22 +137,21 @@ def decompose(
     )
 
 
-def _least_broken(
-    spacecraft: Spacecraft,
-    start: np.ndarray,
-    directions: np.ndarray,
-    limits: np.ndarray,
-    cones: Constraints,
-    seed: int,
-) -> np.ndarray:
+def _breaks(problem: GoalProblem, goal: Goal) -> bool:
+    """Whether a goal breaks a constraint."""
+    margins = constraint_margins(problem.rows, problem.margins(goal.attitude, goal.joints))
+    return not np.all(margins >= _BROKEN)
+
+
+def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""
-    nowhere = tabulate((), (), spacecraft.device_names)
+    nowhere = tabulate((), (), problem.spacecraft.device_names)
 
     def wider_joints(by: float) -> Caps:
-        return assemble(spacecraft, start, directions, limits + by, nowhere)
+        return assemble(replace(problem, joint_limits=problem.joint_limits + by, rows=nowhere))
 
     def easier_zones(by: float) -> Caps:
-        return assemble(spacecraft, start, directions, limits, cones, widening=by)
+        return assemble(problem, widening=by)
 
     has_zones = np.any(easier_zones(0).row >= 0)
     can_point = has_zones and len(multistart.minima(wider_joints(0), 1, seed)) > 0
@@ -152,10 +164,44 @@ def goal_limits(spacecraft: Spacecraft, targets: Targets) -> np.ndarray:
     return np.minimum(spacecraft.joint_limits, np.repeat(given, len(spacecraft.terminals)))
 
 
-def _states(
-    quaternions: np.ndarray, start: np.ndarray, directions: np.ndarray, spacecraft: Spacecraft
-) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Attitude (3, 3), joints (2n,) and slew of each quaternion of ``E``."""
-    attitudes = start @ quaternion.to_matrix(quaternions)
-    joints = spacecraft.joints_toward(attitudes, directions)
-    return list(zip(attitudes, joints, multistart.slew(quaternions).tolist(), strict=True))
+def tracking_rates(
+    goal: Goal,
+    spacecraft: Spacecraft,
+    start_attitude: np.ndarray,
+    targets: Targets,
+    cones: Constraints,
+    *,
+    target_rates: np.ndarray,
+    axis_rates: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates of platform and joints at a goal, with which it follows what moves.
+
+    Args:
+        goal: one that `decompose` found for this problem.
+        spacecraft: terminals and instruments.
+        start_attitude: (3, 3) ``R0``, body to inertial.
+        targets: where they are when the manoeuvre ends, with limits.
+        cones: all constraints as they are then.
+        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
+        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
+
+    Returns:
+        (3,) angular velocity, rad/s, body axes, and (2n,) joint rates, rad/s: together they turn every
+        terminal's beam as its target turns, exactly. Where the optimum has no derivative, the platform's is
+        the one that `differentiable_goal` chooses.
+    """
+    place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
+    with jax.enable_x64(True):
+        found = _followed(
+            place,
+            spacecraft,
+            start_attitude,
+            targets,
+            cones,
+            target_rates=target_rates,
+            axis_rates=axis_rates,
+        )
+        return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
+
+
+_followed = quick_jit(goal_in_time)

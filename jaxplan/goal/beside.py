@@ -7,14 +7,12 @@ where all of it holds, and by which entries. From the nearest of these, sequenti
 that is nearer.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.model.constraints import Constraints, chosen_entries, constraint_margins, state_margins
+from jaxplan.goal.caps import GoalProblem
+from jaxplan.model.constraints import chosen_entries, constraint_margins
 from jaxplan.model.path import Goal
-from jaxplan.model.spacecraft import Spacecraft
 
 TRIES = 4096
 """Random attitudes, shared out among the goals."""
@@ -33,65 +31,42 @@ _ITERATIONS = 60
 _CHANGES = 4  # of the entries
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GoalProblem:
-    """What is asked of the attitude at a goal, constraints that depend on the joints among it.
-
-    Attributes:
-        spacecraft: its terminals and instruments.
-        start: (3, 3) attitude at the start, body to inertial.
-        directions: (n, 3) inertial unit vectors that the terminals point along.
-        joint_limits: (2n,) rad, at the goal.
-        rows: all constraints, at an instant.
-        max_slew: rad, bound of ``|eta|``.
-    """
-
-    spacecraft: Spacecraft
-    start: np.ndarray
-    directions: np.ndarray
-    joint_limits: np.ndarray
-    rows: Constraints
-    max_slew: float
-
-    def goal(self, eta: np.ndarray) -> Goal:
-        """The goal with a rotation vector (3,) from the start."""
-        attitude, joints = self._states(eta)
-        return Goal(attitude=attitude, joints=joints, slew_angle=float(so3.distance(self.start, attitude)))
-
-    def spare(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What joints have left of their ranges (..., 4n), and margins (..., Z, S), at ``eta`` (..., 3)."""
-        attitudes, joints = self._states(eta)
-        left = np.concatenate([self.joint_limits - joints, self.joint_limits + joints], axis=-1)
-        sights = self.rows.sights(self.spacecraft.mounts, self.spacecraft.fixed_boresights)
-        return left, np.asarray(state_margins(self.rows, sights, attitudes, joints))
-
-    def _states(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        attitudes = self.start @ np.asarray(so3.exp(eta))
-        return attitudes, np.asarray(self.spacecraft.joints_toward(attitudes, self.directions))
-
-
-def goals_beside(problem: GoalProblem, around: np.ndarray, seed: int) -> list[Goal]:
+def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed: int) -> list[Goal]:
     """Goals that keep all constraints, in the order of their slews.
 
     Args:
         problem: what is asked.
         around: (k, 3, 3) attitudes of goals that break some of it, at least one.
+        max_slew: rad, bound of ``|eta|``.
         seed: of the random attitudes.
 
     Returns:
         As many as were found, perhaps none, 2 deg or more apart.
     """
     tried = _around(problem.start, around, seed)
-    left, margins = problem.spare(tried)
+    left, margins = _spare(problem, tried)
     least = np.min(constraint_margins(problem.rows, margins), axis=-1)
     kept = (np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)
     found = []
     for number in _distinct(problem.start, tried[kept], STARTS_APART):
         eta = _nearest(problem, tried[kept][number])
-        if eta is not None and np.linalg.norm(eta) <= problem.max_slew:
+        if eta is not None and np.linalg.norm(eta) <= max_slew:
             found.append(eta)
     etas = np.array(found).reshape(-1, 3)
-    return [problem.goal(etas[number]) for number in _distinct(problem.start, etas, APART)]
+    attitudes = problem.start @ np.asarray(so3.exp(etas))
+    slews = np.asarray(so3.distance(problem.start, attitudes)).tolist()
+    return [
+        Goal(attitude=attitudes[number], joints=problem.joints(attitudes[number]), slew_angle=slews[number])
+        for number in _distinct(problem.start, etas, APART)
+    ]
+
+
+def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What joints have left of their ranges (..., 4n), and margins (..., Z, S), at ``eta`` (..., 3)."""
+    attitudes = problem.start @ np.asarray(so3.exp(eta))
+    joints = problem.joints(attitudes)
+    left = np.concatenate([problem.joint_limits - joints, problem.joint_limits + joints], axis=-1)
+    return left, problem.margins(attitudes, joints)
 
 
 def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
@@ -120,13 +95,13 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
     """
     before: np.ndarray | None = None
     for _ in range(_CHANGES):
-        _, margins = problem.spare(eta)
+        _, margins = _spare(problem, eta)
         best = chosen_entries(problem.rows, np.min(margins, axis=-1)) == problem.rows.entry
         which = problem.rows.bound & best[:, None]
         if before is not None and np.all(which == before):
             break
         eta, before = _descended(problem, eta, which), which
-    left, margins = problem.spare(eta)
+    left, margins = _spare(problem, eta)
     least = np.min([*left, *constraint_margins(problem.rows, margins)])
     return eta if least >= SPARE / 2 else None
 
@@ -136,7 +111,7 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
     from scipy.optimize import minimize  # slow to import, and seldom needed
 
     def spare(eta: np.ndarray) -> np.ndarray:
-        left, margins = problem.spare(eta)
+        left, margins = _spare(problem, eta)
         return np.concatenate([left, margins[..., which]], axis=-1) - SPARE
 
     def slopes(eta: np.ndarray) -> np.ndarray:

@@ -1,21 +1,10 @@
-"""Pairs and groups of step 1 as caps: cones about body axes that a target's direction stays out of.
-
-Caps of which not all need be clear: the kernels' side of groups.
-
-A group asks for one of its members, a member for all of its caps. Lanes are the last axis, m caps the first.
-
-What each pair of a row and a sight asks of the attitude at a goal.
+"""The constraints of problem (7) in one form: cones about body axes, caps, that directions must stay out of.
 
 At a goal a terminal points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
 known, then, where they are in one of two frames: targets and inertial axes in the inertial one, boresights of
-instruments and axes of the body in the body's. A pair of the same frame is settled whatever the attitude; one
-of either is a cap that a direction keeps out of (`caps`). So is a row of joints that bounds a yaw or a pitch
-alone. All other pairs depend on what the joints are: step 1 leaves them open, and who uses a goal checks them
-in its state.
-
-All of it computes with numpy or JAX, as its arguments do. Shapes: Z rows, S sights.
-
-The constraints of problem (7) in one form: caps that directions must stay out of.
+instruments and axes of the body in the body's. A pair of a row and a sight in the same frame is *settled*
+whatever the attitude; one of either is a cap. So is a row of joints that bounds a yaw or a pitch alone. All
+other pairs depend on what the joints are: step 1 leaves them *open*.
 
 With ``R = R0 E`` an inertial direction ``z`` has the body components ``E^T R0^T z``. Every constraint on the
 goal keeps one such vector out of a cap of the unit sphere in body axes, of axis ``a`` and half-angle ``h``:
@@ -29,10 +18,11 @@ goal keeps one such vector out of a cap of the unit sphere in body axes, of axis
 
 So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is missing is the excess, in rad.
 Constraints of which one is enough (a yaw range wider than half a turn, entries of one constraint) are members
-of a group; a member may have several caps, all of which must be clear.
+of a group: it asks for one of its members, a member for all of its caps. An entry is held against what is
+settled, and where a constraint has an entry that nothing of a cap stands against, it gives none at all.
 
-What the attitude does not decide gives no cap (`caps`): an entry is held against what is settled, and where
-a constraint has an entry that nothing of a cap stands against, it gives none at all.
+`pairs_at_goal` computes with numpy or JAX, as its arguments do. Shapes: Z rows, S sights, m caps; in kernels
+lanes are the last axis.
 """
 
 from collections.abc import Iterator
@@ -56,10 +46,50 @@ from jaxplan.model.constraints import (
     best_entries,
     chosen_entries,
     pair_margins,
+    state_margins,
 )
 from jaxplan.model.directions import Sights
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
+
+HAIR = 1e-12
+"""rad; caps are wider than the constraints by this, so that rounding breaks none."""
+EMPTY = 1e-9
+"""rad; caps of a smaller half-angle are left out."""
+ALTERNATIVES = 16
+"""Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GoalProblem:
+    """What is asked of the attitude at a goal.
+
+    Attributes:
+        spacecraft: its terminals and instruments.
+        start: (3, 3) attitude at the start, body to inertial, ``R0``.
+        directions: (n, 3) inertial unit vectors that the terminals point along.
+        joint_limits: (2n,) rad, at the goal; from pi for a yaw and from pi / 2 for a pitch there is no limit.
+        rows: all constraints, at an instant.
+    """
+
+    spacecraft: Spacecraft
+    start: np.ndarray
+    directions: np.ndarray
+    joint_limits: np.ndarray
+    rows: Constraints
+
+    @property
+    def sights(self) -> Sights:
+        """The directions that the rows bind."""
+        return self.rows.sights(self.spacecraft.mounts, self.spacecraft.fixed_boresights)
+
+    def joints(self, attitudes: np.ndarray) -> np.ndarray:
+        """(..., 2n) rad, at attitudes (..., 3, 3) at which terminals point along their directions."""
+        return np.asarray(self.spacecraft.joints_toward(attitudes, self.directions))
+
+    def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """(..., Z, S) rad, of every pair in states."""
+        return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
 
 
 def group_excess(excess: Array, member: Array, group: Array) -> Array:
@@ -187,16 +217,12 @@ def single_yaws(rows: Constraints) -> AnyArray:
 
 def leaves_open(rows: Constraints, sights: Sights, directions: ArrayLike) -> bool:
     """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
-    pairs = pairs_at_goal(rows, sights, directions)
-    return bool(np.any(rows.bound & ~pairs.settled & ~pairs.capped))
+    return bool(np.any(_open(rows, pairs_at_goal(rows, sights, directions))))
 
 
-HAIR = 1e-12
-"""rad; caps are wider than the constraints by this, so that rounding breaks none."""
-EMPTY = 1e-9
-"""rad; caps of a smaller half-angle are left out."""
-ALTERNATIVES = 16
-"""Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
+def _open(rows: Constraints, pairs: Pairs) -> AnyArray:
+    """(Z, S) bool, pairs that depend on the joints at a goal otherwise than as caps."""
+    return rows.bound & ~pairs.settled & ~pairs.capped
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -211,6 +237,7 @@ class Caps:
         group: (m,) number of the group that the member belongs to.
         row: (m,) the row of the constraints that the cap is of; -1 for limits of joints and empty ones.
         sight: (m,) number of the sight, likewise.
+        open: whether step 1 leaves something open.
     """
 
     axis: np.ndarray
@@ -220,6 +247,7 @@ class Caps:
     group: np.ndarray
     row: np.ndarray
     sight: np.ndarray
+    open: bool
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
         """How deep (m,) the directions are inside the caps after a rotation ``E`` (3, 3), rad."""
@@ -236,85 +264,72 @@ class _Cap(NamedTuple):
     half_angle: float
 
 
+_NOWHERE = _Cap(-1, -1, np.zeros(3), np.zeros(3), 0.0)
 _Member = list[_Cap]
 _Group = list[_Member]
 
 
-def assemble(
-    spacecraft: Spacecraft,
-    start_attitude: np.ndarray,
-    directions: np.ndarray,
-    joint_limits: np.ndarray,
-    cones: Constraints,
-    widening: float = 0.0,
-) -> Caps:
-    """The caps of a goal at which the terminals point along given directions.
+def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
+    """The caps of a problem.
 
-    Pairs that are settled or open, see `caps`, give no cap. A constraint of several entries gives none
-    either when one of these holds for that reason or may hold, or when none can.
+    Pairs that are settled or open give no cap. A constraint of several entries gives none either when one of
+    these holds for that reason or may hold, or when none can.
 
     Args:
-        spacecraft: its mounts and instruments.
-        start_attitude: (3, 3) body to inertial, ``R0``.
-        directions: (n, 3) inertial unit vectors, one a terminal.
-        joint_limits: (2n,) rad; from pi for a yaw and from pi / 2 for a pitch there is no limit.
-        cones: all constraints.
+        problem: what is asked.
         widening: rad by which every row is made easier.
     """
-    joint_axis, joint_half_angle, joint_group = _of_joints(spacecraft.mounts, joint_limits)
-    groups = list(_of_rows(spacecraft, directions, joint_limits, cones, widening))
+    rows, sights, directions = problem.rows, problem.sights, problem.directions
+    pairs = pairs_at_goal(rows, sights, directions)
+    open_ = bool(np.any(_open(rows, pairs)))
+    fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
+    if widening:
+        away = np.where(rows.frame == JOINTS, 1, rows.side)
+        rows = replace(rows, half_angle=rows.half_angle - away * widening)
+        pairs = pairs_at_goal(rows, sights, directions)
+    groups = [*_of_joints(problem), *_of_rows(pairs, fails, rows, sights, problem.joint_limits)]
     members = [(number, member) for number, group in enumerate(groups) for member in group]
-    found = [(group, number, cap) for number, (group, member) in enumerate(members) for cap in member]
-    joints, used = len(joint_group), len(joint_group) + len(found)
-    size = max(8, padded_count(used))
-    rest = np.arange(used, size)
-
-    def padded(of_joints: np.ndarray, of_rows: list, of_rest: np.ndarray | int) -> np.ndarray:
-        shape = of_joints.shape[1:]
-        own = np.reshape(np.array(of_rows, of_joints.dtype), (-1, *shape))
-        return np.concatenate([of_joints, own, np.broadcast_to(of_rest, (size - used, *shape))])
-
-    caps = [cap for *_, cap in found]
-    half_angle = padded(joint_half_angle, [cap.half_angle for cap in caps], 0)
+    found = [(number, group, cap) for number, (group, member) in enumerate(members) for cap in member]
+    size = max(8, padded_count(len(found)))
+    found += [(number, number, _NOWHERE) for number in range(len(found), size)]
+    member, group, caps = zip(*found, strict=True)
+    row, sight, axis, direction, half_angle = map(np.array, zip(*caps, strict=True))
     there = half_angle > EMPTY
-    axis = padded(joint_axis, [cap.axis for cap in caps], 0)
-    toward = padded(np.repeat(directions, 5, axis=0), [cap.direction for cap in caps], 0)
-    none = np.full(joints, -1)
     return Caps(
         axis=np.where(there[:, None], axis, 0),
-        direction=toward @ start_attitude,
+        direction=direction @ problem.start,
         half_angle=np.where(there, half_angle + HAIR, -1),
-        member=padded(np.arange(joints), [joints + number for _, number, _ in found], rest),
-        group=padded(joint_group, [joints + group for group, _, _ in found], rest),
-        row=padded(none, [cap.row for cap in caps], -1),
-        sight=padded(none, [cap.sight for cap in caps], -1),
+        member=np.array(member),
+        group=np.array(group),
+        row=row,
+        sight=sight,
+        open=open_,
     )
 
 
 def _of_rows(
-    spacecraft: Spacecraft,
-    directions: np.ndarray,
-    joint_limits: np.ndarray,
-    cones: Constraints,
-    widening: float,
+    pairs: Pairs, fails: np.ndarray, rows: Constraints, sights: Sights, joint_limits: np.ndarray
 ) -> Iterator[_Group]:
-    """The groups of caps that all rows give, in the order of their constraints."""
-    sights = cones.sights(spacecraft.mounts, spacecraft.fixed_boresights)
-    pairs = pairs_at_goal(cones, sights, directions)
-    fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
-    if widening:
-        away = np.where(cones.frame == JOINTS, 1, cones.side)
-        cones = replace(cones, half_angle=cones.half_angle - away * widening)
-        pairs = pairs_at_goal(cones, sights, directions)
-    for constraint in np.unique(cones.group[np.any(pairs.capped, axis=-1)]):
-        own = cones.group == constraint
-        entries = np.unique(cones.entry[own])
+    """The groups of caps that all rows give, in the order of their constraints.
+
+    Args:
+        pairs: of the rows.
+        fails: (Z,) bool, rows that cannot hold, since a pair is settled that breaks them.
+        rows: the constraints.
+        sights: that they bind.
+        joint_limits: (2n,) rad.
+    """
+    for constraint in np.unique(rows.group[np.any(pairs.capped, axis=-1)]):
+        own = rows.group == constraint
+        entries = np.unique(rows.entry[own])
         if len(entries) > 1:
-            entries = np.setdiff1d(entries, cones.entry[own & fails])
+            entries = np.setdiff1d(entries, rows.entry[own & fails])
         asked = []
         for entry in entries:
-            rows = np.flatnonzero(own & (cones.entry == entry)).tolist()
-            asked.append([ways for row in rows for ways in _of_row(row, pairs, cones, sights, joint_limits)])
+            of_entry = np.flatnonzero(own & (rows.entry == entry)).tolist()
+            asked.append(
+                [ways for row in of_entry for ways in _of_row(row, pairs, rows, sights, joint_limits)]
+            )
         yield from _groups(asked)
 
 
@@ -332,11 +347,8 @@ def _of_row(
         if not of_yaw:
             yield [[cap]]
             continue
-        sign, bound, limit = (
-            np.sign(cones.axis[row, 0]),
-            cones.half_angle[row],
-            min(joint_limits[sight], np.pi),
-        )
+        sign, bound = np.sign(cones.axis[row, 0]), cones.half_angle[row]
+        limit = min(joint_limits[sight], np.pi)
         far, middle = sights.mounts[sight] + sign * np.array([limit + np.pi / 2, (limit + bound) / 2])
         beyond = cap._replace(axis=np.array([np.cos(far), np.sin(far), 0]))
         behind = cap._replace(axis=-np.array([np.cos(middle), np.sin(middle), 0]))
@@ -365,54 +377,59 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
         yield group
 
 
-def _of_joints(mounts: np.ndarray, joint_limits: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Axis (5n, 3), half-angle (5n,) and group (5n,) of each terminal's caps: two yaw, two pitch, its back.
+def _of_joints(problem: GoalProblem) -> Iterator[_Group]:
+    """The groups of each terminal's five caps: two of its yaw, two of its pitch, and its back.
 
     A yaw range wider than half a turn is the union of two half-spaces, so one of its caps is enough. A
     narrower one is their intersection. Where it is very narrow the point right behind is nearly clear of
-    both caps, too; the cap over the whole back tells it apart.
+    both caps, too; the cap over the whole back tells it apart. Where there is no limit of the yaw, one of two
+    opposite halves is always met, and neither asks for anything.
     """
-    count = len(mounts)
-    yaw, pitch = np.minimum(joint_limits[:count], np.pi), joint_limits[count:]
-    axis, half_angle = np.zeros((count, 5, 3)), np.full((count, 5), np.pi / 2)
-    for row, sign in ((0, 1.0), (1, -1.0)):
-        edge = mounts + sign * (yaw + np.pi / 2)  # sin(yaw limit -+ yaw) >= 0
-        axis[:, row, 0], axis[:, row, 1] = np.cos(edge), np.sin(edge)
-        axis[:, row + 2, 2] = sign
-        half_angle[:, row + 2] -= pitch
-    axis[:, 4, 0], axis[:, 4, 1] = -np.cos(mounts), -np.sin(mounts)
-    half_angle[yaw >= np.pi / 2, 4] = 0
-    half_angle[yaw >= np.pi, :2] = (
-        0  # one of two opposite halves is always met, and neither asks for anything
-    )
-    group = np.arange(5 * count).reshape(count, 5)
-    group[:, 1] = np.where(yaw > np.pi / 2, group[:, 0], group[:, 1])
-    return axis.reshape(-1, 3), half_angle.reshape(-1), group.reshape(-1)
+    yaws, pitches = np.split(problem.joint_limits, 2)
+    limits = zip(np.minimum(yaws, np.pi).tolist(), pitches.tolist(), strict=True)
+    quarter = np.pi / 2
+    for mount, direction, (yaw, pitch) in zip(
+        problem.spacecraft.mounts.tolist(), problem.directions, limits, strict=True
+    ):
+
+        def cap(axis: tuple[float, float, float], half_angle: float, toward: np.ndarray = direction) -> _Cap:
+            return _Cap(-1, -1, np.array(axis), toward, half_angle)
+
+        edges = mount + (yaw + quarter), mount - (yaw + quarter)
+        sides = [cap((np.cos(edge), np.sin(edge), 0.0), quarter if yaw < np.pi else 0.0) for edge in edges]
+        yield from [[[side] for side in sides]] if yaw > quarter else [[[side]] for side in sides]
+        yield [[cap((0.0, 0.0, 1.0), quarter - pitch)]]
+        yield [[cap((0.0, 0.0, -1.0), quarter - pitch)]]
+        yield [[cap((-np.cos(mount), -np.sin(mount), 0.0), quarter if yaw < quarter else 0.0)]]
 
 
-def deepest_row(caps: Caps, cones: Constraints, margins: np.ndarray) -> tuple[float, int | None, int | None]:
+def deepest_row(
+    caps: Caps, problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
+) -> tuple[float, int | None, int | None]:
     """The row of the caps that a state breaks most, or is nearest to breaking.
 
     Args:
         caps: the caps.
-        cones: the constraints that they are of.
-        margins: (Z, S) rad, of the state.
+        problem: that they are of.
+        attitude: (3, 3) of the state.
+        joints: (2n,) rad, likewise.
 
     Returns:
         How deep a sight is inside, rad, negative when it is clear; the row and the sight. Of a constraint it
         is the entry broken least. Without such caps ``(-inf, None, None)``.
     """
-    capped = np.zeros(cones.bound.shape, dtype=bool)
-    used = caps.row >= 0
+    rows, used = problem.rows, caps.row >= 0
+    if not np.any(used):
+        return -np.inf, None, None
+    capped = np.zeros(rows.bound.shape, dtype=bool)
     capped[caps.row[used], caps.sight[used]] = True
     some = np.any(capped, axis=-1)
-    if not np.any(some):
-        return -np.inf, None, None
-    asked, possible = np.isin(cones.group, cones.group[some]), np.isin(cones.entry, cones.entry[some])
-    worst = np.min(np.where(capped, margins, np.inf), axis=-1)
+    asked, possible = np.isin(rows.group, rows.group[some]), np.isin(rows.entry, rows.entry[some])
+    margins = np.where(capped, problem.margins(attitude, joints), np.inf)
+    worst = np.min(margins, axis=-1)
     worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that what is settled rules out
-    of_constraint = best_entries(cones, worst)
+    of_constraint = best_entries(rows, worst)
     leader = int(np.argmin(of_constraint))
-    of_entry = np.where(cones.entry == chosen_entries(cones, worst)[leader], worst, np.inf)
+    of_entry = np.where(rows.entry == chosen_entries(rows, worst)[leader], worst, np.inf)
     row = int(np.argmin(of_entry))
-    return -float(of_constraint[leader]), row, int(np.argmin(np.where(capped[row], margins[row], np.inf)))
+    return -float(of_constraint[leader]), row, int(np.argmin(margins[row]))

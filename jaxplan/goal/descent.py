@@ -33,7 +33,6 @@ from jax import Array
 from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
 from jaxplan.goal.caps import Caps, applies
-from jaxplan.runtime.jit import quick_jit
 
 
 def apply(matrix: Array, vector: Array) -> Array:
@@ -208,6 +207,10 @@ def restoration(gradients: Array, excess: Array) -> Array:
     return -apply(inverse(matrix), jnp.sum(gradients * jnp.where(violated, excess, 0), axis=1))
 
 
+LANES = 128
+"""Starts of one batch: there is one shape to compile."""
+CLEAR = 5e-13
+"""rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
 LEAST_CURVATURE = 0.01  # that the Hessian is raised to
@@ -234,15 +237,22 @@ class Minima(NamedTuple):
     residual: np.ndarray
     curvature: np.ndarray
 
+    def good(self, tolerance: float) -> np.ndarray:
+        """(...) bool, ends that are local minima, their conditions of optimality met to so many rad."""
+        within = (self.excess <= CLEAR) & (self.residual <= tolerance)
+        # the longer way round is no minimum
+        return within & (self.curvature >= -1e-6) & (self.slew <= np.pi + 1e-9)
+
 
 def descend(caps: Caps, starts: np.ndarray) -> Minima:
     """Descend from each start.
 
     Args:
         caps: what directions must stay out of.
-        starts: (K, 4) unit quaternions.
+        starts: (at most LANES, 4) unit quaternions; they are repeated to fill the batch.
     """
     arguments = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
+    starts = np.resize(starts, (LANES, 4))
     packed = np.asarray(descent_ends(np.ascontiguousarray(starts.T), *arguments))
     return Minima(packed[:4].T, *packed[4:])
 
@@ -258,7 +268,7 @@ class _Point(NamedTuple):
     normals: Array  # (3, 3, K), gradients of the active caps, the component first
 
 
-@quick_jit
+@jax.jit  # which takes longer to compile than `quick_jit`, and a sixth less to run
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:

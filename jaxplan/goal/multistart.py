@@ -1,25 +1,16 @@
-"""Where step 1 begins: a covering of SO(3), its nearest points, and the best that descents find.
+"""All minima of problem (7) from many starts, and the least change that makes the problem solvable.
 
-**A covering of all attitudes**, and which of its points can have a solution near them. The points are a
-super-Fibonacci spiral on the unit quaternions: any attitude is within `RADIUS` of one of them. A direction in
-body axes moves by no more than the attitude turns, so an attitude clear of all caps is within `RADIUS` of a
-point that is inside no cap by more than `RADIUS`. Points that are, are ruled out; where all are, the problem
-is proved to have no solution.
+The starts are points of a covering of SO(3), a super-Fibonacci spiral on the unit quaternions: any attitude
+is within `RADIUS` of one of them. A direction in body axes moves by no more than the attitude turns, so an
+attitude clear of all caps is within `RADIUS` of a point that is inside no cap by more than `RADIUS`. Points
+that are, are ruled out; where all are, the problem is proved to have no solution.
 
-**The nearest goals of many satellites at once**, from a few starts each, without zones. `decompose` starts
-from as many attitudes as it takes to find the global minimum. This starts from four, quarter turns about the
-body's z axis from the start; what has no answer then is left to `decompose`.
+The descents start from the points left, those of the least slew first: a solution of slew ``theta`` lies near
+a point of slew below ``theta + RADIUS``, so once all of those have been started from, nothing better is left
+to find. Starts spread over the others find further minima.
 
-**How fast a goal follows** targets and zones that move: the rates at which tracking begins. The goal as a
-function of time is the optimum of problem (7) with the targets and zones of each instant. Its derivative
-(`sensitivity`) by their directions, times the rates of these, is the platform's angular velocity; with it the
-joints' rates are those that keep every terminal on its target.
-
-**All minima of problem (7)**, the global one first, and the least change that makes a problem solvable. The
-descents start from the points of the covering that may have a solution near them, those of the least
-slew first: a solution of slew ``theta`` lies near a point of slew below ``theta + RADIUS``, so once all of
-those have been started from, nothing better is left to find. Starts spread over the others find further
-minima.
+For many satellites at once, without zones, `nearest_attitudes` starts from four attitudes only, quarter turns
+about the body's z axis from the start; what has no answer then is left to `decompose`.
 """
 
 from collections.abc import Callable
@@ -31,12 +22,8 @@ import numpy as np
 from jax import Array
 
 from jaxplan.geometry import quaternion, rotations
-from jaxplan.goal.caps import Caps, assemble, group_excess
-from jaxplan.goal.descent import Minima, descend, descent_ends
-from jaxplan.goal.sensitivity import goal_in_time
-from jaxplan.model.constraints import Constraints
-from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets
+from jaxplan.goal.caps import Caps, GoalProblem, assemble, group_excess
+from jaxplan.goal.descent import CLEAR, LANES, Minima, descend, descent_ends
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
@@ -51,6 +38,25 @@ BEYOND = 704
 # positive roots of x^4 = x + 4 and x^2 = 2, which keep the points apart best.
 _FIRST = np.sqrt(2.0)
 _SECOND = 1.533751168755204288118041
+
+NEAR = 64
+"""Starts of the first batch with the least slew; the others are spread over the rest."""
+TOLERANCE = 1e-10
+"""rad; of the conditions of optimality."""
+LAST_TOLERANCE = 1e-7
+"""Likewise in the last round: rounding leaves more at the edge of a cone of arc seconds, bent as it is."""
+ROUNDS = 4
+"""Descents in a row from one batch of starts."""
+APART = np.deg2rad(2.0)
+"""Minima closer than this count as one."""
+STILL = 1e-9
+"""rad; a smaller slew is none."""
+PRECISION = 3e-7
+"""rad; to which the least widening is found."""
+TOGETHER = 256
+"""Satellites of one call of `nearest_attitudes`: there is one shape to compile."""
+_HALF = np.sqrt(0.5)
+_STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_HALF], [0.0, 0, 0, 1.0]])
 
 
 @lru_cache(maxsize=8)
@@ -113,10 +119,90 @@ def _depths(entries: Array, excluded: Array, rotations: Array, member: Array, gr
     return jnp.max(group_excess(depth, member, group), axis=0)
 
 
-TOGETHER = 256
-"""Problems of one call: there is one shape to compile."""
-_HALF = np.sqrt(0.5)
-_STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_HALF], [0.0, 0, 0, 1.0]])
+def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
+    """Distinct local minima of the slew, the global one first.
+
+    Args:
+        caps: what directions must stay out of.
+        count: how many are wanted at most.
+        seed: of the covering.
+
+    Returns:
+        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by slew; none without a solution.
+    """
+    points = covering_points(seed)
+    possible = np.flatnonzero(depths(caps, seed) <= 0)
+    slews = 2 * np.arccos(np.clip(points[possible, 0], -1, 1))
+    rest = possible[NEAR:]
+    spread = rest[np.linspace(0, len(rest) - 1, min(LANES - NEAR, len(rest))).astype(int)]
+    found = _minima_from(caps, points[np.concatenate([possible[:NEAR], spread])])
+    for begin in range(NEAR, len(possible), LANES):
+        if len(found) and slews[begin] > np.min(slew(found)) + RADIUS:
+            break
+        batch = points[possible[begin : begin + LANES]]
+        found = np.concatenate([found, _minima_from(caps, batch)])
+    return _distinct(found, count)
+
+
+def slew(quaternions: np.ndarray) -> np.ndarray:
+    """Angle (K,) of the rotations of unit quaternions (K, 4), the short way round."""
+    return np.asarray(rotations.angle(quaternions.T))
+
+
+def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
+    """Ends (at most K, 4) of the descents from at most one batch of starts that are local minima.
+
+    Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
+    """
+    good = np.empty((0, 4))
+    for round_ in range(ROUNDS if len(starts) else 0):
+        ends = descend(caps, starts)
+        good = ends.quaternion[ends.good(TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE)]
+        if len(good):
+            break
+        starts = ends.quaternion
+    return good
+
+
+def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
+    """The first (at most count, 4) by slew that are not close to one before."""
+    slews = slew(quaternions)
+    left = np.argsort(slews, kind="stable")
+    kept = np.empty((0, 4))
+    while len(left) and len(kept) < count:
+        best = quaternions[left[0]]
+        still = slews[left[0]] < STILL
+        kept = np.concatenate([kept, [[1.0, 0.0, 0.0, 0.0]] if still else [best if best[0] >= 0 else -best]])
+        left = left[np.abs(quaternions[left] @ best) < np.cos(APART / 2)]
+    return kept
+
+
+def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -> np.ndarray:
+    """The attitude that breaks a problem's constraints least.
+
+    The least widening with which the problem has a solution is found by bisection. Every trial starts from
+    the points that are least deep in the caps as they are, and from the last solution.
+
+    Args:
+        widened: the caps when the constraints are made easier by so many radians.
+        enough: rad; a widening with which there is a solution.
+        seed: of the covering.
+
+    Returns:
+        (4,) unit quaternion of ``E``.
+    """
+    least_deep = np.argsort(depths(widened(0), seed), kind="stable")
+    starts = covering_points(seed)[least_deep[:LANES]]
+    narrow, wide = 0.0, enough
+    while wide - narrow > PRECISION:
+        trial = (narrow + wide) / 2
+        ends = descend(widened(trial), starts)
+        solutions = ends.quaternion[ends.excess <= CLEAR]
+        if len(solutions):
+            wide, starts[0] = trial, solutions[0]
+        else:
+            narrow = trial
+    return starts[0]
 
 
 def nearest_attitudes(
@@ -149,181 +235,21 @@ def _nearest(
     spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray, limits: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     nowhere = tabulate((), (), spacecraft.device_names)
-    caps = assemble(spacecraft, starts[0], directions[0], limits, nowhere)  # the same caps for all
+    first = GoalProblem(
+        spacecraft=spacecraft, start=starts[0], directions=directions[0], joint_limits=limits, rows=nowhere
+    )
+    caps = assemble(first)  # the same for all
     used = np.repeat(directions, 5, axis=1) @ starts  # five caps a terminal, see `caps`
     toward = np.zeros((len(starts), *caps.direction.shape))
     toward[:, : used.shape[1]] = used
     with jax.enable_x64(True):
-        ends = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
-    quaternions, slew, excess, residual, curvature = ends[:, :4], *np.moveaxis(ends[:, 4:], 1, 0)
-    good = is_minimum(slew, excess, residual, curvature, LAST_TOLERANCE)
-    best = np.argmin(np.where(good, slew, np.inf), axis=-1)
-    chosen = np.take_along_axis(quaternions, best[:, None, None], axis=-1)[..., 0]
+        packed = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
+    ends = Minima(np.swapaxes(packed[:, :4], 1, 2), *np.swapaxes(packed[:, 4:], 0, 1))
+    good = ends.good(LAST_TOLERANCE)
+    best = np.argmin(np.where(good, ends.slew, np.inf), axis=-1)
+    chosen = ends.quaternion[np.arange(len(best)), best]
     attitudes = starts @ quaternion.to_matrix(chosen)
     return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
 
 
 _descents = quick_jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))
-
-
-def tracking_rates(
-    goal: Goal,
-    spacecraft: Spacecraft,
-    start_attitude: np.ndarray,
-    targets: Targets,
-    cones: Constraints,
-    *,
-    target_rates: np.ndarray,
-    axis_rates: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of platform and joints at a goal, with which it follows what moves.
-
-    Args:
-        goal: one that `decompose` found for this problem.
-        spacecraft: terminals and instruments.
-        start_attitude: (3, 3) ``R0``, body to inertial.
-        targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints as they are then.
-        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
-        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
-
-    Returns:
-        (3,) angular velocity, rad/s, body axes, and (2n,) joint rates, rad/s: together they turn every
-        terminal's beam as its target turns, exactly. Where the optimum has no derivative, the platform's is
-        the one that `differentiable_goal` chooses.
-    """
-    place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
-    with jax.enable_x64(True):
-        found = _followed(
-            place,
-            spacecraft,
-            start_attitude,
-            targets,
-            cones,
-            target_rates=target_rates,
-            axis_rates=axis_rates,
-        )
-        return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
-
-
-_followed = quick_jit(goal_in_time)
-
-
-NEAR = 64
-"""Lanes of a batch for the points with the least slew."""
-SPREAD = 64
-"""Lanes of a batch for points spread over the rest."""
-CLEAR = 5e-13
-"""rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
-TOLERANCE = 1e-10
-"""rad; of the conditions of optimality."""
-LAST_TOLERANCE = 1e-7
-"""Likewise in the last round: rounding leaves more at the edge of a cone of arc seconds, bent as it is."""
-ROUNDS = 4
-"""Descents in a row from one batch of starts."""
-APART = np.deg2rad(2.0)
-"""Minima closer than this count as one."""
-STILL = 1e-9
-"""rad; a smaller slew is none."""
-PRECISION = 3e-7
-"""rad; to which the least widening is found."""
-
-
-def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
-    """Distinct local minima of the slew, the global one first.
-
-    Args:
-        caps: what directions must stay out of.
-        count: how many are wanted at most.
-        seed: of the covering.
-
-    Returns:
-        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by slew; none without a solution.
-    """
-    points = covering_points(seed)
-    possible = np.flatnonzero(depths(caps, seed) <= 0)
-    slews = 2 * np.arccos(np.clip(points[possible, 0], -1, 1))
-    rest = possible[NEAR:]
-    spread = rest[np.linspace(0, len(rest) - 1, min(SPREAD, len(rest))).astype(int)]
-    found = _minima_from(caps, points[np.concatenate([possible[:NEAR], spread])])
-    for begin in range(NEAR, len(possible), NEAR + SPREAD):
-        if len(found) and slews[begin] > np.min(slew(found)) + RADIUS:
-            break
-        batch = points[possible[begin : begin + NEAR + SPREAD]]
-        found = np.concatenate([found, _minima_from(caps, batch)])
-    return _distinct(found, count)
-
-
-def slew(quaternions: np.ndarray) -> np.ndarray:
-    """Angle (K,) of the rotations of unit quaternions (K, 4), the short way round."""
-    return np.asarray(rotations.angle(quaternions.T))
-
-
-def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
-    """Ends (at most K, 4) of the descents from at most one batch of starts that are local minima.
-
-    Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
-    """
-    good = np.empty((0, 4))
-    for round_ in range(ROUNDS if len(starts) else 0):
-        ends = _descend(caps, starts)
-        tolerance = TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE
-        good = ends.quaternion[is_minimum(ends.slew, ends.excess, ends.residual, ends.curvature, tolerance)]
-        if len(good):
-            break
-        starts = ends.quaternion
-    return good
-
-
-def is_minimum(
-    slew: np.ndarray, excess: np.ndarray, residual: np.ndarray, curvature: np.ndarray, tolerance: float
-) -> np.ndarray:
-    """Whether ends of descents are local minima, of (...) values as in `descent.Minima`."""
-    within = (excess <= CLEAR) & (residual <= tolerance)
-    return within & (curvature >= -1e-6) & (slew <= np.pi + 1e-9)  # the longer way round is no minimum
-
-
-def _descend(caps: Caps, starts: np.ndarray) -> Minima:
-    """Descends from at most one batch of starts, repeated to fill it: there is one shape to compile."""
-    return descend(caps, np.resize(starts, (NEAR + SPREAD, 4)))
-
-
-def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
-    """The first (at most count, 4) by slew that are not close to one before."""
-    slews = slew(quaternions)
-    left = np.argsort(slews, kind="stable")
-    kept = np.empty((0, 4))
-    while len(left) and len(kept) < count:
-        best = quaternions[left[0]]
-        still = slews[left[0]] < STILL
-        kept = np.concatenate([kept, [[1.0, 0.0, 0.0, 0.0]] if still else [best if best[0] >= 0 else -best]])
-        left = left[np.abs(quaternions[left] @ best) < np.cos(APART / 2)]
-    return kept
-
-
-def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -> np.ndarray:
-    """The attitude that breaks a problem's constraints least.
-
-    The least widening with which the problem has a solution is found by bisection. Every trial starts from
-    the points that are least deep in the caps as they are, and from the last solution.
-
-    Args:
-        widened: the caps when the constraints are made easier by so many radians.
-        enough: rad; a widening with which there is a solution.
-        seed: of the covering.
-
-    Returns:
-        (4,) unit quaternion of ``E``.
-    """
-    least_deep = np.argsort(depths(widened(0), seed), kind="stable")
-    starts = covering_points(seed)[least_deep[: NEAR + SPREAD]]
-    narrow, wide = 0.0, enough
-    while wide - narrow > PRECISION:
-        trial = (narrow + wide) / 2
-        ends = _descend(widened(trial), starts)
-        solutions = ends.quaternion[ends.excess <= CLEAR]
-        if len(solutions):
-            wide, starts[0] = trial, solutions[0]
-        else:
-            narrow = trial
-    return starts[0]

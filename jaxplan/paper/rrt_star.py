@@ -22,9 +22,9 @@ import numpy as np
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.search.calls import Call, Scenes
-from jaxplan.search.problem import SearchResult
-from jaxplan.search.smoothing.shortcut import ARRIVED, between
-from jaxplan.search.trees import FEW, LEAST, MANY, Space, Tree, reached, search_by_trees
+from jaxplan.search.paths import ARRIVED, between
+from jaxplan.search.rrt_connect import FEW, LEAST, MANY, Space, Tree, reached, search_by_trees
+from jaxplan.search.scene import SearchResult
 
 RANGE = 10.0
 GOAL_BIAS = 0.05

@@ -8,19 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal import decompose, goal_limits
-from jaxplan.goal.beside import GoalProblem, goals_beside
-from jaxplan.goal.caps import leaves_open
-from jaxplan.goal.multistart import tracking_rates
+from jaxplan.goal import decompose, tracking_rates
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches
-
-CANDIDATES = 16
-"""Goals of step 1 to choose from where their joints decide more; hardly a problem has as many minima."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,35 +42,20 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     if isinstance(asked, GivenState):
         candidates: tuple[Goal, ...] = (_given(asked, start),)
     else:
-        craft, rows = scenario.spacecraft, scenario.constraints.at(end)
-        targets = asked.at(end)
-        sights = rows.sights(craft.mounts, craft.fixed_boresights)
-        unsure = leaves_open(rows, sights, targets.directions)
+        rows, most = scenario.constraints.at(end), largest_slew(scenario)
         found = decompose(
-            craft,
+            scenario.spacecraft,
             start,
-            targets,
+            asked.at(end),
             rows,
-            max_slew=largest_slew(scenario),
-            max_goals=max(wanted, CANDIDATES) if unsure else wanted,
+            max_slew=most,
+            max_goals=wanted,
             seed=scenario.search.seed,
         )
         if not found.goals:
             message = messages.unreachable(scenario, rows, found) + messages.when(scenario, end)
             return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
         candidates = found.goals
-        if unsure and _broken(scenario, candidates[0], end):
-            problem = GoalProblem(
-                spacecraft=craft,
-                start=start,
-                directions=np.asarray(targets.directions, float).reshape(-1, 3),
-                joint_limits=goal_limits(craft, targets),
-                rows=rows,
-                max_slew=largest_slew(scenario),
-            )
-            around = np.stack([goal.attitude for goal in candidates])
-            more = goals_beside(problem, around, scenario.search.seed)
-            candidates = tuple(sorted([*candidates, *more], key=lambda goal: goal.slew_angle))
     if moves(scenario):
         candidates = tuple(_arriving(scenario, goal, end) for goal in candidates)
     broken = [_broken(scenario, goal, end) for goal in candidates]

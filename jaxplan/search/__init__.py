@@ -16,9 +16,9 @@ from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
 from jaxplan.search import mha, rrt_connect
-from jaxplan.search.calls import POOL, Scenes, SearchRun, completed, layout, picked
-from jaxplan.search.fields import Barrier, find_barrier, most_obstructive
-from jaxplan.search.problem import Scene, SearchResult, derived_seed, make_scene
+from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
+from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
+from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 Method = Callable[[Scenes, Sequence[SearchSettings]], list[SearchResult]]
@@ -108,27 +108,20 @@ def search_batch(
     """
     if len(settings) != len(scenes):
         raise ValueError(f"settings: must be one a scene, {len(scenes)}, not {len(settings)}")
-    lost = SearchResult(status=Status.NODE_LIMIT, path=None, expansions=0)
-    results = [None if np.isfinite(scene.straight_steps) else lost for scene in scenes]
+    results = [SearchResult(status=Status.NODE_LIMIT, path=None, expansions=0)] * len(scenes)
+    finite = [number for number, scene in enumerate(scenes) if np.isfinite(scene.straight_steps)]
     share = [replace(own, time_limit=own.time_limit * len(scenes)) for own in settings]
-
-    def of_all(numbers: list[int]) -> list[SearchResult]:
-        """The results of scenes whose ends are finite."""
-        found: dict[int, SearchResult] = {}
-        groups = [[0]]  # of one nothing needs to be told apart
-        if len(numbers) > 1:
-            groups = grouped(numbers, lambda number: (settings[number].method, layout(scenes[number])))
-        for group in groups:
-            for part in parts(picked(numbers, group), POOL):
-                together = Scenes(picked(scenes, part))
-                own = picked(share, part)
-                found.update(zip(part, _method(own[0].method)(together, own), strict=True))
-                if seconds is not None:
-                    seconds.spent[list(part)] += together.seconds.spent
-        return [found[number] for number in numbers]
-
-    with jax.enable_x64(True):
-        return completed(results, of_all)
+    groups = grouped(finite, lambda number: (settings[number].method, scenes[number].packed[0]))
+    for numbers in (part for group in groups for part in parts(picked(finite, group), POOL)):
+        together = Scenes(picked(scenes, numbers))
+        search = _method(settings[numbers[0]].method)
+        with jax.enable_x64(True):
+            found = search(together, picked(share, numbers))
+        for number, result, spent in zip(numbers, found, together.seconds.spent, strict=True):
+            results[number] = result
+            if seconds is not None:
+                seconds.spent[number] += spent
+    return results
 
 
 __all__ = [

@@ -1,11 +1,11 @@
 """Kernel calls about one scene or many, and the runs that wait for them.
 
-A `Kernel` is a jitted function of a scene and some arrays. `Scenes` are scenes of equal shapes, stacked on
-the device, so that calls about different scenes are answered in one. Whatever has queues or trees is a
-`jaxplan.runtime.batching.Run` that asks for one `Call` after the other; `Scenes.run` drives one of each
+A kernel is a jitted function of a scene and some arrays. `Scenes` are scenes of one layout, whose vectors are
+stacked on the device, so that calls about different scenes are answered in one. Whatever has queues or trees
+is a `jaxplan.runtime.batching.Run` that asks for one `Call` after the other; `Scenes.run` drives one of each
 scene.
 
-On the CPU the calls of a batch are a loop over the code of the single one, which saves what a call costs by
+On the CPU the calls of a batch are a loop over the code of a single one, which saves what a call costs by
 itself and keeps its working set in the cache. On an accelerator they are computed side by side, where last
 digits may differ.
 """
@@ -23,7 +23,7 @@ from jax import Array
 from jaxplan.runtime.batching import Run, Seconds, in_groups, run_all
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.search.problem import Scene
+from jaxplan.search.scene import Layout, Scene
 
 # Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
 # accelerator as many as it computes side by side without taking longer. Fixed, so that kernels compile once.
@@ -35,57 +35,39 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 
-def most_calls() -> int:
-    """Calls that are answered in one on JAX's default device."""
-    return CPU_CALLS if jax.default_backend() == "cpu" else ACCELERATOR_CALLS
-
-
 class Kernel:
-    """A pure function of (scene, arrays ..., gate) that answers with one array, jitted for one or many calls.
-
-    The gate is that of `motions.computed_once`.
-    """
+    """A pure function of (scene, arrays ...) that answers with one array, jitted for several calls."""
 
     def __init__(self, function: Callable[..., Array]) -> None:
-        self._one = quick_jit(function)
-        self._many = quick_jit(partial(_many, function), static_argnames="vectorized")
-
-    def __call__(self, scene: Scene, *arguments: Any) -> np.ndarray:
-        """The answer for one scene, which is on the device."""
-        return np.asarray(self._one(scene, *arguments, True))
-
-    def many(
-        self, scenes: Scene, places: np.ndarray, count: int, arguments: Sequence[np.ndarray]
-    ) -> np.ndarray:
-        """The answers for several scenes.
-
-        Args:
-            scenes: stacked, on the device.
-            places: (`most_calls`,) which scene each call is about.
-            count: how many of the calls count.
-            arguments: of the calls, stacked likewise.
-
-        Returns:
-            As many answers, of which the first `count` count.
-        """
-        vectorized = jax.default_backend() != "cpu"
-        return np.asarray(self._many(scenes, places, count, True, *arguments, vectorized=vectorized))
+        self.answers = quick_jit(partial(_answers, function), static_argnames="layout")
 
 
-def _many(
+def _answers(
     function: Callable[..., Array],
-    scenes: Scene,
+    layout: Layout,
+    scenes: Array,
     places: Array,
     count: Array,
-    gate: Array,
     *arguments: Array,
-    vectorized: bool,
 ) -> Array:
-    def one(call: Array) -> Array:
-        scene = jax.tree.map(lambda leaf: leaf[places[call]], scenes)
-        return function(scene, *(argument[call] for argument in arguments), gate)
+    """The answers to calls.
 
-    if vectorized:
+    Args:
+        function: of the kernel.
+        layout: of the scenes.
+        scenes: (s, numbers) their vectors.
+        places: (c,) which scene each call is about.
+        count: how many of the calls, the first ones, are to be answered.
+        arguments: of the calls, (c, ...) each.
+    """
+
+    def one(call: Array) -> Array:
+        scene = layout.scene(scenes[places[call]])
+        return function(scene, *(argument[call] for argument in arguments))
+
+    if places.shape[0] == 1:  # XLA would take a loop over little for code that cannot call LAPACK
+        return one(jnp.zeros((), int))[None]
+    if jax.default_backend() != "cpu":
         return jax.vmap(one)(jnp.arange(places.shape[0]))
     shape = jax.eval_shape(one, 0)
     blank = jnp.zeros((places.shape[0], *shape.shape), shape.dtype)
@@ -99,7 +81,7 @@ class Call:
 
     Attributes:
         kernel: to be called.
-        arguments: numpy arrays or floats between scene and gate.
+        arguments: numpy arrays or floats that it takes beside the scene.
     """
 
     kernel: Kernel
@@ -119,7 +101,7 @@ class SearchRun(Run, Protocol):
 
 
 class Scenes:
-    """Scenes of equal shapes, with the answers of kernels about them and the time that each has taken.
+    """Scenes of one layout, with the answers of kernels about them and the time that each has taken.
 
     Attributes:
         scenes: some of those that are stacked, in the order in which answers are given.
@@ -130,25 +112,28 @@ class Scenes:
         self.scenes = list(scenes)
         self.seconds = Seconds(len(scenes))
         self._places = list(range(len(scenes)))
-        self._stack = _Stack(self.scenes)
-
-    def __len__(self) -> int:
-        return len(self.scenes)
+        alone = len(scenes) == 1
+        backend = jax.default_backend()
+        self._most = 1 if alone else CPU_CALLS if backend == "cpu" else ACCELERATOR_CALLS  # calls in one
+        self._layout, first = scenes[0].packed
+        vectors = np.zeros((1 if alone else POOL, len(first)))
+        for place, scene in enumerate(scenes):
+            vectors[place] = scene.packed[1]
+        with jax.enable_x64(True):
+            self._vectors = vectors if alone else jnp.asarray(vectors)
 
     def part(self, numbers: Sequence[int]) -> "Scenes":
-        """Some of the scenes, sharing stack and seconds with all."""
+        """Some of the scenes, with the stack and the seconds of all."""
         some = object.__new__(Scenes)
+        some.__dict__ |= self.__dict__
         some.scenes, some._places = picked(self.scenes, numbers), picked(self._places, numbers)
-        some.seconds, some._stack = self.seconds, self._stack
         return some
 
     def answers(self, calls: Sequence[Call]) -> list[np.ndarray]:
         """The answers to one call about each scene; to each scene its share of the time is added."""
         asked = list(zip(self._places, calls, strict=True))
         with jax.enable_x64(True), self.seconds.shared(self._places):
-            if len(asked) == 1:  # alike by itself
-                return self._stack.answers(asked)
-            return in_groups(asked, lambda one: one[1].kind, self._stack.answers, most=most_calls())
+            return in_groups(asked, lambda one: one[1].kind, self._answered, most=self._most)
 
     def run(self, runs: Sequence[Run]) -> None:
         """Drive one run of each scene to its end."""
@@ -156,50 +141,24 @@ class Scenes:
             if len(runs) == 1:  # needs no order of calls, nor to share out the time
                 with self.seconds.shared(self._places):
                     while (call := runs[0].next_request()) is not None:
-                        runs[0].accept(self._stack.answers([(self._places[0], call)])[0])
+                        runs[0].accept(self._answered([(self._places[0], call)])[0])
                 return
             own = Seconds(len(runs))
-            run_all(runs, self._answers_of, most=most_calls(), seconds=own)
+            run_all(runs, self._answers_of, most=self._most, seconds=own)
             self.seconds.spent[self._places] += own.spent
 
     def _answers_of(self, numbers: Sequence[int], calls: Sequence[Call]) -> list[np.ndarray]:
         """The answers to calls of one kind about the scenes of these numbers."""
-        return self._stack.answers(list(zip(picked(self._places, numbers), calls, strict=True)))
+        return self._answered(list(zip(picked(self._places, numbers), calls, strict=True)))
 
-
-class _Stack:
-    """Scenes as the kernels take them: one as it is, several as arrays of `POOL` scenes."""
-
-    def __init__(self, scenes: Sequence[Scene]) -> None:
-        self._scenes = scenes
-        self._stacked: Scene | None = None
-
-    def answers(self, calls: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
-        """The answers to at most `most_calls` of one kind, each with the number of its scene."""
-        if len(self._scenes) == 1:
-            scene = self._scenes[0].on_device
-            return [call.kernel(scene, *call.arguments) for _, call in calls]
-        if self._stacked is None:
-            self._stacked = _stacked(self._scenes)
-        padded = [*calls, *[calls[0]] * (most_calls() - len(calls))]
-        places = np.array([number for number, _ in padded], np.int32)
+    def _answered(self, asked: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
+        """The answers to a few calls of one kind, each with the place of its scene in the stack."""
+        padded = [*asked, *[asked[0]] * (self._most - len(asked))]
+        places = np.array([place for place, _ in padded], np.int32)
         columns = zip(*(call.arguments for _, call in padded), strict=True)
         arguments = [np.stack(column) for column in columns]
-        return list(calls[0][1].kernel.many(self._stacked, places, len(calls), arguments)[: len(calls)])
-
-
-def _stacked(scenes: Sequence[Scene]) -> Scene:
-    """Scenes as one with POOL of everything, the first repeated, on the device."""
-    full = [*scenes, *[scenes[0]] * (POOL - len(scenes))]
-    columns = zip(*(jax.tree.leaves(scene) for scene in full), strict=True)
-    stacked = [np.stack(column) for column in columns]
-    return jax.device_put(jax.tree.unflatten(jax.tree.structure(scenes[0]), stacked))
-
-
-def layout(scene: Scene) -> tuple[Any, ...]:
-    """Tree structure and shapes of a scene: scenes that share them can be stacked."""
-    leaves, structure = jax.tree.flatten(scene)
-    return structure, *(np.shape(leaf) for leaf in leaves)
+        answers = asked[0][1].kernel.answers(self._layout, self._vectors, places, len(asked), *arguments)
+        return list(np.asarray(answers)[: len(asked)])
 
 
 def picked(items: Sequence[Item], numbers: Sequence[int]) -> list[Item]:

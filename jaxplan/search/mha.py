@@ -1,33 +1,30 @@
 """The default planner: what is quickest first, then multi-heuristic A* and trees in a race.
 
+1. The straight motion to the goal.
+2. An elastic band that descends from it (`smoothing`): near the shortest, and often all that is needed.
+3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics below), which tries the
+   straight motion again from every child (analytic expansion) and, from time to time, expands any node,
+   whatever its key. All edges are checked whole.
+4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path. Heuristics lead a
+   search well or, now and then, long astray; trees that grow at random are seldom quick and seldom astray.
+   Side by side, call by call, they are never much slower than the better of the two.
+
+Each is a stage of all scenes that the one before has not settled. The paths that are searched are smoothed.
+If one is a long way round, or if it is asked for, 3 and 4 are then repeated with other random moves, for
+paths that pass the zones on other sides, and the shortest is kept.
+
 **Moves**: an expansion that can leave the goal's values again. Attitude moves: toward the goal, stay, and
 random directions; each joint goes toward its goal, stays or goes away, of which a sample of combinations is
 tried. The joints of a terminal that a keep-in zone holds follow the zone instead of staying. Moves are
 `SCALES` steps long in turn, and clipped at goal and limits, not dropped.
 
-The cost of a move is the steps it takes, the largest over platform and joints, so the cost of the straight
-motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality: it is the
-anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the anchor consistent, a path
-found by the queues costs at most ``w1 w2`` times the cheapest in the graph of the moves that were drawn; of
-the continuous problem that graph is a sample, so there it is no bound.
-
-The further queues are the three heuristics of equation (15), and two that see the zones (`fields`), each
-scaled to agree with the anchor at the start, so that the weight ``w2`` compares like with like.
-
-**A race** of two searches that take turns until one has a path. Heuristics lead a search well or, now and
-then, long astray; trees that grow at random are seldom quick and seldom astray. Side by side, call by call,
-they are never much slower than the better of the two.
-
-1. The straight motion to the goal.
-2. An elastic band that descends from it (`smoothing`): near the shortest, and often all that is needed.
-3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics above), which tries the
-   straight motion again from every child (analytic expansion) and, from time to time, expands any node,
-   whatever its key. All edges are checked whole.
-4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path.
-
-Each is a stage of all scenes that the one before has not settled. The paths that are searched are smoothed.
-If one is a long way round, or if it is asked for, 3 and 4 are then repeated with other random moves, for
-paths that pass the zones on other sides, and the shortest is kept.
+**Heuristics**: the cost of a move is the steps it takes, the largest over platform and joints, so the cost
+of the straight motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle
+inequality: it is the anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the
+anchor consistent, a path found by the queues costs at most ``w1 w2`` times the cheapest in the graph of the
+moves that were drawn; of the continuous problem that graph is a sample, so there it is no bound. The further
+queues are the three heuristics of equation (15), and two that see the zones (`fields`), each scaled to agree
+with the anchor at the start, so that the weight ``w2`` compares like with like.
 """
 
 import math
@@ -46,14 +43,13 @@ from jaxplan.model.spacecraft import joints_along
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
 from jaxplan.search.calls import Scenes, SearchRun, completed, picked
+from jaxplan.search.expansion import Expansion, Moves
 from jaxplan.search.fields import Fields
-from jaxplan.search.kernels import Expansion, Moves
-from jaxplan.search.multi_heuristic import Rules, Search, straight_paths
-from jaxplan.search.problem import JOINT_RESERVE, Scene, SearchResult, derived_seed
-from jaxplan.search.rrt_connect import Connect
+from jaxplan.search.multi_heuristic import Node, Rules, Search, unrotated
+from jaxplan.search.paths import straight_paths
+from jaxplan.search.rrt_connect import Connect, Space
+from jaxplan.search.scene import JOINT_RESERVE, Scene, SearchResult, derived_seed
 from jaxplan.search.smoothing import Band, smooth_results, straight_bands
-from jaxplan.search.tree import Node, unrotated
-from jaxplan.search.trees import Space
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).
@@ -61,6 +57,17 @@ SCALES = (8.0, 4.0, 8.0, 2.0)
 # The anchor, the three heuristics of equation (15), and two that see the zones.
 QUEUES = 6
 _TOWARD, _STAY, _AWAY = 0, 1, 2
+# No improvement is looked for of a path within this factor of the straight motion's length.
+SHORT_ENOUGH = 1.001
+# A clear band from the straight motion within this factor of its length is taken without a search.
+BAND_ENOUGH = 1.05
+# Instead of a path beyond this factor of its length others are looked for, so many times the factor, and not
+# for long: which way round zones a search goes first is a matter of luck.
+DETOUR, DETOUR_LOOKS, DETOUR_EXPANSIONS = 1.25, 3, 48
+# Expansions after which trees join in.
+HEAD_START = 48
+
+Bands = Sequence[Band | None]
 
 
 def rules(scene: Scene) -> Rules:
@@ -103,20 +110,18 @@ def propose(
     away = node.joints + np.where(remaining > 0, -joint_steps, joint_steps)
     bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
     options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
-    held = np.flatnonzero(scene.held)
     choice = _joint_moves(scene, rng)
-    if not len(held):
+    if not scene.held_axes:
         return Moves(turns, options[None], choice)
     every = np.repeat(options[None], len(turns), axis=0)
-    every[:, _STAY] = _following(scene, node, turns, held, bound)
+    every[:, _STAY] = _following(scene, node, turns, bound)
     return Moves(turns, every, choice)
 
 
-def _following(
-    scene: Scene, node: Node, turns: np.ndarray, held: np.ndarray, bound: np.ndarray
-) -> np.ndarray:
+def _following(scene: Scene, node: Node, turns: np.ndarray, bound: np.ndarray) -> np.ndarray:
     """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
-    now = unrotated(node.since, scene.held_axes[held] @ scene.start_attitude)  # (held, 3), body axes
+    held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
+    now = unrotated(node.since, axes @ scene.start_attitude)  # (held, 3), body axes
     turned = np.stack(rotations.exp(turns.T), axis=-1)
     seen = unrotated(turned, now)
     joints = np.repeat(node.joints[None], len(turns), axis=0)
@@ -131,9 +136,8 @@ def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
         return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
     choice = rng.integers(0, 3, (JOINT_MOVES, joints), dtype=np.int32)
     choice[0] = _TOWARD
-    if np.any(scene.held):
-        held = np.tile(scene.held, 2)
-        choice[1 : JOINT_MOVES // 2, held] = _STAY  # half of the moves keep every link
+    for terminal in scene.held_axes:  # half of the moves keep every link
+        choice[1 : JOINT_MOVES // 2, terminal :: len(scene.mounts)] = _STAY
     return choice
 
 
@@ -171,78 +175,48 @@ class Race:
     """
 
     def __init__(self, first: SearchRun, second: SearchRun, *, head_start: int) -> None:
-        self._first, self._second = _Runner(first), _Runner(second)
-        self._head_start = head_start
-        self._turn = self._first
+        self._runs = first, second
+        self._calls: dict[int, Any] = {}  # that those under way wait for, None at their ends
+        self._results: dict[int, SearchResult] = {}  # of those that have ended
+        self._turn, self._head_start = 0, head_start
 
     def next_request(self) -> Any:
         """The call of the search whose turn it is; None once one has a path, or both have ended."""
-        first, second = self._first, self._second
-        if self._head_start > 0 and first.call is not None:
+        if self._head_start > 0 and self._call(0) is not None:
             self._head_start -= 1
-            return first.call
+            return self._call(0)
         self._head_start = 0
-        if first.has_path:
+        if self._has_path(0):
             return None
-        other = second if self._turn is first else first
-        if other.call is not None:
+        other = 1 - self._turn
+        if self._call(other) is not None:
             self._turn = other
-        return None if second.has_path else self._turn.call
+            return self._calls[other]
+        return None if self._has_path(1) else self._call(self._turn)
 
     def accept(self, answer: Any) -> None:
         """Go on with the search whose call has been answered."""
-        self._turn.accept(answer)
+        self._runs[self._turn].accept(answer)
+        self._go_on(self._turn)
 
     def result(self) -> SearchResult:
         """The result with a path; where there is none, that of the first."""
-        winner = self._second if self._second.has_path else self._first
-        assert winner.result is not None, "the race is under way"
-        return winner.result
+        return self._results[1 if self._has_path(1) else 0]
 
+    def _call(self, one: int) -> Any:
+        """The call that a search waits for; it begins when that is asked first."""
+        if one not in self._calls:
+            self._go_on(one)
+        return self._calls[one]
 
-class _Runner:
-    """One of the two: the call that it waits for while it is under way, then its result."""
+    def _go_on(self, one: int) -> None:
+        self._calls[one] = self._runs[one].next_request()
+        if self._calls[one] is None:
+            self._results[one] = self._runs[one].result()
 
-    def __init__(self, run: SearchRun) -> None:
-        self.run = run
-        self.result: SearchResult | None = None
-        self._call: Any = None
-        self._begun = False
-
-    @property
-    def call(self) -> Any:
-        """What it waits for; it begins when that is asked first."""
-        if not self._begun:
-            self._begun = True
-            self._go_on()
-        return self._call
-
-    @property
-    def has_path(self) -> bool:
-        """Whether it has ended with a path."""
-        return self.result is not None and self.result.path is not None
-
-    def accept(self, answer: Any) -> None:
-        self.run.accept(answer)
-        self._go_on()
-
-    def _go_on(self) -> None:
-        self._call = self.run.next_request()
-        if self._call is None:
-            self.result = self.run.result()
-
-
-# No improvement is looked for of a path within this factor of the straight motion's length.
-SHORT_ENOUGH = 1.001
-# A clear band from the straight motion within this factor of its length is taken without a search.
-BAND_ENOUGH = 1.05
-# Instead of a path beyond this factor of its length others are looked for, so many times the factor, and not
-# for long: which way round zones a search goes first is a matter of luck.
-DETOUR, DETOUR_LOOKS, DETOUR_EXPANSIONS = 1.25, 3, 48
-# Expansions after which trees join in.
-HEAD_START = 48
-
-Bands = Sequence[Band | None]
+    def _has_path(self, one: int) -> bool:
+        """Whether a search has ended with a path."""
+        return one in self._results and self._results[one].path is not None
 
 
 def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
@@ -256,23 +230,20 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
         OK with a path whose every edge is clear, or why there is none.
     """
     begin = working_time()
-    straight = [_without_expansion(path) for path in straight_paths(scenes, settings)]
 
     def past_zones(rest: list[int]) -> list[SearchResult]:
-        return _past_zones(scenes.part(rest), picked(settings, rest), begin)
+        """Bands that are nearly as short as the straight motion, or searched paths."""
+        some, own = scenes.part(rest), picked(settings, rest)
+        bands = straight_bands(some, own)
 
-    return completed(straight, past_zones)
+        def searched(left: list[int]) -> list[SearchResult]:
+            return _searched(some.part(left), picked(own, left), picked(bands, left), begin)
 
+        return completed(
+            [_near_straight(*one) for one in zip(some.scenes, own, bands, strict=True)], searched
+        )
 
-def _past_zones(scenes: Scenes, settings: Sequence[SearchSettings], begin: float) -> list[SearchResult]:
-    """Paths where the straight motion is not clear: bands that are nearly as short, or searched paths."""
-    bands = straight_bands(scenes, settings)
-    near = [_near_straight(*one) for one in zip(scenes.scenes, settings, bands, strict=True)]
-
-    def searched(rest: list[int]) -> list[SearchResult]:
-        return _searched(scenes.part(rest), picked(settings, rest), picked(bands, rest), begin)
-
-    return completed(near, searched)
+    return completed([_without_expansion(path) for path in straight_paths(scenes, settings)], past_zones)
 
 
 def _near_straight(scene: Scene, settings: SearchSettings, band: Band | None) -> SearchResult | None:

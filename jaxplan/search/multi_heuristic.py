@@ -1,12 +1,5 @@
 """The multi-heuristic A* of the paper's section 3.2.2: one anchor queue and any number of others.
 
-Priority queues that take the children of an expansion as one lazily opened block.
-
-Pushing several hundred children onto several heaps costs more than computing them. Here each heap holds one
-entry a block, under the key of the block's best child that is left; once that child is taken, from
-whichever queue, the block goes back under its next best. Ties are broken by the order of insertion, so
-that a search is deterministic.
-
 Plain Python around the jitted expansion. A `Rules` object says how children are proposed and priced, so the
 printed method and the default planner are two sets of rules over this loop. Queue 0 is the anchor; queue
 i is keyed by ``g + w1 h_i``. The others take turns, and each is followed while its best key is at most ``w2``
@@ -15,11 +8,8 @@ or, as printed, independent. The search ends when the best way found to the goal
 next key.
 """
 
-import heapq
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from itertools import count
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,112 +18,126 @@ from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
 from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.expansion import (
+    EDGE_INTERVALS,
+    ONWARD_INTERVALS,
+    Expansion,
+    Moves,
+    chosen,
+    expansion,
+    expansion_call,
+)
 from jaxplan.search.fields import Fields, distance_fields, no_fields
-from jaxplan.search.kernels import Expansion, Moves, expansion, expansion_call, straight_call
-from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
-from jaxplan.search.problem import TAPER_STEPS, Scene, SearchResult
-from jaxplan.search.smoothing.shortcut import ARRIVED
-from jaxplan.search.tree import Children, Node, make_root, trace
-
-
-@dataclass(slots=True, eq=False)
-class Block:
-    """The children of one expansion, shared by all queues that hold it.
-
-    Attributes:
-        content: whatever the search needs to make a child's node.
-        keys: (queues, children), the smallest coming out first, +inf for a child that is not to be had.
-    """
-
-    content: Any
-    keys: np.ndarray
-
-
-@dataclass(slots=True)
-class LazyQueue:
-    """A priority queue of blocks of children.
-
-    Attributes:
-        row: of the blocks' keys.
-        heap: entries (key, tie, child, block).
-        ties: insertion counter.
-    """
-
-    row: int
-    heap: list[tuple[float, int, int, Block]] = field(default_factory=list)
-    ties: count = field(default_factory=count)
-
-    def push(self, block: Block) -> None:
-        """Add the children of a block."""
-        best = int(block.keys[self.row].argmin())
-        key = float(block.keys[self.row, best])
-        if key < np.inf:
-            heapq.heappush(self.heap, (key, next(self.ties), best, block))
-
-    def min_key(self) -> float:
-        """Smallest key of a child that is still to be had, infinity when there is none."""
-        while self.heap:
-            key, tie, child, block = self.heap[0]
-            keys = block.keys[self.row]
-            if keys[child] == key:
-                return key
-            best = int(keys.argmin())  # the child has been taken
-            if keys[best] == np.inf:
-                heapq.heappop(self.heap)
-            else:
-                heapq.heapreplace(self.heap, (float(keys[best]), tie, best, block))
-        return float("inf")
-
-    def pop(self) -> tuple[Block, int]:
-        """Take the child of smallest key from all queues; `min_key` must have been finite."""
-        _, _, child, block = self.heap[0]
-        block.keys[:, child] = np.inf
-        return block, child
-
-
-@dataclass(slots=True)
-class ExplorationQueue:
-    """A queue that takes any child, whatever its key: type-based exploration.
-
-    Blocks are put into buckets by the cost of their parent and of what is ahead of it; a bucket is drawn
-    uniformly, then a block of it, then a child of that. When all heuristics point the same wrong way, this
-    is what gets the search out.
-
-    Attributes:
-        buckets: blocks by type.
-    """
-
-    buckets: dict[tuple[int, int], list[Block]] = field(default_factory=dict)
-
-    def push(self, block: Block, kind: tuple[int, int]) -> None:
-        """Add the children of a block."""
-        self.buckets.setdefault(kind, []).append(block)
-
-    def pop(self, rng: np.random.Generator) -> tuple[Block, int] | None:
-        """Take a random child from all queues; None when there is none."""
-        while self.buckets:
-            kind = list(self.buckets)[rng.integers(len(self.buckets))]
-            blocks = self.buckets[kind]
-            place = int(rng.integers(len(blocks)))
-            block = blocks[place]
-            open_children = np.flatnonzero(np.isfinite(block.keys[0]))
-            if len(open_children):
-                child = int(open_children[rng.integers(len(open_children))])
-                block.keys[:, child] = np.inf
-                return block, child
-            blocks[place] = blocks[-1]
-            blocks.pop()
-            if not blocks:
-                del self.buckets[kind]
-        return None
-
+from jaxplan.search.paths import ARRIVED, subdivide
+from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
+from jaxplan.search.scene import Scene, SearchResult, tapered
 
 # Every so many turns the exploration queue has its own.
 EXPLORE_EVERY = 6
 
 _EDGE = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
 _ONWARD = np.arange(ONWARD_INTERVALS + 1) / ONWARD_INTERVALS
-_STRAIGHT = np.arange(STRAIGHT_INTERVALS + 1) / STRAIGHT_INTERVALS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A state of the search.
+
+    Attributes:
+        packed: (7 + 2n,) attitude relative to the start as a unit quaternion, rotation vector to the goal in
+            body axes, joints, as the kernel takes it.
+        cost: ``g``, of the way from the start.
+        ahead: cost in steps of the straight motion to the goal, ``h_max``.
+        parent: the node before, None for the start.
+    """
+
+    packed: np.ndarray
+    cost: float
+    ahead: float
+    parent: "Node | None"
+
+    @property
+    def since(self) -> np.ndarray:
+        """(4,) unit quaternion of the attitude relative to the start."""
+        return self.packed[:4]
+
+    @property
+    def to_goal(self) -> np.ndarray:
+        """(3,) rotation vector to the goal, body axes."""
+        return self.packed[4:7]
+
+    @property
+    def joints(self) -> np.ndarray:
+        """(2n,) rad."""
+        return self.packed[7:]
+
+    def state(self) -> bytes:
+        """The same for nodes of the same state; the way to the goal tells the attitude."""
+        return (np.rint(self.packed[4:] * 1e9) + 0.0).tobytes()  # + 0.0: no negative zero
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Children:
+    """The children of a node, before any of them is made a node.
+
+    Attributes:
+        parent: their parent.
+        moves: what was tried.
+        expansion: what the kernel says of it.
+        costs: (A, M) ``g``.
+    """
+
+    parent: Node
+    moves: Moves
+    expansion: Expansion
+    costs: np.ndarray
+
+    def make(self, child: int) -> Node:
+        """The node of one child, numbered attitude move first."""
+        attitude_move, joint_move = divmod(child, len(self.moves.choice))
+        options = self.moves.options[attitude_move if len(self.moves.options) > 1 else 0]
+        change = chosen(options, self.moves.choice[joint_move])
+        packed = np.concatenate([self.expansion.places[attitude_move], self.parent.joints + change])
+        return Node(
+            packed,
+            float(self.costs[attitude_move, joint_move]),
+            float(self.expansion.heuristics[0, attitude_move, joint_move]),
+            self.parent,
+        )
+
+
+# The rows, flattened, are the matrices that take the vector product with e_x, e_y and e_z from the right.
+_PRODUCTS = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], float
+)
+
+
+def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) turned by the inverses of unit quaternions (..., 4): (..., k, 3)."""
+    across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
+    twice = 2 * (vectors @ across)
+    return vectors + quaternions[..., :1, None] * twice + twice @ across
+
+
+def make_root(scene: Scene) -> Node:
+    """The start as a node."""
+    packed = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.goal_coordinates, scene.start_joints])
+    return Node(packed, 0.0, scene.straight_steps, None)
+
+
+def trace(scene: Scene, arrival: Node) -> Path:
+    """The path from the start through a node's ancestors, and straight on to the goal.
+
+    Args:
+        scene: the problem.
+        arrival: the node from which the straight motion is clear, or the goal itself.
+    """
+    corners = [scene.ends[1]] if arrival.ahead > ARRIVED else []
+    node: Node | None = arrival
+    while node is not None:
+        corners.append(np.concatenate([node.since, node.joints]))
+        node = node.parent
+    return subdivide(scene, np.array(corners[::-1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,28 +163,6 @@ class Rules:
     direct: bool
     queues: int
     informed: bool
-
-
-def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Path | None]:
-    """The straight motions to the goals, None where one is not as clear as wanted.
-
-    Where start and goal are the same, the path is one node.
-    """
-    roots = [make_root(scene) for scene in scenes.scenes]
-    paths = [
-        None if root.ahead > ARRIVED else trace(scene, root)
-        for scene, root in zip(scenes.scenes, roots, strict=True)
-    ]
-    tried = [number for number, path in enumerate(paths) if path is None]
-    calls = [_straight_call(roots[number], settings[number]) for number in tried]
-    for number, slacks in zip(tried, scenes.part(tried).answers(calls), strict=True):
-        if np.all(slacks >= 0):
-            paths[number] = trace(scenes.scenes[number], roots[number])
-    return paths
-
-
-def _straight_call(root: Node, settings: SearchSettings) -> Call:
-    return straight_call(root.packed, _taper(settings, root, _STRAIGHT, root.ahead))
 
 
 def search_by(rules: Rules, scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
@@ -365,4 +347,4 @@ def _taper(settings: SearchSettings, node: Node, fraction: np.ndarray, length: f
         (k,).
     """
     steps = np.minimum(node.cost + fraction[:-1] * length, node.ahead - fraction[1:] * length)
-    return settings.clearance * np.maximum(np.minimum(steps / TAPER_STEPS, 1), 0)
+    return np.asarray(tapered(settings.clearance, steps))

@@ -5,12 +5,20 @@ from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
 
 from jaxplan.goal import descent, multistart
-from jaxplan.goal.caps import HAIR, Caps, assemble, group_excess
+from jaxplan.goal.caps import HAIR, Caps, GoalProblem, assemble, group_excess
 
 
 def caps_of(problem: Problem) -> Caps:
     directions, limits = problem.targets.directions, problem.limits
-    return assemble(problem.spacecraft, problem.start, directions, limits, problem.cones)
+    return assemble(
+        GoalProblem(
+            spacecraft=problem.spacecraft,
+            start=problem.start,
+            directions=directions,
+            joint_limits=limits,
+            rows=problem.cones,
+        )
+    )
 
 
 def test_caps_ask_for_what_joints_and_zones_ask_for():

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from stated import state_margins
 
 import jaxplan as jp
+from jaxplan.goal import tracking_rates
 from jaxplan.goal.caps import leaves_open
-from jaxplan.goal.multistart import tracking_rates
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepOut, sight_names

@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.path import Goal
 from jaxplan.planner.proof import certify
-from jaxplan.search.problem import held_axes
+from jaxplan.search import make_scene
 
 METHODS = ("mha", "rrt_connect")
 INSTANTS = 6001
@@ -232,6 +232,7 @@ def test_terminals_are_held_by_their_own_zone_or_by_the_nearest_of_a_group():
         turn = np.deg2rad(150)
         attitude = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
         goal = Goal(attitude=np.array(attitude), joints=scenario.goal.joints, slew_angle=turn)
-        found, axes = held_axes(scenario.spacecraft, scenario.constraints, scenario.start, goal)
-        assert found.tolist() == held
-        np.testing.assert_allclose(axes[found], [look(azimuth) for azimuth in azimuths])
+        axes = make_scene(scenario, goal).held_axes
+        assert list(axes) == list(np.flatnonzero(held))
+        for axis, azimuth in zip(axes.values(), azimuths, strict=True):
+            np.testing.assert_allclose(axis, look(azimuth))

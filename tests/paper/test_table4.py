@@ -7,7 +7,7 @@ from scenes import edge_states, make_scenario, sampled_margin, scene_of
 from jaxplan import table4
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepOut
-from jaxplan.search.smoothing.shortcut import make_path
+from jaxplan.search.paths import make_path
 
 
 def straight_path(scene, edges: int) -> Path:

@@ -12,7 +12,7 @@ from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.search import SearchResult
-from jaxplan.search.tree import make_root, trace
+from jaxplan.search.multi_heuristic import make_root, trace
 from jaxplan.trajectory import Fit, FitQuery
 
 NO_PATH = SearchResult(status=jp.Status.NODE_LIMIT, path=None, expansions=1)

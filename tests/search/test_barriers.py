@@ -14,7 +14,7 @@ from jaxplan.cases import paper_case
 from jaxplan.model.path import Goal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.search import Scene
-from jaxplan.search.fields import TOLERANCE, Barrier, find_barrier, separating_caps, separating_zones
+from jaxplan.search.barriers import TOLERANCE, Barrier, find_barrier, separating_caps, separating_zones
 
 Caps = tuple[np.ndarray, np.ndarray]  # (Z, 3) axes and (Z,) half-angles, rad
 NORTH, SOUTH = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])

@@ -16,9 +16,9 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.goals import find_goals
 from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
-from jaxplan.search.problem import steps_between
-from jaxplan.search.smoothing.shortcut import between
-from jaxplan.search.trees import INTERVALS, Space, draw
+from jaxplan.search.paths import between
+from jaxplan.search.rrt_connect import INTERVALS, Space, draw
+from jaxplan.search.scene import steps_between
 
 WHOLE_EDGES = ("rrt_star", "rrt_connect")
 BASELINES = ("wastar", *WHOLE_EDGES)
@@ -246,8 +246,8 @@ def test_every_second_state_that_is_drawn_holds_what_is_to_be_held_if_it_can():
     attitudes = scene.start_attitude @ Rotation.from_quat(states[:, :4], scalar_first=True).as_matrix()
     assert np.all(np.abs(states[:, 4:]) <= scene.joint_limits)
     seen = boresights(scene, attitudes, states[:, 4:])
-    held = np.flatnonzero(scene.held)
-    on_axis = np.all(np.sum(seen[:, held] * scene.held_axes[held], axis=-1) > 1 - 1e-12, axis=-1)
+    held, axes = list(scene.held_axes), np.stack(list(scene.held_axes.values()))
+    on_axis = np.all(np.sum(seen[:, held] * axes, axis=-1) > 1 - 1e-12, axis=-1)
     assert not np.any(on_axis[::2])
     assert np.mean(on_axis[1::2]) > 0.3
     uniform = states[::2]

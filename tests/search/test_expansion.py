@@ -7,13 +7,21 @@ from scipy.spatial.transform import Rotation
 from jaxplan.cases import random_scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.paper import search as paper
-from jaxplan.search import PLANNERS, kernels, mha
+from jaxplan.search import PLANNERS, mha
+from jaxplan.search import expansion as kernels
 from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.expansion import (
+    EDGE_INTERVALS,
+    ONWARD_INTERVALS,
+    Expansion,
+    Moves,
+    chosen,
+    expansion_call,
+)
 from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
-from jaxplan.search.kernels import Expansion, Moves, expansion_call, straight_call
-from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
-from jaxplan.search.problem import Scene, steps_between
-from jaxplan.search.tree import Node, chosen, make_root
+from jaxplan.search.multi_heuristic import Node, make_root
+from jaxplan.search.paths import STRAIGHT_INTERVALS, straight_call
+from jaxplan.search.scene import Scene, steps_between
 from jaxplan.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
@@ -132,7 +140,7 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
 def test_slack_of_the_straight_motion_is_sound_and_sharp_on_each_interval(name):
     scene = SCENES[name]()
     root = make_root(scene)
-    straight = answer(scene, straight_call(root.packed, np.full(STRAIGHT_INTERVALS, CLEARANCE)))
+    straight = answer(scene, straight_call(scene, np.full(STRAIGHT_INTERVALS, CLEARANCE)))
     along = edge_states(
         scene.start_attitude,
         root.joints,
@@ -170,7 +178,7 @@ def test_without_edges_what_lies_between_is_not_looked_at():
 def test_without_devices_nothing_is_in_the_way():
     zone = KeepOut(name="Sun", direction=np.array([1.0, 0, 0]), half_angle=0.5)
     scene = scene_of(make_scenario(0, 0, keep_out=(zone,)))
-    straight = answer(scene, straight_call(make_root(scene).packed, np.zeros(STRAIGHT_INTERVALS)))
+    straight = answer(scene, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))
     assert np.all(straight == np.inf)
     found = expansion(scene, mha, CLEARANCE, edges=True)[2]
     assert np.all(found.slacks == np.inf)

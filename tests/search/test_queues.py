@@ -1,6 +1,6 @@
 import numpy as np
 
-from jaxplan.search.multi_heuristic import Block, ExplorationQueue, LazyQueue
+from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 
 
 def drain(queue: LazyQueue) -> list[tuple[object, int]]:

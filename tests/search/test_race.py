@@ -6,7 +6,7 @@ import pytest
 from jaxplan.model.path import Path
 from jaxplan.model.status import Status
 from jaxplan.search.mha import Race
-from jaxplan.search.problem import SearchResult
+from jaxplan.search.scene import SearchResult
 
 PATH = Path(attitudes=np.eye(3)[None], joints=np.zeros((1, 2)), edge_costs=np.zeros(0))
 HEAD_START = 3

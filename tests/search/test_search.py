@@ -11,7 +11,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepOut
 from jaxplan.planner.goals import find_goals
 from jaxplan.search import PLANNERS, Scene, SearchResult, mha
-from jaxplan.search.problem import steps_between
+from jaxplan.search.scene import steps_between
 
 # Equations (50) and (53): attitude as rotation vector, yaws, pitches.
 PUBLISHED_GOALS = {

@@ -18,11 +18,10 @@ from jaxplan.runtime.batching import Seconds
 from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, mha, remove_planner, search_batch
 from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
 from jaxplan.search.multi_heuristic import Search
-from jaxplan.search.rrt_connect import Connect
-from jaxplan.search.trees import Space
+from jaxplan.search.rrt_connect import Connect, Space
 
-REACH = Kernel(lambda scene, times, gate: times * scene.goal_joints)
-TURN = Kernel(lambda scene, gate: scene.goal_attitude[0])
+REACH = Kernel(lambda scene, times: times * scene.goal_joints)
+TURN = Kernel(lambda scene: scene.goal_attitude[0])
 
 
 class Tally:

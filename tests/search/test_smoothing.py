@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
@@ -8,18 +7,19 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import Scenario, SearchSettings
+from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.search import PLANNERS, Scene, mha, multi_heuristic, smoothing
-from jaxplan.search.calls import Scenes
-from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, steps_between
-from jaxplan.search.smoothing import smoother
-from jaxplan.search.smoothing.shortcut import make_path, subdivide
-from jaxplan.search.smoothing.smoother import LENGTHENING
-from jaxplan.search.tree import make_root
+from jaxplan.search import PLANNERS, Scene, SearchResult, mha, multi_heuristic, smoothing
+from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.multi_heuristic import make_root
+from jaxplan.search.paths import edge_table, make_path, subdivide
+from jaxplan.search.scene import JOINT_RESERVE, TAPER_STEPS, steps_between
+from jaxplan.search.smoothing import LENGTHENING
 
 
 def smooth(scene: Scene, settings: SearchSettings, path: Path) -> Path:
-    return smoothing.smooth(Scenes([scene]), [settings], [path])[0]
+    given = SearchResult(status=Status.OK, path=path, expansions=0)
+    return smoothing.smooth_results(Scenes([scene]), [settings], [given])[0].path
 
 
 def motion(scene: Scene, path: Path) -> float:
@@ -182,12 +182,10 @@ def test_a_node_that_is_no_number_is_never_clear(lost):
     scenario = blocked(3, 0)
     scene = scene_of(scenario)
     path = found_path(scenario, scene)
-    attitudes, joints = smoother.padded(path.attitudes, path.joints, smoother.EDGES)
+    attitudes, joints = smoothing.padded(path.attitudes, path.joints, smoothing.EDGES)
     (attitudes if lost == "attitude" else joints)[5] = np.nan
-    with jax.enable_x64(True):
-        margins, slacks = smoother.edge_table(scene.on_device, attitudes, joints, scenario.search.clearance)[
-            :2
-        ]
+    call = Call(edge_table, (attitudes, joints, scenario.search.clearance))
+    margins, slacks = Scenes([scene]).answers([call])[0][:2]
     assert not np.any(margins[4:6] >= 0)
     assert not np.any(slacks[4:6] >= 0)
 

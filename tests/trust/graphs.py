@@ -23,7 +23,7 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count
 from jaxplan.search import Scene, find_barrier
 from jaxplan.search.calls import Scenes
-from jaxplan.search.kernels import Moves
+from jaxplan.search.expansion import Moves
 from jaxplan.search.multi_heuristic import Rules, search_by
 
 SIZE = np.array([5, 7, 5])  # values of turn, yaw and pitch

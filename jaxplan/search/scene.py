@@ -1,57 +1,31 @@
-"""What every planner of step 2 is given, and what it answers.
+"""The problem and the answer of step 2: the numbers of one search as kernels take them, and what was found.
 
-Which terminals are to be held on the axis of a keep-in zone while the platform turns, and on which.
-
-A terminal that a zone by itself binds must stay in it all the time. One that a zone of a group binds need
-not, as another zone of the group may hold instead; but as long as none does it has to follow its zone, and
-of random motions hardly any would. So it is proposed to be held, too, on the axis of the zone that it looks
-nearest to at start or goal. This only guides a search: what is clear, the margins say.
+A terminal that a keep-in zone binds by itself must stay in it all the time. One that a zone of a group binds
+need not, as another zone of the group may hold instead; but as long as none does it has to follow its zone,
+and of random motions hardly any would. Both are *held*: a search may keep them on the axis of their zone, of
+a group the one that the terminal looks nearest to at start or goal. This only guides a search; whether a
+motion is clear, the margins say.
 """
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import ArrayLike
 
 from jaxplan.geometry import quaternion
+from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import INERTIAL, SIGHT, Constraints
 from jaxplan.model.directions import Sights
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
-from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.runtime.display import shown
-
-
-def held_axes(
-    spacecraft: Spacecraft, rows: Constraints, start: GivenState, goal: Goal
-) -> tuple[np.ndarray, np.ndarray]:
-    """The terminals to be held, and where they look then.
-
-    Args:
-        spacecraft: its terminals.
-        rows: the constraints, none of them moving.
-        start: where the search begins.
-        goal: where it goes.
-
-    Returns:
-        (n,) bool, whether a terminal is to be held; (n, 3) inertial axes, any where it is not.
-    """
-    ends = [spacecraft.boresights(state.attitude, state.joints) for state in (start, goal)]
-    seen, terminals = np.stack(ends, axis=1), len(spacecraft.terminals)
-    inside = (rows.side < 0) & (rows.frame == INERTIAL)
-    held, axes = np.zeros(terminals, dtype=bool), np.tile([0.0, 0.0, 1.0], (terminals, 1))
-    for terminal, looks in enumerate(seen[:terminals]):
-        binding = np.flatnonzero(inside & rows.bound[:, terminal])
-        alone = binding[rows.single[binding]]
-        if len(binding):
-            nearest = np.argmax(np.max(rows.axis[binding] @ looks.T, axis=1))
-            held[terminal] = True
-            axes[terminal] = rows.axis[alone[0] if len(alone) else binding[nearest]]
-    return held, axes
-
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
@@ -66,7 +40,6 @@ JOINT_RESERVE = 0.2
     "attitude_step rad",
     "joint_steps rad",
     "joint_limits deg",
-    "held",
     "cones",
     "grouped_cones",
 )
@@ -88,8 +61,6 @@ class Scene:
         start_joints: (2n,) rad.
         goal_attitude: (3, 3).
         goal_joints: (2n,) rad.
-        held: (n,) bool, terminals that a search should keep in a keep-in zone, see above.
-        held_axes: (n, 3) axis of that zone, inertial.
         goal_quaternion: (4,) of the goal relative to the start.
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
@@ -105,19 +76,46 @@ class Scene:
     start_joints: np.ndarray
     goal_attitude: np.ndarray
     goal_joints: np.ndarray
-    held: np.ndarray
-    held_axes: np.ndarray
     goal_quaternion: np.ndarray
     goal_coordinates: np.ndarray
 
     @property
+    def tables(self) -> tuple[Constraints, Constraints]:
+        """All constraints: the rows that bind one device at a time, and those that couple devices."""
+        return self.cones, self.grouped_cones
+
+    @property
     def sights(self) -> Sights:
-        """What the constraints bind."""
+        """The directions that constraints bind."""
         return self.cones.sights(self.mounts, self.fixed_boresights)
 
-    def seen(self, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Inertial directions (..., S, 3) of all sights at attitudes (..., 3, 3) and joints (..., 2n)."""
-        return np.asarray(self.sights.in_body(joints) @ np.swapaxes(attitude, -1, -2))
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """(2, 4 + 2n) start and goal as states: attitude relative to the start, a quaternion, and joints."""
+        start = np.concatenate([[1.0, 0.0, 0.0, 0.0], self.start_joints])
+        return np.stack([start, np.concatenate([self.goal_quaternion, self.goal_joints])])
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """(2, S, 3) inertial directions of all sights at start and goal."""
+        joints = np.stack([self.start_joints, self.goal_joints])
+        attitudes = np.stack([self.start_attitude, self.goal_attitude])
+        return np.asarray(self.sights.in_body(joints) @ np.swapaxes(attitudes, -1, -2))
+
+    @cached_property
+    def held_axes(self) -> dict[int, np.ndarray]:
+        """Inertial axes (3,) of the zones on which terminals are held, by the terminal's number."""
+        axes: dict[int, np.ndarray] = {}
+        for terminal, looks in enumerate(self.seen[:, : len(self.mounts)].swapaxes(0, 1)):
+            alone, grouped = (
+                rows.axis[(rows.side < 0) & (rows.frame == INERTIAL) & rows.bound[:, terminal]]
+                for rows in self.tables
+            )
+            if len(alone):
+                axes[terminal] = alone[0]
+            elif len(grouped):
+                axes[terminal] = grouped[np.argmax(np.max(grouped @ looks.T, axis=1))]
+        return axes
 
     @cached_property
     def straight_steps(self) -> float:
@@ -126,13 +124,36 @@ class Scene:
         return float(steps_between(self, np.linalg.norm(self.goal_coordinates), change))
 
     @cached_property
-    def on_device(self) -> "Scene":
-        """The same as arrays that jitted functions take without a copy, in 64 bits."""
-        with jax.enable_x64(True):
-            return _same(self)
+    def packed(self) -> tuple["Layout", np.ndarray]:
+        """All numbers of the scene in a row, which kernels take in one piece, and how they lie there."""
+        leaves, structure = jax.tree.flatten(self)
+        arrays = [np.asarray(leaf) for leaf in leaves]
+        kinds = "".join(array.dtype.char for array in arrays)
+        layout = Layout(structure, tuple(array.shape for array in arrays), kinds)
+        return layout, np.concatenate([array.ravel() for array in arrays], dtype=float)
 
 
-_same = jax.jit(lambda scene: scene)  # a fifth of the time that jax.device_put takes for many leaves
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How the numbers of a scene lie in its vector; scenes of the same layout can be stacked.
+
+    Attributes:
+        structure: of the tree that a scene is.
+        shapes: of its leaves.
+        kinds: the letter of each leaf's dtype.
+    """
+
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+    kinds: str
+
+    def scene(self, vector: Array) -> Scene:
+        """The scene of a vector, in a kernel."""
+        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
+        parts = zip(jnp.split(vector, ends[:-1]), self.shapes, self.kinds, strict=True)
+        leaves = [part.reshape(shape).astype(kind) for part, shape, kind in parts]
+        scene: Scene = jax.tree.unflatten(self.structure, leaves)
+        return scene
 
 
 @shown("status", "expansions", "path.length steps", "path.edges", "queue_expansions")
@@ -151,7 +172,7 @@ class SearchResult:
     status: Status
     path: Path | None
     expansions: int
-    queue_expansions: tuple[int, ...] = field(default=())
+    queue_expansions: tuple[int, ...] = ()
 
 
 def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None = None) -> Scene:
@@ -164,8 +185,7 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
     """
     craft, start = scenario.spacecraft, scenario.start
     rows = scenario.constraints if constraints is None else constraints
-    goal_quaternion, goal_coordinates = _relative(start.attitude, np.asarray(goal.attitude, float))
-    held, axes = held_axes(craft, rows, start, goal)
+    turn = quaternion.from_matrix(start.attitude.T @ np.asarray(goal.attitude, float))
     coupled = ~rows.single | (rows.frame == SIGHT)
     return Scene(
         cones=rows.part(~coupled & (rows.zone >= 0)),
@@ -179,16 +199,9 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
         start_joints=np.asarray(start.joints, float),
         goal_attitude=np.asarray(goal.attitude, float),
         goal_joints=np.asarray(goal.joints, float),
-        held=held,
-        held_axes=axes,
-        goal_quaternion=goal_quaternion,
-        goal_coordinates=goal_coordinates,
+        goal_quaternion=turn,
+        goal_coordinates=quaternion.log(turn),
     )
-
-
-def _relative(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    turned = quaternion.from_matrix(start.T @ goal)
-    return turned, quaternion.log(turned)
 
 
 def derived_seed(seed: int, *key: int) -> int:
@@ -198,9 +211,20 @@ def derived_seed(seed: int, *key: int) -> int:
 
 def joint_steps(scenario: Scenario) -> np.ndarray:
     """(2n,) rad a step of each joint: the joint step times its terminal's scale."""
-    search: SearchSettings = scenario.search
+    search = scenario.search
     scales = [search.terminal_step_scale.get(t.name, 1.0) for t in scenario.spacecraft.terminals]
     return search.joint_step * np.array(scales * 2, dtype=float)
+
+
+def tapered(clearance: AnyArray, steps: AnyArray) -> AnyArray:
+    """Clearance wanted so many steps from the nearer of start and goal, where it is nothing.
+
+    Args:
+        clearance: rad, wanted elsewhere.
+        steps: (...) of straight motions or along a path; of less than nothing there is none.
+    """
+    xp = array_module(clearance, steps)
+    return clearance * xp.maximum(xp.minimum(steps / TAPER_STEPS, 1), 0)
 
 
 def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:

@@ -11,18 +11,16 @@ The first term is a smooth stand-in for the square of the largest ``a``, which i
 as with every energy, equal pieces are the best. The second keeps joints from travelling for nothing while
 another is the slowest. Both are convex in the pieces.
 
-Axes: components first (of a quaternion, a vector, the joints; C = 3 + 2n of a motion, rotation first), then
-zone z and device d, then f of bands tried at once, last the node s along the band. Attitudes are unit
-quaternions relative to the start, neighbours of the same sign.
-
-**The descent**: damped Newton steps among smooth displacements. The energy is taken to second order;
-clearances are linearised (Gauss-Newton). A step is sought among smooth displacements, K shapes (`_basis`) for
-each of the C components of a motion, so that a band bends as a whole and the system to solve has K C
-unknowns. Of several fractions of a step the best is taken. Nothing is promised of the result: whether it is
-clear and shorter is for others to check.
-
-The elements of the system are sums over nodes, or pieces, of the product of two shapes and a second
+The band descends by damped Newton steps. The energy is taken to second order; clearances are linearised
+(Gauss-Newton). A step is sought among smooth displacements, K shapes (`_basis`) for each of the C components
+of a motion, so that a band bends as a whole and the system to solve has K C unknowns. Of several fractions of
+a step the best is taken. Nothing is promised of the result: whether it is clear and shorter is for others to
+check. The elements of the system are sums over nodes, or pieces, of the product of two shapes and a second
 derivative. They are formed for the pairs p of shapes that overlap, and then put in their places.
+
+Axes: components first (of a quaternion, a vector, the joints; C = 3 + 2n of a motion, rotation first), then
+row z and sight d, then f of bands tried at once, last the node s along the band. Attitudes are unit
+quaternions relative to the start, neighbours of the same sign.
 """
 
 from dataclasses import dataclass, field, replace
@@ -37,11 +35,19 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry import rotations, vectors
 from jaxplan.geometry.vectors import cross, dot, unit
-from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints, scores, thresholds
+from jaxplan.model.constraints import (
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    axes_in_body,
+    joint_values,
+    scores,
+    thresholds,
+)
 from jaxplan.model.directions import Sights
-from jaxplan.search.motions import computed_once
-from jaxplan.search.problem import JOINT_RESERVE, TAPER_STEPS, Scene
-from jaxplan.search.smoothing.sweeps import between, in_body, row_axes, row_values, sights_of, spread, total
+from jaxplan.search.edges import materialise
+from jaxplan.search.scene import JOINT_RESERVE, Scene, tapered
 
 PIECES = 24
 TRAVEL = 0.2
@@ -50,6 +56,11 @@ PENALTY = 700.0
 BUFFER = 0.012
 FAR = 0.15
 """Slack, rad, of what no zone binds, or more than what is to be felt."""
+FRACTIONS = (1.0, 0.4, 0.12, 0.03)
+# Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
+DAMPING, NEAR_DAMPING = 0.2, 0.005
+_SHAPES = 8
+_TINY = 1e-12
 
 
 @jax.tree_util.register_dataclass
@@ -80,11 +91,20 @@ class Problem:
     grouped: bool = field(metadata={"static": True})
 
 
+def spread(values: Array, axes: int) -> Array:
+    """Values with further axes of length one at the end."""
+    return values.reshape(*values.shape, *(1,) * axes)
+
+
+def total(values: Array) -> Array:
+    """Sum over a short leading axis, unrolled so that it fuses."""
+    return sum((values[i] for i in range(values.shape[0])), start=jnp.zeros(values.shape[1:]))
+
+
 def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
     """The scene as a band of `length` steps takes it, with `clearance` (rad) wanted off both ends."""
     rows = _all_rows(scene)
     at = jnp.arange(PIECES + 1) / PIECES
-    taper = jnp.minimum(jnp.minimum(at, 1 - at) * length / TAPER_STEPS, 1)
     # at most ten: near the axis of a narrow cone the cosine tells little
     scale = 1 / jnp.maximum(jnp.sin(jnp.asarray(rows.half_angle)), 0.1)
     ends = jnp.maximum(jnp.abs(scene.start_joints), jnp.abs(scene.goal_joints))
@@ -97,14 +117,14 @@ def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
         limits=jnp.maximum(limits, ends),
         axes=jnp.asarray(scene.start_attitude).T @ jnp.asarray(rows.axis).T,
         scale=jnp.where(rows.frame == JOINTS, 1, scale) if rows.inner else scale,
-        wanted=thresholds(rows, (clearance + BUFFER) * taper).T,
+        wanted=thresholds(rows, tapered(clearance + BUFFER, jnp.minimum(at, 1 - at) * length)).T,
         unit=PIECES / length,
     )
 
 
 def _all_rows(scene: Scene) -> Constraints:
     """The rows of both tables, and those between two sights once more with the two exchanged."""
-    tables = [scene.cones, scene.grouped_cones]
+    tables = list(scene.tables)
     if scene.grouped_cones.inner:
         tables.append(_exchanged(scene.grouped_cones))
     before = np.cumsum([0, tables[0].half_angle.shape[0], 0])  # what is exchanged joins its constraint
@@ -139,7 +159,7 @@ def _exchanged(rows: Constraints) -> Constraints:
 
 def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
     """(C, f, s - 1) motion on each piece, in the unit of the energy."""
-    vector = between(quaternions)[1:]
+    vector = jnp.stack(rotations.relative(quaternions[..., :-1], quaternions[..., 1:])[1:])
     square = dot(vector, vector)
     # the arc sine's series, good to 1e-6 up to 0.7 rad
     turn = 2 * vector * (1 + square * (1 / 6 + square * (3 / 40 + square * 15 / 336)))
@@ -152,25 +172,23 @@ def squares_of(motion: Array) -> Array:
     return jnp.concatenate([dot(motion[:3], motion[:3])[None], motion[3:] * motion[3:]])
 
 
-def sight(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> tuple[Array, Array, Array]:
-    """Rows and sights at the nodes.
-
-    Returns:
-        (3, z, f, s) axes of the rows and (3, d, f, s) sights, in body axes; (2, n, f, s) cosine and sine of
-        the azimuths.
-    """
-    mounts = jnp.asarray(problem.sights.mounts)
-    angles = joints + spread(jnp.concatenate([mounts, jnp.zeros_like(mounts)]), 2)
-    cosines, sines = computed_once(gate, (jnp.cos(angles), jnp.sin(angles)))
-    body = sights_of(problem.sights, cosines, sines)
-    axes = row_axes(problem.rows, in_body(quaternions, problem.axes), body)
-    return axes, body, jnp.stack([cosines, sines])[:, : len(mounts)]
+def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
+    """Axes of the rows (3, z, f, s), and sights (3, d, f, s), at the nodes, in body axes."""
+    behind = quaternions.ndim - 1
+    turned = rotations.turned_back(quaternions[:, None], spread(problem.axes, behind))
+    sights = problem.sights.in_body(jnp.moveaxis(joints, 0, -1))  # (f, s, d, 3)
+    axes = axes_in_body(problem.rows, jnp.moveaxis(jnp.stack(turned), (0, 1), (-1, -2)), sights)
+    both = tuple(jnp.moveaxis(part, (-1, -2), (0, 1)) for part in (axes, sights))
+    found: tuple[Array, Array] = materialise(problem.steps[0], both)
+    return found
 
 
 def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
     """(z, d, f, s) how much nearer each sight might be to each row, about rad; FAR where it is free."""
     rows = problem.rows
-    score = scores(rows.spread(3), dot(axes[:, :, None], body[:, None]), row_values(rows, joints))
+    values = joint_values(rows, jnp.moveaxis(joints, 0, -1)) if rows.inner else None  # (f, s, d, z)
+    values = None if values is None else jnp.moveaxis(values, (-1, -2), (0, 1))
+    score = scores(rows.spread(3), dot(axes[:, :, None], body[:, None]), values)
     slacks = (problem.wanted[:, None, None] - score) * spread(problem.scale, 3)
     counts = jnp.broadcast_to(spread(jnp.asarray(rows.bound), 2), slacks.shape)
     if problem.grouped:  # of a constraint only the entry that holds best counts
@@ -193,22 +211,15 @@ def beyond_limits(problem: Problem, joints: Array) -> Array:
     return jnp.maximum(jnp.abs(joints) - spread(problem.limits, 2), 0)
 
 
-def energy(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> Array:
+def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
     """(f,) the energy of bands (4, f, s) and (2n, f, s)."""
     squares = squares_of(pieces(problem, quaternions, joints))
     tension = jnp.mean(jnp.sqrt(total(squares * squares)) + TRAVEL * total(squares), axis=-1)
-    axes, body, _ = sight(problem, quaternions, joints, gate)
+    axes, body = nodes_seen(problem, quaternions, joints)
     short = jnp.minimum(zone_slacks(problem, axes, body, joints), 0)
     beyond = beyond_limits(problem, joints)
     lacking = total(total(short * short)) + total(beyond * beyond)
     return tension + PENALTY * jnp.sum(lacking, axis=-1)
-
-
-FRACTIONS = (1.0, 0.4, 0.12, 0.03)
-# Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
-DAMPING, NEAR_DAMPING = 0.2, 0.005
-_SHAPES = 8
-_TINY = 1e-12
 
 
 def _basis() -> np.ndarray:
@@ -239,9 +250,7 @@ _NODE_PAIRS, _PIECE_PAIRS = (
 )
 
 
-def _zone_terms(
-    problem: Problem, quaternions: Array, joints: Array, gate: Array
-) -> tuple[Array, Array, Array, Array]:
+def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array, Array, Array]:
     """Derivatives of what clearance and limits lack, at the nodes of a band (4, s) and (2n, s).
 
     Returns:
@@ -249,10 +258,10 @@ def _zone_terms(
         each device; (2n, s) both through the joint limits.
     """
     constraints = problem.rows
-    axes, body, angles = sight(problem, quaternions[:, None], joints[:, None], gate)
+    axes, body = nodes_seen(problem, quaternions[:, None], joints[:, None])
     slacks = zone_slacks(problem, axes, body, joints[:, None])[:, :, 0]
     zone, seen = axes[:, :, None, 0], body[:, None, :, 0]
-    by_yaw, by_pitch = _by_joints(problem.sights, body[:, :, 0], angles[:, :, 0])
+    by_yaw, by_pitch = _by_joints(problem.sights, body[:, :, 0], joints)
     turned = jnp.stack(cross(seen, zone))
     moved = jnp.stack([dot(by_yaw[:, None], zone), dot(by_pitch[:, None], zone)])
     factor = -jnp.asarray(constraints.side)
@@ -265,7 +274,7 @@ def _zone_terms(
     rows *= spread(factor * problem.scale, 2)
     near = NEAR_DAMPING * jnp.clip(1 - slacks / FAR, 0, 1)
     weight = 2 * PENALTY * jnp.where(slacks < 0, 1, near)
-    rows, weight, force = computed_once(gate, (rows, weight, 2 * PENALTY * jnp.minimum(slacks, 0)))
+    rows, weight, force = materialise(problem.steps[0], (rows, weight, 2 * PENALTY * jnp.minimum(slacks, 0)))
     first = jnp.zeros((5, *rows.shape[2:]))
     second = jnp.zeros((5, *first.shape))
     for z in range(rows.shape[1]):
@@ -276,17 +285,19 @@ def _zone_terms(
     return first, second, 2 * PENALTY * jnp.sign(joints) * beyond, 2 * PENALTY * (beyond > 0)
 
 
-def _by_joints(sights: Sights, body: Array, angles: Array) -> list[Array]:
+def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
     """Derivatives (3, d, s) of sights in yaw and in pitch.
 
     Args:
         sights: what is bound.
         body: (3, d, s) where they are.
-        angles: (2, n, s) cosine and sine of the azimuths.
+        joints: (2n, s) rad.
     """
-    if not sights.mounts.shape[0]:
+    count = sights.mounts.shape[0]
+    if not count:
         return [jnp.zeros_like(body)] * 2
-    circles = angles[:, jnp.maximum(sights.carriers, 0)]
+    azimuth = joints[:count] + jnp.asarray(sights.mounts)[:, None]
+    circles = jnp.stack([jnp.cos(azimuth), jnp.sin(azimuth)])[:, jnp.maximum(sights.carriers, 0)]
     both = vectors.turns(tuple(body), *circles)
     return [jnp.stack(own) * part[:, None] for own, part in zip(both, sights.turning, strict=True)]
 
@@ -347,11 +358,11 @@ def _places(terminals: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
     return placed(every), placed(zone)
 
 
-def _step(problem: Problem, quaternions: Array, joints: Array, gate: Array) -> Array:
+def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
     """The displacement (C, s) that would end the descent if the energy were what it looks like."""
     terminals = problem.sights.mounts.shape[0]
     devices = terminals + problem.sights.fixed.shape[0]
-    push, bend, limit_push, limit_bend = _zone_terms(problem, quaternions, joints, gate)
+    push, bend, limit_push, limit_bend = _zone_terms(problem, quaternions, joints)
     pull, stiff = _piece_terms(problem, quaternions, joints)
     joint_push = jnp.concatenate([push[3, :terminals], push[4, :terminals]]) + limit_push
     force = jnp.concatenate([jnp.sum(push[:3], axis=1), joint_push])
@@ -375,16 +386,13 @@ def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Arra
     return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
 
 
-def descend(
-    problem: Problem, quaternions: Array, joints: Array, gate: Array, iterations: int
-) -> tuple[Array, Array]:
+def descend(problem: Problem, quaternions: Array, joints: Array, iterations: int) -> tuple[Array, Array]:
     """Let a band contract.
 
     Args:
         problem: the scene.
         quaternions: (4, PIECES + 1).
         joints: (2n, PIECES + 1) rad.
-        gate: see `computed_once`.
         iterations: static.
 
     Returns:
@@ -392,11 +400,10 @@ def descend(
     """
 
     def contract(_: int, nodes: tuple[Array, Array]) -> tuple[Array, Array]:
-        step = _step(problem, *nodes, gate)
+        step = _step(problem, *nodes)
         fractions = jnp.asarray(FRACTIONS)
         tried = _moved(nodes[0][:, None], nodes[1][:, None], fractions[:, None] * step[:, None])
-        attitudes, angles = computed_once(gate, tried)
-        best = jnp.argmin(energy(problem, attitudes, angles, gate))
+        best = jnp.argmin(energy(problem, *materialise(problem.steps[0], tried)))
         return _moved(*nodes, fractions[best] * step)
 
     return jax.lax.fori_loop(0, iterations, contract, (quaternions, joints))

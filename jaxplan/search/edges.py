@@ -1,0 +1,238 @@
+"""THE edge check: whether straight motions keep clear of all constraints, told of them whole.
+
+A motion is cut into intervals. At the ends of each the scores of `jaxplan.model.constraints` are taken, and a
+bound of their second derivative makes these speak for what lies between. A *slack* is what a score has left
+to the threshold at which the wanted clearance is just kept: >= 0 where it is kept, about a difference of
+cosines. Searches ask for slacks, smoothing for margins in rad.
+
+What turns with the platform and what moves with the joints are tabulated apart (`LinesOfSight`): the axes of
+the rows in body coordinates along the turn, and the sights in body coordinates under each option of the
+joints. So an expansion, which combines many turns with many joint moves, looks at each of either once.
+
+Letters of axes: a motions (of an expansion attitude moves), o options of the joints of a device, k interval,
+or sample with one more, d sight, z row. Components of vectors come first and small products are written out,
+so that loops run over the batch. Attitudes are unit quaternions relative to the start; a state is a row of
+``4 + 2n`` numbers, attitude and joints.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxplan.geometry import quaternion
+from jaxplan.geometry.vectors import cross, dot
+from jaxplan.model.constraints import (
+    INERTIAL,
+    SIGHT,
+    Constraints,
+    edge_bound,
+    joint_values,
+    margins_of_scores,
+    room,
+    score_curvature,
+    scores,
+    thresholds,
+    worst_constraint,
+)
+from jaxplan.search.scene import Scene
+
+Tables = tuple[Array, Array]
+"""An array for each of `Scene.tables`."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinesOfSight:
+    """What is needed to tell the angles between sights and axes of rows along motions.
+
+    Attributes:
+        axes: (3, a, k + 1, z) axes of the rows of each table in body coordinates; anything where a sight is
+            the axis.
+        body: (3, a or 1, o, k + 1, d) sights in body coordinates.
+        joints: (a or 1, o, k + 1, 2n) rad.
+        turn: (a,) rad, angle of the turn on each interval.
+        rate: (a or 1, o, d) of `Sights.bounds` on each interval.
+        bend: (a or 1, o, d) likewise.
+    """
+
+    axes: Tables
+    body: Array
+    joints: Array
+    turn: Array
+    rate: Array
+    bend: Array
+
+    def chord_error(self, rows: Constraints) -> Array:
+        """(a, o, d, z or 1) of each interval, ``C h^2 / 2`` of `edge_bound`."""
+        half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
+        return half
+
+
+def materialise(positive: ArrayLike, values: Any) -> Any:
+    """The same values, kept by the compiler as arrays instead of being fused into the loops that read them.
+
+    Without it the sines and cosines of a few angles are taken anew for every zone, device and move. A
+    conditional whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on
+    the CPU.
+
+    Args:
+        positive: () an argument of the jitted function that is above zero.
+        values: any tree of floating-point arrays.
+    """
+    return jax.lax.cond(
+        jnp.asarray(positive) > 0,
+        lambda v: v,
+        lambda v: jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), v),
+        values,
+    )
+
+
+def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:
+    """Reduce a short axis by elementwise steps, which fuse; NaN is kept. `empty` is returned for none."""
+    parts = [jax.lax.index_in_dim(values, i, axis, keepdims=False) for i in range(values.shape[axis])]
+    if not parts:
+        return jnp.full(values.shape[:axis] + values.shape[axis:][1:], empty)
+    return reduce(combine, parts)
+
+
+def axes_at(scene: Scene, attitudes: Array) -> Tables:
+    """(3, a, z) axes of the rows of each table, all taken for inertial, in body axes at attitudes (a, 4)."""
+    rotation = jnp.moveaxis(quaternion.to_matrix(attitudes), 0, -1)[..., None]
+
+    def of_table(rows: Constraints) -> Array:
+        at_start = dot(jnp.asarray(scene.start_attitude)[:, :, None], jnp.asarray(rows.axis).T[:, None])
+        found: Array = dot(rotation, at_start[:, None, None])
+        return found
+
+    return of_table(scene.cones), of_table(scene.grouped_cones)
+
+
+def lines_of_sight(
+    scene: Scene, axes: Tables, joints: Array, turns: Array, changes: Array, intervals: int
+) -> tuple[LinesOfSight, Array]:
+    """Lines of sight along motions, and the unit quaternions of the whole turns.
+
+    Args:
+        scene: the problem.
+        axes: (3, a or 1, z) axes of the rows of each table in body coordinates where the motions start.
+        joints: (a or 1, o or 1, 2n) rad, there.
+        turns: (a, 3) rotation vectors, body axes.
+        changes: (a or 1, o, 2n) rad, of the joints.
+        intervals: of equal length, static.
+
+    Returns:
+        The lines of sight; (4, a).
+    """
+    fraction = jnp.arange(intervals + 1) / intervals
+    vectors = turns.T
+    angle = jnp.sqrt(dot(vectors, vectors))
+    axis = vectors / jnp.where(angle > 0, angle, 1)
+    angles = jnp.concatenate([angle[:, None] * fraction, angle[:, None] / 2], axis=-1)
+    cosines, sines = materialise(scene.attitude_step, (jnp.cos(angles), jnp.sin(angles)))
+
+    def turned(rows: Constraints, start: Array) -> Array:
+        """(3, a, k + 1, z) axes of the rows while the platform turns, those of the body as they are."""
+        across = jnp.stack(cross(axis[:, :, None], start))
+        along = axis[:, :, None] * dot(axis[:, :, None], start)
+        rest = start - along
+        cosine, sine = cosines[:, :-1, None], sines[:, :-1, None]
+        found = along[:, :, None] + rest[:, :, None] * cosine - across[:, :, None] * sine
+        if not rows.inner:
+            return found
+        return jnp.where(rows.frame == INERTIAL, found, jnp.asarray(rows.axis).T[:, None, None])
+
+    path = joints[:, :, None, :] + fraction[:, None] * changes[:, :, None, :]
+    rate, bend = scene.sights.bounds(changes / intervals)
+    lines = LinesOfSight(
+        axes=(turned(scene.cones, axes[0]), turned(scene.grouped_cones, axes[1])),
+        body=jnp.moveaxis(scene.sights.in_body(path), -1, 0),
+        joints=path,
+        turn=angle / intervals,
+        rate=rate,
+        bend=bend,
+    )
+    return lines, jnp.concatenate([cosines[None, :, -1], axis * sines[:, -1]])
+
+
+def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) -> LinesOfSight:
+    """Lines of sight, of one option, along straight motions between states (a, 4 + 2n)."""
+    turns = turns_between(first, second)
+    joints, change = first[:, None, 4:], (second - first)[:, None, 4:]
+    lines, _ = lines_of_sight(scene, axes_at(scene, first[:, :4]), joints, turns, change, intervals)
+    found: LinesOfSight = materialise(scene.attitude_step, lines)
+    return found
+
+
+def turns_between(first: Array, second: Array) -> Array:
+    """(a, 3) rotation vectors of the turns between states (a, 4 + 2n), body axes."""
+    turn: Array = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
+    return turn
+
+
+def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
+    """Largest score of each row over its sights on each interval, (a, k, z) of each table.
+
+    Args:
+        scene: the problem.
+        lines: of motions with one option.
+    """
+    body, joints = lines.body[:, :, 0], lines.joints[:, 0]
+
+    def of_table(rows: Constraints, axes: Array) -> Array:
+        if rows.inner:
+            axes = jnp.where(rows.frame == SIGHT, body[..., rows.partner], axes)
+        values = joint_values(rows, joints) if rows.inner else None
+        score = scores(rows, dot(axes[:, :, :, None], body[..., None]), values)  # (a, k + 1, d, z)
+        over = edge_bound(score[:, :-1], score[:, 1:], lines.chord_error(rows))
+        return fold(jnp.maximum, jnp.where(rows.bound.T, over, -jnp.inf), 2, -jnp.inf)
+
+    return of_table(scene.cones, lines.axes[0]), of_table(scene.grouped_cones, lines.axes[1])
+
+
+def interval_slacks(scene: Scene, lines: LinesOfSight, clearance: Array) -> Array:
+    """Smallest slack on each interval of motions with one option, (a, k); +inf without constraints.
+
+    Args:
+        scene: the problem.
+        lines: see `straight_lines`.
+        clearance: (a or 1, k or 1) rad wanted.
+    """
+    slacks, coupled = (
+        thresholds(rows, clearance) - score
+        for rows, score in zip(scene.tables, interval_scores(scene, lines), strict=True)
+    )
+    least = fold(jnp.minimum, slacks, 2, jnp.inf)
+    return jnp.minimum(least, worst_constraint(scene.grouped_cones, coupled))
+
+
+def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Array, Array]:
+    """Lower bounds over whole motions with one option.
+
+    Args:
+        scene: the problem.
+        lines: see `straight_lines`.
+        wanted: (a,) rad of clearance; a row gives it up to half of the room that it leaves.
+
+    Returns:
+        (a,) smallest margin, and smallest margin less what is wanted, rad; +inf without constraints.
+    """
+    least = [jnp.full_like(wanted, jnp.inf)] * 2
+    for rows, score in zip(scene.tables, interval_scores(scene, lines), strict=True):
+        if not rows.bound.size:
+            continue
+        if rows is scene.cones:  # the worst interval counts: one arc cosine for all
+            score = jnp.max(score, axis=1, keepdims=True)
+        margins = jnp.where(jnp.isneginf(score), jnp.inf, margins_of_scores(rows, score))
+        both = [margins, margins - jnp.minimum(wanted[:, None, None], room(rows))]
+        if rows is scene.cones:
+            new = [jnp.min(part, axis=(1, 2)) for part in both]
+        else:
+            new = [jnp.min(worst_constraint(rows, part), axis=1) for part in both]
+        least = [jnp.minimum(first, second) for first, second in zip(least, new, strict=True)]
+    return least[0], least[1]

@@ -1,0 +1,247 @@
+"""Paths along straight motions: from corners to nodes, the straight motion itself, and chains of shortcuts.
+
+A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, and the
+joints in radians. Paths are cut into edges of at most one step. To cut a path short, straight motions between
+all pairs of some of its nodes are checked in one call, and a dynamic programme takes the cheapest chain of
+those that are clear. In kernels a path is its states (k, 4 + 2n), neighbours of the same sign.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan import so3
+from jaxplan.geometry import quaternion, rotations
+from jaxplan.geometry.vectors import AnyArray, array_module
+from jaxplan.model.path import Path, step_cost
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.search.calls import Call, Kernel, Scenes
+from jaxplan.search.edges import interval_slacks, motion_margins, straight_lines
+from jaxplan.search.scene import Scene, steps_between, tapered
+
+# A node this near to the goal, in steps, is the goal.
+ARRIVED = 1e-9
+STRAIGHT_INTERVALS = 64
+CORNERS = 10  # nodes between which shortcuts are tried
+_FIRST, _LAST = np.array(list(combinations(range(CORNERS), 2))).T
+_CORNER_INTERVALS, _EDGE_INTERVALS = 16, 4  # of a shortcut, and of an edge of at most a few steps
+_TINY = 1e-12  # steps
+
+
+def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
+    """States (k, 4 + 2n) at fractions (k,) of straight motions."""
+    xp = array_module(first, second, fraction)
+    joints = first[:, 4:] + fraction[:, None] * (second[:, 4:] - first[:, 4:])
+    turned = rotations.slerp(first[:, :4].T, second[:, :4].T, fraction)
+    return xp.concatenate([xp.stack(turned, axis=-1), joints], axis=-1)
+
+
+def subdivide(scene: Scene, corners: np.ndarray) -> Path:
+    """The path along straight motions between corners, cut into equal parts of at most one step.
+
+    Args:
+        scene: gives the steps, and its start and goal, which are the ends of the path to the last bit.
+        corners: (k + 1, 4 + 2n) from start to goal; one alone if these are the same.
+    """
+    first, second = corners[:-1], corners[1:]
+    rotation = quaternion.distance(first[:, :4], second[:, :4])
+    costs = steps_between(scene, rotation, second[:, 4:] - first[:, 4:])
+    parts = np.maximum(np.ceil(costs - ARRIVED).astype(int), 1)
+    edge = np.repeat(np.arange(len(parts)), parts)
+    fraction = np.concatenate([np.zeros(0), *(np.arange(1, count + 1) / count for count in parts)])
+    states = np.concatenate([corners[:1], between(first[edge], second[edge], fraction)])
+    attitudes, joints = scene.start_attitude @ quaternion.to_matrix(states[:, :4]), states[:, 4:]
+    attitudes[0], joints[0] = scene.start_attitude, scene.start_joints
+    if len(parts):
+        attitudes[-1], joints[-1] = scene.goal_attitude, scene.goal_joints
+    return Path(attitudes=attitudes, joints=joints, edge_costs=(costs / parts)[edge])
+
+
+def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
+    """A path with the cost of its edges.
+
+    Args:
+        scene: gives the steps.
+        attitudes: (m + 1, 3, 3).
+        joints: (m + 1, 2n) rad.
+    """
+    costs = steps_between(scene, edge_rotations(attitudes), np.diff(joints, axis=0))
+    return Path(attitudes=attitudes, joints=joints, edge_costs=costs)
+
+
+def edge_rotations(attitudes: np.ndarray) -> np.ndarray:
+    """(m,) rad, between neighbours of attitudes (m + 1, 3, 3)."""
+    return np.asarray(so3.distance(attitudes[:-1], attitudes[1:]))
+
+
+def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Path | None]:
+    """The straight motions to the goals, None where one is not as clear as wanted.
+
+    Where start and goal are the same, the path is one node.
+    """
+    paths = [
+        subdivide(scene, scene.ends[:1]) if scene.straight_steps <= ARRIVED else None
+        for scene in scenes.scenes
+    ]
+    tried = [number for number, path in enumerate(paths) if path is None]
+    passed = np.arange(STRAIGHT_INTERVALS) / STRAIGHT_INTERVALS
+    nearer = np.minimum(passed, passed[::-1])  # of start and goal, as shares of the way
+    calls = []
+    for number in tried:
+        scene, clearance = scenes.scenes[number], settings[number].clearance
+        calls.append(straight_call(scene, tapered(clearance, scene.straight_steps * nearer)))
+    for number, slacks in zip(tried, scenes.part(tried).answers(calls), strict=True):
+        if np.all(slacks >= 0):
+            paths[number] = subdivide(scenes.scenes[number], scenes.scenes[number].ends)
+    return paths
+
+
+def straight_call(scene: Scene, clearance: np.ndarray) -> Call:
+    """The call for the smallest slack on each interval of the straight motion from start to goal.
+
+    Args:
+        scene: the problem.
+        clearance: (STRAIGHT_INTERVALS,) rad wanted.
+
+    Returns:
+        Its answer is (STRAIGHT_INTERVALS,), +inf without zones.
+    """
+    return Call(_straight_slacks, (scene.ends, clearance))
+
+
+@Kernel
+def _straight_slacks(scene: Scene, ends: Array, clearance: Array) -> Array:
+    lines = straight_lines(scene, ends[:1], ends[1:], STRAIGHT_INTERVALS)
+    return interval_slacks(scene, lines, clearance[None])[0]
+
+
+def path_states(scene: Scene, attitudes: Array, joints: Array) -> Array:
+    """States (k, 4 + 2n) of nodes (k, 3, 3) and (k, 2n), neighbours of the same sign."""
+    # a product and a sum instead of small matrix products
+    since = jnp.sum(jnp.asarray(scene.start_attitude)[:, :, None] * attitudes[:, :, None, :], axis=1)
+    return jnp.concatenate([quaternion.continuous(since), joints], axis=-1)
+
+
+def edge_costs(scene: Scene, states: Array) -> tuple[Array, Array]:
+    """Steps that each edge costs, and those of all its motions added up, both (m,)."""
+    change = jnp.diff(states[:, 4:], axis=0)
+    angles = quaternion.distance(states[:-1, :4], states[1:, :4])
+    every = jnp.sum(jnp.abs(change) / scene.joint_steps, axis=-1)
+    cost = step_cost(angles, change, scene.attitude_step, scene.joint_steps)
+    return cost, angles / scene.attitude_step + every
+
+
+def evenly(states: Array, costs: Array, count: Array | int, nodes: int) -> Array:
+    """Nodes at equal costs along a path.
+
+    Args:
+        states: (k + 1, 4 + 2n).
+        costs: (k,) steps of the edges; those of no cost at the end count as the goal.
+        count: () number of equal edges wanted.
+        nodes: static, number of nodes handed out; those after the goal are the goal again.
+
+    Returns:
+        (nodes, 4 + 2n); ends as they were.
+    """
+    until = jnp.concatenate([jnp.zeros(1), jnp.cumsum(costs)])
+    at = jnp.arange(nodes) * (until[-1] / count)
+    edge = jnp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
+    part = jnp.clip((at - until[edge]) / jnp.maximum(costs[edge], _TINY), 0, 1)
+    found = between(states[edge], states[edge + 1], part)
+    return jnp.where(jnp.arange(nodes)[:, None] >= count, states[-1], found)
+
+
+def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
+    """(4, m) margin, slack in rad, cost and the steps of all motions of the edges between states.
+
+    As in the search, the clearance that is wanted of an edge is less near start and goal: what lies behind is
+    counted along the path and what lies ahead along the straight motion, less the edge itself.
+
+    Args:
+        scene: the problem.
+        states: (m + 1, 4 + 2n).
+        clearance: rad wanted.
+    """
+    costs, every = edge_costs(scene, states)
+    turn = quaternion.distance(states[:-1, :4], scene.goal_quaternion)
+    left = step_cost(turn, scene.goal_joints - states[:-1, 4:], scene.attitude_step, scene.joint_steps)
+    nearer = jnp.minimum(jnp.cumsum(costs) - costs, left - jnp.maximum(costs, 1))
+    lines = straight_lines(scene, states[:-1], states[1:], _EDGE_INTERVALS)
+    return jnp.stack([*motion_margins(scene, lines, tapered(clearance, nearer)), costs, every])
+
+
+@Kernel
+def edge_table(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
+    """`edges_of` the path of nodes (m + 1, 3, 3) and (m + 1, 2n)."""
+    return edges_of(scene, path_states(scene, attitudes, joints), clearance)
+
+
+def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]) -> list[np.ndarray]:
+    """Nodes of paths that are left when each is cut short wherever that is clear.
+
+    Args:
+        scenes: the problems.
+        paths: of each, with m edges, at least one.
+        clearances: of each, rad, wanted of the motions, less near start and goal.
+
+    Returns:
+        Of each (k,) int, increasing from 0 to m. Between two that follow each other the straight motion is
+        clear by `edges.motion_margins`, or they follow each other on the path.
+    """
+    calls = []
+    for path, clearance in zip(paths, clearances, strict=True):
+        tried, passed = _corners(path)
+        nearer = np.minimum(passed[_FIRST], passed[-1] - passed[_LAST])
+        calls.append(Call(_costs, (path.attitudes[tried], path.joints[tried], tapered(clearance, nearer))))
+    return [_cheapest(*one) for one in zip(paths, scenes.answers(calls), strict=True)]
+
+
+def _corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(CORNERS,) nodes between which motions are tried, and the steps from the start to each."""
+    tried = np.rint(np.linspace(0, path.edges, CORNERS)).astype(int)
+    return tried, np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
+
+
+@Kernel
+def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
+    """Steps of the motions between all pairs of nodes, +inf where one is not clear, (pairs,).
+
+    Args:
+        scene: the problem.
+        attitudes: (CORNERS, 3, 3).
+        joints: (CORNERS, 2n) rad.
+        clearance: (pairs,) rad.
+    """
+    states = path_states(scene, attitudes, joints)
+    first, second = states[_FIRST], states[_LAST]
+    turn, change = quaternion.distance(first[:, :4], second[:, :4]), second[:, 4:] - first[:, 4:]
+    costs = step_cost(turn, change, scene.attitude_step, scene.joint_steps)
+    _, slack = motion_margins(scene, straight_lines(scene, first, second, _CORNER_INTERVALS), clearance)
+    return jnp.where(slack >= 0, costs, jnp.inf)
+
+
+def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
+    """(k,) nodes of the cheapest chain, by the steps that the motions between all pairs of corners cost."""
+    tried, passed = _corners(path)
+    table = np.full((CORNERS, CORNERS), np.inf)
+    table[_FIRST, _LAST] = costs
+    steps = np.arange(CORNERS - 1)
+    along = np.diff(passed)
+    on_path = along <= table[steps, steps + 1]
+    table[steps[on_path], steps[on_path] + 1] = along[on_path]
+    best, before = np.zeros(CORNERS), np.zeros(CORNERS, int)
+    for end in range(1, CORNERS):
+        ways = best[:end] + table[:end, end]
+        before[end] = np.argmin(ways)
+        best[end] = ways[before[end]]
+    kept = np.zeros(path.edges + 1, bool)
+    kept[-1], end = True, CORNERS - 1
+    while end:
+        start = before[end]
+        follows = start == end - 1 and on_path[start]
+        kept[tried[start] : tried[end] if follows else tried[start] + 1] = True
+        end = start
+    return np.flatnonzero(kept)

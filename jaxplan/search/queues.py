@@ -1,0 +1,106 @@
+"""Priority queues that take the children of an expansion as one lazily opened block.
+
+Pushing several hundred children onto several heaps costs more than computing them. Here each heap holds one
+entry a block, under the key of the block's best child that is left; once that child is taken, from
+whichever queue, the block goes back under its next best. Ties are broken by the order of insertion, so
+that a search is deterministic.
+"""
+
+import heapq
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(slots=True, eq=False)
+class Block:
+    """The children of one expansion, shared by all queues that hold it.
+
+    Attributes:
+        content: whatever the search needs to make a child's node.
+        keys: (queues, children), the smallest coming out first, +inf for a child that is not to be had.
+    """
+
+    content: Any
+    keys: np.ndarray
+
+
+@dataclass(slots=True)
+class LazyQueue:
+    """A priority queue of blocks of children.
+
+    Attributes:
+        row: of the blocks' keys.
+        heap: entries (key, tie, child, block).
+        ties: insertion counter.
+    """
+
+    row: int
+    heap: list[tuple[float, int, int, Block]] = field(default_factory=list)
+    ties: count = field(default_factory=count)
+
+    def push(self, block: Block) -> None:
+        """Add the children of a block."""
+        best = int(block.keys[self.row].argmin())
+        key = float(block.keys[self.row, best])
+        if key < np.inf:
+            heapq.heappush(self.heap, (key, next(self.ties), best, block))
+
+    def min_key(self) -> float:
+        """Smallest key of a child that is still to be had, infinity when there is none."""
+        while self.heap:
+            key, tie, child, block = self.heap[0]
+            keys = block.keys[self.row]
+            if keys[child] == key:
+                return key
+            best = int(keys.argmin())  # the child has been taken
+            if keys[best] == np.inf:
+                heapq.heappop(self.heap)
+            else:
+                heapq.heapreplace(self.heap, (float(keys[best]), tie, best, block))
+        return float("inf")
+
+    def pop(self) -> tuple[Block, int]:
+        """Take the child of smallest key from all queues; `min_key` must have been finite."""
+        _, _, child, block = self.heap[0]
+        block.keys[:, child] = np.inf
+        return block, child
+
+
+@dataclass(slots=True)
+class ExplorationQueue:
+    """A queue that takes any child, whatever its key: type-based exploration.
+
+    Blocks are put into buckets by the cost of their parent and of what is ahead of it; a bucket is drawn
+    uniformly, then a block of it, then a child of that. When all heuristics point the same wrong way, this
+    is what gets the search out.
+
+    Attributes:
+        buckets: blocks by type.
+    """
+
+    buckets: dict[tuple[int, int], list[Block]] = field(default_factory=dict)
+
+    def push(self, block: Block, kind: tuple[int, int]) -> None:
+        """Add the children of a block."""
+        self.buckets.setdefault(kind, []).append(block)
+
+    def pop(self, rng: np.random.Generator) -> tuple[Block, int] | None:
+        """Take a random child from all queues; None when there is none."""
+        while self.buckets:
+            kind = list(self.buckets)[rng.integers(len(self.buckets))]
+            blocks = self.buckets[kind]
+            place = int(rng.integers(len(blocks)))
+            block = blocks[place]
+            open_children = np.flatnonzero(np.isfinite(block.keys[0]))
+            if len(open_children):
+                child = int(open_children[rng.integers(len(open_children))])
+                block.keys[:, child] = np.inf
+                return block, child
+            blocks[place] = blocks[-1]
+            blocks.pop()
+            if not blocks:
+                del self.buckets[kind]
+        return None
