@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from manoeuvres import attitudes_of, boresights_of, craft, holding, joints_of, manoeuvre, spin_of
+from manoeuvres import craft, manoeuvre
+from reference import attitudes_of, boresights_of, joints_of, spin_of
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Goal
@@ -20,7 +21,7 @@ def flown_plan(seed: int = 3, terminals: int = 2, duration: float = DURATION) ->
     """A random manoeuvre about no axis in particular, as a plan."""
     trajectory = manoeuvre(seed, terminals=terminals, duration=duration, step=0.9)
     times = np.array([0.0, duration])
-    attitudes = attitudes_of(trajectory, times, holding(trajectory.breaks, times))
+    attitudes = attitudes_of(trajectory, times)
     joints = joints_of(trajectory, times)[0]
     start, goal = (
         GivenState(
@@ -70,7 +71,7 @@ def truth(plan: Plan, times: np.ndarray) -> Truth:
     trajectory: Trajectory = plan.trajectory
     rate, acceleration, _ = spin_of(trajectory, times)
     return Truth(
-        attitude=attitudes_of(trajectory, times, holding(trajectory.breaks, times)),
+        attitude=attitudes_of(trajectory, times),
         rate=rate,
         acceleration=acceleration,
         joints=joints_of(trajectory, times),

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import edge_states, make_scenario, sampled_margin, scene_of
+from builders import make_scenario, scene_of
+from reference import edge_states, sampled_margin
 
 from jaxplan import table4
 from jaxplan.model.path import Path

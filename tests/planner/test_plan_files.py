@@ -3,7 +3,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.planner.check import certify

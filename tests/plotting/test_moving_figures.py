@@ -5,7 +5,8 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from moving_scenes import LOW_ORBIT, sampled
+from builders import LOW_ORBIT
+from reference import sampled
 
 import jaxplan as jp
 from jaxplan.model.zones import KeepOut

@@ -1,7 +1,8 @@
 import jax
 import numpy as np
 import pytest
-from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
+from builders import make_scenario, scene_of
+from reference import boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario

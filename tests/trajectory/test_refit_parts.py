@@ -42,6 +42,7 @@ FITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
 def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
     plan = FITS[name]()

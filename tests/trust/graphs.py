@@ -12,7 +12,8 @@ from functools import cache
 from itertools import pairwise, product
 
 import numpy as np
-from scenes import make_spacecraft, sampled_margin, scene_of
+from builders import make_spacecraft, scene_of
+from reference import boresights, sampled_margin
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
@@ -114,9 +115,7 @@ def puzzle(seed: int, shrink: float = 1.0) -> Puzzle:
 def looks(scene: Scene, base: Rotation) -> np.ndarray:
     """(N, 3) inertial boresights at all nodes."""
     attitudes, joints = states_at(base, values(nodes()))
-    yaw, pitch = joints.T + np.array([[scene.mounts[0]], [0]])
-    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
-    return np.einsum("kij,kj->ki", attitudes, body)
+    return boresights(scene, attitudes, joints)[:, 0]
 
 
 def states_at(base: Rotation, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
