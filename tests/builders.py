@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from jaxplan.certificate import Certificate
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
@@ -89,8 +89,6 @@ def make_scenario(
         goal=states[1],
         keep_out=keep_out,
         keep_in=keep_in,
-        search=SearchSettings(),
-        trajectory=TrajectorySettings(),
     )
 
 
@@ -170,7 +168,6 @@ def make_relay(
         keep_out=tuple(zone for zone in zones if isinstance(zone, KeepOut)),
         keep_in=tuple(zone for zone in zones if isinstance(zone, KeepIn)),
         search=SearchSettings(method=method, **search),
-        trajectory=TrajectorySettings(),
     )
 
 
