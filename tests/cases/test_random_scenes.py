@@ -146,6 +146,7 @@ def test_scenes_have_zones_of_the_sorts_of_their_kind(kind):
         assert len({zone.name for zone in scene.zones}) == len(scene.zones)
 
 
+@pytest.mark.slow
 @new_kinds
 def test_start_and_a_goal_are_clear_and_what_is_nearest_is_not(kind):
     """The straight motion to the nearest goal breaks something, or that goal, with another one near it."""

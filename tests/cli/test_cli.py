@@ -30,6 +30,7 @@ def edited(case_file: Path, target: Path, old: str, new: str) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
     code, out, err = run(capsys, "plan", "case-4", "-o", tmp_path / "out")
     assert code == 0

@@ -150,6 +150,7 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
     assert np.allclose(again.coefficients, own, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_has_no_derivative_is_refused_with_a_reason():
     scenario = make_scenario(1)
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
@@ -215,6 +216,7 @@ def test_nodes_that_are_repeated_are_passed_over(method):
     assert_replanned(follow(replace(plan, path=path), scenario))
 
 
+@pytest.mark.slow
 def test_plans_whose_group_changes_hands_are_replanned_as_they_are():
     scenario = make_scenario(0, 1, turn=(0.5, -0.8, 0.6))
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0))

@@ -140,6 +140,7 @@ def test_a_manoeuvre_that_takes_no_time_can_be_asked_for(tmp_path):
     np.testing.assert_allclose(attitude, resting.goal.attitude, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_samples_are_written_and_read(plan, tmp_path):
     step = DURATION / 1e5
     start = load(jp.export(plan, tmp_path / "long", format="ck", epoch=EPOCH, step_s=step))

@@ -79,6 +79,7 @@ def test_exp_is_scipys_rotation(dtype, eps):
     np.testing.assert_allclose(matrices, Rotation.from_rotvec(vectors).as_matrix(), rtol=0, atol=4 * eps)
 
 
+@pytest.mark.slow
 @PRECISIONS
 @MODES
 def test_exp_moves_by_the_right_jacobian(mode, dtype, eps):

@@ -85,6 +85,7 @@ class Scene:
         return np.min(rows, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("terminals", "instruments", "count"), [(0, 2, 900), (1, 0, 900), (2, 1, 900), (4, 3, 600), (12, 2, 200)]
 )

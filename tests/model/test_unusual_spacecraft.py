@@ -124,6 +124,7 @@ def test_a_way_is_found_where_the_straight_motion_leaves_the_group(method):
     np.testing.assert_array_less(np.min(margins(plan)[1], axis=1), 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_terminal_holds_a_narrow_cone_until_a_camera_takes_over(method):
     plan = jp.plan(terminal_and_camera(method))

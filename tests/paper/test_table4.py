@@ -45,6 +45,7 @@ def test_intervals_are_wilsons(successes, trials, low, high):
     np.testing.assert_allclose(table4.success_interval(successes, trials), (low, high), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
     calls = []
     rows = table4.compare(

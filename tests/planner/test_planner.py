@@ -488,6 +488,7 @@ devices = ["telescope"]
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["", 'any_of = "alone"'])
 def test_a_strait_shut_by_a_keep_in_zone_opens_as_the_message_says(group):
     shut = parse_scenario(STRAIT + group)

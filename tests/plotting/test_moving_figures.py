@@ -118,6 +118,7 @@ def test_a_film_shows_zones_where_they_are(plan):
         assert [text.get_text() for text in axes.texts].count("earth") == 1
 
 
+@pytest.mark.slow
 def test_a_page_says_what_moves_from_where_to_where(plan, failed, tmp_path):
     jp.report_html(plan, tmp_path / "plan.html")
     page = (tmp_path / "plan.html").read_text()

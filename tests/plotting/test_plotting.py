@@ -530,6 +530,7 @@ def test_the_overview_says_what_thick_and_thin_margins_are() -> None:
     assert {"smallest of a device", "to each zone"} <= _legend(margin_axes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("figure", [lambda plan: jp.plot.overview(plan)[3], jp.plot.margins])
 @pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
 def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -> None:

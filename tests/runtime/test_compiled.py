@@ -68,6 +68,7 @@ jp.plan(jp.random_scenario(0, "keep_out"), throw=False)
     assert errors == ""
 
 
+@pytest.mark.slow
 def test_workers_keep_nothing_where_their_parent_does_not(tmp_path):
     code = """
 import json

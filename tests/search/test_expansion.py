@@ -100,6 +100,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
@@ -279,6 +280,7 @@ def test_without_zones_fields_are_distances_on_the_sphere():
     assert np.all(np.abs(fields.start - angles) <= 0.1 + 0.15 * angles)
 
 
+@pytest.mark.slow
 def test_a_second_scene_of_the_same_padded_sizes_compiles_nothing(compilations):
     search, settings = PLANNERS["mha"], make_scenario().search
     hard = [make_problem(random_scenario(seed, "hard_keep_out")) for seed in (3, 10, 15)]

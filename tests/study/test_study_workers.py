@@ -242,6 +242,7 @@ def test_processes_of_our_own_survive_a_death_and_are_gone_at_the_end(tmp_path):
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_our_processes_at_once(monkeypatch, tmp_path):
     monkeypatch.setenv(SECONDS, "0.3")
     monkeypatch.setattr("jaxplan.study.store.Store.add", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
@@ -292,6 +293,7 @@ def spoken(*words, **options) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False, **options)
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

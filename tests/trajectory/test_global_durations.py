@@ -101,6 +101,7 @@ def test_stretched_lies_between_the_shortest_and_the_papers(name):
     assert durations["minimum"] < durations["stretched"] < paper.duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rrt_c2", "astar_c1", "astar_c3", "rrt_c4"])
 def test_a_duration_too_short_says_which_would_do(name):
     path, settings = load(name), TrajectorySettings(duration=15.0)

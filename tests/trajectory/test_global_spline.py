@@ -115,6 +115,7 @@ def quickest(name):
     return fit.trajectory
 
 
+@pytest.mark.slow
 @names
 @pytest.mark.parametrize("duration", [80.0, "stretched", "minimum"])
 def test_limits_and_zones_are_kept_at_all_times(name, duration):
@@ -128,6 +129,7 @@ def test_limits_and_zones_are_kept_at_all_times(name, duration):
         assert np.all(errors <= np.deg2rad(1.0) + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tube", [0.2, 1.0, 3.0])
 @pytest.mark.parametrize("name", ZIG_ZAG)
 def test_nodes_are_passed_within_the_tube_and_a_wider_one_is_calmer(name, tube):
@@ -153,6 +155,7 @@ def test_paths_of_any_length_are_fitted(edges, tube):
         assert_kept(fit.trajectory, CRAFT, count=1001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terminals", [0, 1, 2, 4, 12])
 @pytest.mark.parametrize("duration", [200.0, "stretched", "minimum"])
 def test_any_number_of_terminals_is_fitted(terminals, duration):

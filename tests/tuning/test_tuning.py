@@ -227,6 +227,7 @@ def test_ready_made_objectives_are_those_of_dense_samples():
     assert weighted == pytest.approx(160 + 0.5 * found["effort"])
 
 
+@pytest.mark.slow
 def test_tuning_lowers_the_peak_acceleration_and_is_certified_resumable_and_the_same_again():
     whole = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=20, progress=False)
     assert whole.message == ""
