@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup plan test lint format types units docs bench trust mutants clean
+.PHONY: help setup plan test lint format types units quick docs bench trust mutants clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -37,6 +37,9 @@ types: $(READY) ## type hints
 
 units: $(READY) ## tests and notebooks; one file stays on one worker, which compiles its kernels once
 	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --durations 10
+
+quick: $(READY) ## the tests that are not slow, in two minutes once kernels are compiled; all packages have some
+	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile -m 'not slow'
 
 docs: $(READY) ## the manual as pages in build/docs
 	$(BIN)/sphinx-build -q -W --keep-going docs build/docs

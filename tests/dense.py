@@ -4,8 +4,8 @@ Every comparison is one that a NaN fails.
 """
 
 import numpy as np
-from manoeuvres import attitudes_of, holding, joints_of, spin_of, zone_margins
 from numpy.polynomial import legendre
+from reference import attitudes_of, joints_of, spin_of, zone_margins
 from scipy.spatial.transform import Rotation
 
 SHARE = 1 + 1e-6  # of a limit
@@ -16,10 +16,6 @@ def instants(trajectory, count=3001):
     """Times off all round fractions of the duration, and both ends."""
     inner = (np.arange(count) + 0.37) / count
     return trajectory.duration * np.concatenate([[0.0], inner, [1.0]])
-
-
-def attitudes_at(trajectory, time):
-    return attitudes_of(trajectory, time, holding(trajectory.breaks, time))
 
 
 def shares(trajectory, craft, count=3001):
@@ -64,7 +60,7 @@ def assert_kept(trajectory, craft, zones=(), count=3001):
 def node_errors(trajectory, path):
     """(m + 1, 1 + 2n) rad: rotation between curve and nodes, and difference of each joint."""
     t = trajectory.node_times
-    own, nodes = Rotation.from_matrix(attitudes_at(trajectory, t)), Rotation.from_matrix(path.attitudes)
+    own, nodes = Rotation.from_matrix(attitudes_of(trajectory, t)), Rotation.from_matrix(path.attitudes)
     return np.column_stack(
         [(nodes.inv() * own).magnitude(), np.abs(joints_of(trajectory, t)[0] - path.joints)]
     )
@@ -75,8 +71,8 @@ def jumps(trajectory, derivatives):
 
     All pieces are in the same chart, so a jump of b's derivatives is one of the motion's.
     """
-    assert np.all(trajectory.chart_attitude == trajectory.chart_attitude[0])
-    assert np.all(trajectory.chart_start == trajectory.chart_start[0])
+    np.testing.assert_array_equal(np.ptp(trajectory.chart_attitude, axis=0), 0)
+    np.testing.assert_array_equal(np.ptp(trajectory.chart_start), 0)
     found = []
     half = np.diff(trajectory.breaks)[:, None] / 2
     coefficients = np.concatenate([trajectory.coefficients, trajectory.joint_coefficients], axis=2)

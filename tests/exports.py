@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from manoeuvres import attitudes_of, boresights_of, craft, holding, joints_of, manoeuvre, spin_of
+from builders import at_rest
+from manoeuvres import craft, manoeuvre
+from reference import attitudes_of, boresights_of, joints_of, spin_of
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.trajectory import Trajectory
@@ -20,26 +22,12 @@ def flown_plan(seed: int = 3, terminals: int = 2, duration: float = DURATION) ->
     """A random manoeuvre about no axis in particular, as a plan."""
     trajectory = manoeuvre(seed, terminals=terminals, duration=duration, step=0.9)
     times = np.array([0.0, duration])
-    attitudes = attitudes_of(trajectory, times, holding(trajectory.breaks, times))
+    attitudes = attitudes_of(trajectory, times)
     joints = joints_of(trajectory, times)[0]
-    start, goal = (
-        GivenState(
-            rotation_vector=Rotation.from_matrix(attitude).as_rotvec(),
-            joints=angles,
-            angular_velocity=np.zeros(3),
-            joint_rates=np.zeros(2 * terminals),
-        )
-        for attitude, angles in zip(attitudes, joints, strict=True)
-    )
+    vectors = Rotation.from_matrix(attitudes).as_rotvec()
+    start, goal = (at_rest(vector, angles) for vector, angles in zip(vectors, joints, strict=True))
     scenario = Scenario(
-        name="an odd slew: 3 %, \u03c0",
-        spacecraft=craft(terminals, 1),
-        start=start,
-        goal=goal,
-        keep_out=(),
-        keep_in=(),
-        search=SearchSettings(),
-        trajectory=TrajectorySettings(),
+        name="an odd slew: 3 %, \u03c0", spacecraft=craft(terminals, 1), start=start, goal=goal
     )
     turn = Rotation.from_matrix(attitudes[0].T @ attitudes[1]).magnitude()
     found = Goal(attitude=attitudes[1], joints=joints[1], slew_angle=turn)
@@ -70,7 +58,7 @@ def truth(plan: Plan, times: np.ndarray) -> Truth:
     trajectory: Trajectory = plan.trajectory
     rate, acceleration, _ = spin_of(trajectory, times)
     return Truth(
-        attitude=attitudes_of(trajectory, times, holding(trajectory.breaks, times)),
+        attitude=attitudes_of(trajectory, times),
         rate=rate,
         acceleration=acceleration,
         joints=joints_of(trajectory, times),

@@ -5,9 +5,10 @@ from functools import cache, partial
 
 import jax.numpy as jnp
 import numpy as np
+from builders import make_scenario, scene_of
 from node_paths import load
 from quick import quick_jit
-from scenes import boresights, make_scenario, scene_of
+from reference import boresights
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from reference import angle
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
@@ -77,7 +78,7 @@ def row_values(craft, rows, number, sight, attitudes, joints):
         SIGHT: seen[:, rows.partner[number]],
     }[int(rows.frame[number])]
     own = seen[:, sight]
-    return np.arctan2(np.linalg.norm(np.cross(along, own), axis=1), np.sum(along * own, axis=1))
+    return angle(along, own)
 
 
 def pair_margins_of(craft, rows, attitudes, joints):

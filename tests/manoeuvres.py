@@ -1,13 +1,10 @@
-"""Random manoeuvres for the tests of the certificate, and their samples by scipy and by differences.
-
-`attitudes_of`, `joints_of`, `boresights_of`, `spin_of` and `zone_margins` evaluate a trajectory from its
-definition and share nothing with the package.
-"""
+"""Random manoeuvres for the tests of the certificate, and what it says of them."""
 
 from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import legendre
+from reference import angle, attitudes_of, boresights_of, joints_of, random_units
 from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -17,17 +14,12 @@ from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.curve import Trajectory
 
-# Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.
-FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-
 
 def craft(terminals=3, instruments=1, **limits):
     """A spacecraft with wide limits, but for those given; `joints` holds those of the terminals."""
     joints = {"yaw_limit": 9.0, "pitch_limit": 9.0, "rate_limit": 9.0, "acceleration_limit": 9.0}
     joints |= limits.pop("joints", {})
-    boresights = np.random.default_rng(5).normal(size=(instruments, 3))
-    boresights /= np.linalg.norm(boresights, axis=1, keepdims=True)
+    boresights = random_units(np.random.default_rng(5), instruments)
     return Spacecraft(
         terminals=tuple(
             Terminal(name=f"terminal-{i}", mount=2.1 * i - 1, **joints) for i in range(terminals)
@@ -90,76 +82,6 @@ def manoeuvre(seed, *, pieces=3, joint_pieces=2, terminals=3, duration=80.0, wig
     )
 
 
-def attitudes_of(trajectory, time, piece):
-    """Attitudes (k, 3, 3) from the definition of the curve; each piece also beyond its own interval."""
-    first, last = trajectory.breaks[piece], trajectory.breaks[piece + 1]
-    x = 2 * (time - first) / (last - first) - 1
-    coefficients = trajectory.coefficients[piece]
-    b = np.einsum("kj,kjc->kc", legendre.legvander(x, coefficients.shape[1] - 1), coefficients)
-    chart = (time - trajectory.chart_start[piece])[:, None] * trajectory.chart_rate[piece]
-    half, base = Rotation.from_rotvec(chart / 2), Rotation.from_matrix(trajectory.chart_attitude[piece])
-    return (base * half * Rotation.from_rotvec(b - chart) * half).as_matrix()
-
-
-def joints_of(trajectory, time, orders=3):
-    """Joints, rates and accelerations (3, k, 2T), or as many of these as are asked for."""
-    breaks = trajectory.joint_breaks
-    piece = holding(breaks, time)
-    length = (breaks[piece + 1] - breaks[piece])[:, None]
-    x = 2 * (time - breaks[piece]) / length[:, 0] - 1
-    curves = []
-    for order in range(orders):
-        coefficients = legendre.legder(trajectory.joint_coefficients, order, axis=1)[piece]
-        basis = legendre.legvander(x, coefficients.shape[1] - 1)
-        curves.append(np.einsum("kj,kjc->kc", basis, coefficients) * (2 / length) ** order)
-    return np.stack(curves)
-
-
-def holding(breaks, time):
-    return np.clip(np.searchsorted(breaks, time, side="right") - 1, 0, len(breaks) - 2)
-
-
-def boresights_of(trajectory, spacecraft, time):
-    """Directions of all devices (k, D, 3)."""
-    azimuth, elevation = np.split(joints_of(trajectory, time, orders=1)[0], 2, axis=1)
-    azimuth = azimuth + spacecraft.mounts
-    level = np.cos(elevation)
-    moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
-    fixed = np.broadcast_to(spacecraft.fixed_boresights, (len(time), len(spacecraft.instruments), 3))
-    attitude = attitudes_of(trajectory, time, holding(trajectory.breaks, time))
-    return np.concatenate([moving, fixed], axis=1) @ np.swapaxes(attitude, 1, 2)
-
-
-def spin_of(trajectory, time):
-    """Angular velocity, acceleration and jerk (3, k, 3), body axes, by differences of attitudes."""
-    step = 0.005 * np.diff(trajectory.breaks).min()
-    piece = holding(trajectory.breaks, time)
-    stencil = np.stack([attitudes_of(trajectory, time + i * step, piece) for i in range(-8, 9)])
-
-    def antisymmetric(weights):
-        """Of R^T R' and R^T R'': the angular velocity and its derivative, at -4 h ... 4 h."""
-        slopes = np.stack([np.tensordot(weights, stencil[i : i + 9], 1) for i in range(9)])
-        m = np.swapaxes(stencil[4:-4], -1, -2) @ slopes
-        return np.stack([m[..., i, j] - m[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
-
-    acceleration = antisymmetric(SECOND / step**2)
-    jerk = np.tensordot(FIRST / step, acceleration, 1)
-    return np.stack([antisymmetric(FIRST / step)[4], acceleration[4], jerk])
-
-
-def zone_margins(trajectory, spacecraft, zones, time):
-    """Margin of each zone's worst device (zones, k)."""
-    boresights = boresights_of(trajectory, spacecraft, time)
-    rows = []
-    for zone in zones:
-        sine = np.linalg.norm(np.cross(boresights, zone.direction), axis=-1)
-        clear = np.arctan2(sine, boresights @ zone.direction) - zone.half_angle
-        names = zone.devices or spacecraft.device_names
-        bound = [name in names for name in spacecraft.device_names]
-        rows.append(np.min((clear if isinstance(zone, KeepOut) else -clear)[:, bound], axis=1))
-    return np.array(rows)
-
-
 def grid(trajectory, count=4001):
     """Times, with each break and the time just before it."""
     breaks = trajectory.breaks
@@ -170,19 +92,18 @@ def closest(trajectory, spacecraft, device, direction):
     """Least angle of a device to a direction, to rounding, and when."""
     index = spacecraft.device_names.index(device)
 
-    def angle(time):
-        boresight = boresights_of(trajectory, spacecraft, np.atleast_1d(time))[:, index]
-        return np.arctan2(np.linalg.norm(np.cross(boresight, direction), axis=-1), boresight @ direction)
+    def apart(time):
+        return angle(boresights_of(trajectory, spacecraft, np.atleast_1d(time))[:, index], direction)
 
     time = grid(trajectory)
-    sampled = angle(time)
+    sampled = apart(time)
     padded = np.pad(sampled, 1, constant_values=np.inf)
     dips = np.flatnonzero((sampled <= padded[:-2]) & (sampled <= padded[2:]))
     found = []
     for dip in dips[np.argsort(sampled[dips])][:4]:  # samples may see a shallower one as the deepest
         around = time[max(dip - 1, 0)], time[min(dip + 1, len(time) - 1)]
         least = minimize_scalar(
-            lambda t: angle(t)[0], bounds=around, method="bounded", options={"xatol": 1e-9}
+            lambda t: apart(t)[0], bounds=around, method="bounded", options={"xatol": 1e-9}
         )
         found.append((min(float(least.fun), float(sampled[dip])), float(least.x)))
     return min(found)
@@ -191,10 +112,7 @@ def closest(trajectory, spacecraft, device, direction):
 def ends(trajectory, spacecraft):
     """The states that a trajectory really starts and ends in, at rest."""
     time = trajectory.breaks[[0, -1]]
-    attitudes, joints = (
-        attitudes_of(trajectory, time, holding(trajectory.breaks, time)),
-        joints_of(trajectory, time)[0],
-    )
+    attitudes, joints = attitudes_of(trajectory, time), joints_of(trajectory, time)[0]
     return {
         name: EndState(attitude=attitudes[i], joints=joints[i]) for name, i in (("start", 0), ("goal", -1))
     }
@@ -209,8 +127,3 @@ def judge(trajectory, spacecraft, zones=(), **changes):
     return certify(
         trajectory, spacecraft, cones, zone_names=names, **(ends(trajectory, spacecraft) | changes)
     )
-
-
-def unit(rng, *shape):
-    vectors = rng.normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -1,21 +1,23 @@
-"""Node sequences of the paper's four cases, kept as data, and paths that tests build by themselves.
+"""Node sequences of the paper's four cases, kept as data, paths that tests build, and fits of them.
 
 `rrt_cN` are smooth, `astar_cN` zig-zag; `tests/data/node_paths` holds ``R`` (m + 1, 3, 3), body to inertial,
 and ``q`` (m + 1, 6), rad, of each.
 """
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
-from fits import fit_paper
-from scenes import make_spacecraft
+from builders import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.trajectory import Fit
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 NAMES = [f"{kind}_c{case}" for kind in ("rrt", "astar") for case in (1, 2, 3, 4)]
 ZIG_ZAG = [name for name in NAMES if name.startswith("astar")]
@@ -28,6 +30,20 @@ def load(name: str) -> Path:
     data = json.loads(file.read_text(encoding="utf-8"))
     attitudes = np.array(data["R"])
     return Path(attitudes=attitudes, joints=np.array(data["q"]), edge_costs=np.ones(len(attitudes) - 1))
+
+
+def fit_global(path: Path, spacecraft: Spacecraft, settings: TrajectorySettings, **more: Any) -> Fit:
+    """The fit by one spline; ``more`` are fields of `FitQuery`."""
+    return _fit(path, spacecraft, replace(settings, method="global"), more)
+
+
+def fit_paper(path: Path, spacecraft: Spacecraft, settings: TrajectorySettings, **more: Any) -> Fit:
+    """The fit by the paper's scheme; ``more`` are fields of `FitQuery`."""
+    return _fit(path, spacecraft, replace(settings, method="paper"), more)
+
+
+def _fit(path: Path, spacecraft: Spacecraft, settings: TrajectorySettings, more: dict[str, Any]) -> Fit:
+    return fit_batch([FitQuery(path=path, spacecraft=spacecraft, settings=settings, **more)])[0]
 
 
 @cache

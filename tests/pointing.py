@@ -7,6 +7,7 @@ A problem is written in azimuths, elevations and separations with their derivati
 from dataclasses import dataclass
 
 import numpy as np
+from reference import direction, random_units
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -115,20 +116,14 @@ def random_problem(seed: int) -> Problem:
         yaw, pitch = np.full(count, np.pi / 2), np.full(count, np.pi / 12)
     solution = Rotation.random(rng=rng).as_matrix()
     azimuth, elevation = mounts + rng.uniform(-yaw, yaw), rng.uniform(-pitch, pitch)
-    body = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    directions = np.stack(body, axis=-1) @ solution.T
+    directions = direction(azimuth, elevation) @ solution.T
     if kind not in ("star trackers", "telescopes", "no terminal"):
         return make_problem(start, directions, mounts, yaw, pitch)
-    boresights = _unit(rng, rng.integers(1, 4))
+    boresights = random_units(rng, rng.integers(1, 4))
     keep_out, keep_in = _random_zones(rng, boresights @ solution.T)
     return make_problem(
         start, directions, mounts, yaw, pitch, boresights=boresights, keep_out=keep_out, keep_in=keep_in
     )
-
-
-def _unit(rng: np.random.Generator, count: int) -> np.ndarray:
-    vectors = rng.standard_normal((count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _random_zones(
@@ -139,7 +134,7 @@ def _random_zones(
     for number in range(rng.integers(1, 7)):
         bound = np.flatnonzero(rng.random(len(boresights)) < 0.6)
         names = tuple(f"i{k}" for k in bound)
-        axis = _unit(rng, 1)[0]
+        axis = random_units(rng, 1)[0]
         angles = np.arccos(np.clip(boresights[bound] @ axis, -1, 1))
         if len(bound) == 0:
             continue
@@ -157,7 +152,7 @@ def _random_zones(
         if group is not None:  # other ways out of it, which the solution drawn does not need
             keep_in += [
                 KeepIn(name=f"in-{number}-{k}", direction=other, half_angle=0.4, devices=names, any_of=group)
-                for k, other in enumerate(_unit(rng, rng.integers(1, 3)))
+                for k, other in enumerate(random_units(rng, rng.integers(1, 3)))
             ]
     return tuple(keep_out), tuple(keep_in)
 
@@ -221,7 +216,7 @@ class Printed:
             "jac": lambda eta: self.margins(eta)[1],
         }
         for _ in range(starts):
-            start = _unit(rng, 1)[0] * np.pi * rng.random() ** (1 / 3)
+            start = random_units(rng, 1)[0] * np.pi * rng.random() ** (1 / 3)
             end = minimize(
                 lambda eta: eta @ eta,
                 start,

@@ -7,17 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 from pointing import Problem, make_problem
+from reference import angle, direction, random_units
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
 TERMINALS, SIGHTS = 2, 4
-
-
-def unit(rng: np.random.Generator, *shape: int) -> np.ndarray:
-    vectors = rng.standard_normal((*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def table(rows: list[dict], body: np.ndarray, size: int = 16, **carried: np.ndarray) -> Constraints:
@@ -78,9 +74,8 @@ def row_margins(problem: Problem, attitudes: np.ndarray) -> np.ndarray:
             continue
         along = axis @ attitudes if frame == INERTIAL else axis * np.ones((len(attitudes), 1))
         along = sights[:, rows.partner[row]] if frame == SIGHT else along
-        across = np.linalg.norm(np.cross(along, sights[:, sight]), axis=-1)
-        angle = np.arctan2(across, np.sum(along * sights[:, sight], axis=-1))
-        found[:, row, sight] = rows.side[row] * (angle - rows.half_angle[row])
+        apart = angle(along, sights[:, sight])
+        found[:, row, sight] = rows.side[row] * (apart - rows.half_angle[row])
     return found
 
 
@@ -121,7 +116,7 @@ def slsqp(problem: Problem, starts: int, rng: np.random.Generator) -> float:
         return np.concatenate(values)
 
     best = np.inf
-    for start in unit(rng, starts) * np.pi * rng.random((starts, 1)) ** (1 / 3):
+    for start in random_units(rng, starts) * np.pi * rng.random((starts, 1)) ** (1 / 3):
         end = minimize(
             lambda eta: eta @ eta,
             start,
@@ -142,12 +137,11 @@ def random_kinds(seed: int) -> Problem:
     mounts, yaw = rng.uniform(-np.pi, np.pi, 2), np.deg2rad(rng.choice([60, 100, 150, 180], 2))
     pitch = rng.uniform(0.2, 1.4, 2)
     azimuth, elevation = mounts + rng.uniform(-yaw, yaw), rng.uniform(-pitch, pitch)
-    body = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     free = make_problem(
-        start, np.stack(body, axis=-1) @ solution.T, mounts, yaw, pitch, boresights=unit(rng, 1)
+        start, direction(azimuth, elevation) @ solution.T, mounts, yaw, pitch, boresights=random_units(rng, 1)
     )
     rows: list[dict] = []
-    axes = unit(rng, 1)
+    axes = random_units(rng, 1)
     for _ in range(rng.integers(2, 6)):
         group, entries = len(rows), rng.integers(1, 4)
         held = rng.integers(entries)
@@ -172,7 +166,7 @@ def _row(rng: np.random.Generator) -> dict:
     bound = order[1:2] if frame == SIGHT else order[: rng.integers(1, 3)]
     return {
         "frame": frame,
-        "axis": unit(rng) if frame != SIGHT else np.array([0.0, 0.0, 1.0]),
+        "axis": random_units(rng) if frame != SIGHT else np.array([0.0, 0.0, 1.0]),
         "partner": order[0] if frame == SIGHT else 0,
         "side": rng.choice([1.0, 1.0, -1.0]),
         "half_angle": rng.uniform(0.2, 1.2),
@@ -217,11 +211,17 @@ def one_of(kind: str, seed: int, yaw_limit: float = 2.8) -> Problem:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(33, attempt)))
         start, mounts = Rotation.random(rng=rng).as_matrix(), rng.uniform(-np.pi, np.pi, 2)
         free = make_problem(
-            start, unit(rng, 2), mounts, yaw_limit, 1.2, goal_limits=(2.7, 1.1), boresights=unit(rng, 1)
+            start,
+            random_units(rng, 2),
+            mounts,
+            yaw_limit,
+            1.2,
+            goal_limits=(2.7, 1.1),
+            boresights=random_units(rng, 1),
         )
-        axes = unit(rng, 1)
+        axes = random_units(rng, 1)
         nearest = free.decompose(max_goals=1)
-        row = {"axis": unit(rng), "half_angle": 0.0, "entry": 0, "group": 0} | KINDS[kind]
+        row = {"axis": random_units(rng), "half_angle": 0.0, "entry": 0, "group": 0} | KINDS[kind]
         one = replace(free, cones=table([row], axes, size=8))
         if not nearest.goals:
             continue

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 from trust import bad_input
 from trust.bad_plans import exports, plans
 from trust.bad_scenarios import scenarios

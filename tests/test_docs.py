@@ -231,6 +231,7 @@ def test_the_names_beside_the_symbols_exist(rows):
     assert keys > 20
 
 
+@pytest.mark.slow
 def test_the_planner_of_the_example_finds_a_certified_plan(capsys):
     try:
         ran = runpy.run_path(str(DOCS / "examples" / "by_way_of.py"))
@@ -247,6 +248,7 @@ def test_the_planner_of_the_example_finds_a_certified_plan(capsys):
     assert "by-way-of" not in PLANNERS
 
 
+@pytest.mark.slow
 def test_the_planner_of_the_example_for_many_finds_certified_plans():
     try:
         ran = runpy.run_path(str(DOCS / "examples" / "by_way_of_run.py"))
@@ -321,6 +323,7 @@ def manual(tmp_path_factory):
     return folder / "pages"
 
 
+@pytest.mark.slow
 def test_no_line_of_code_is_wider_than_its_column(manual):
     style = (manual / "_static" / "manual.css").read_text()
     column, side, padding = (
@@ -343,6 +346,7 @@ def test_no_line_of_code_is_wider_than_its_column(manual):
     assert seen > 500
 
 
+@pytest.mark.slow
 def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(manual):
     files = sorted(manual.rglob("*.html"))
     parsed = {file: Links(file.read_text(encoding="utf-8")) for file in files}

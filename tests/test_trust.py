@@ -1,6 +1,7 @@
 """A small share of every count that `python -m trust` makes."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from trust import dips, golden, graphs, lanes, long_run, programs, symmetry, verdicts
@@ -62,6 +63,7 @@ def test_smaller_cones_stay_solvable():
     graphs.shrinking(0)
 
 
+@pytest.mark.slow
 def test_a_nan_in_one_of_a_thousand_lanes_is_lost_in_none():
     for seed in range(4):
         lanes.attempt(seed)

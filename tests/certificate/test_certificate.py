@@ -5,19 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import (
-    boresights_of,
-    closest,
-    craft,
-    ends,
-    grid,
-    judge,
-    manoeuvre,
-    polynomial,
-    spin_of,
-    unit,
-    zone_margins,
-)
+from manoeuvres import closest, craft, ends, grid, judge, manoeuvre, polynomial
+from reference import boresights_of, random_units, spin_of, zone_margins
 
 from jaxplan.certificate import certify, prove_margins
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
@@ -28,7 +17,7 @@ DEGREE = np.deg2rad(1)
 def random_zones(rng, count, devices):
     """Keep-out and keep-in zones of all sizes, also beyond a right angle, for random devices."""
     zones = []
-    for i, direction in enumerate(unit(rng, count)):
+    for i, direction in enumerate(random_units(rng, count)):
         bound = tuple(np.array(devices)[rng.permutation(len(devices))[: rng.integers(1, len(devices) + 1)]])
         kind = (KeepOut, KeepIn)[i % 2]
         zones.append(
@@ -194,7 +183,7 @@ def test_without_terminals_or_instruments_or_zones():
         assert report.certified
         assert report.min_margin is report.worst_time is report.worst_device is report.worst_zone is None
         assert ("yaw" in report.peaks) == ("joint_rates" in report.peaks) == (terminals > 0)
-        zone = KeepOut(name="z", direction=unit(rng), half_angle=0.1)
+        zone = KeepOut(name="z", direction=random_units(rng), half_angle=0.1)
         seen = judge(trajectory, spacecraft, [zone])
         assert (seen.min_margin is None) == (terminals + instruments == 0)
 
@@ -203,7 +192,7 @@ def test_without_terminals_or_instruments_or_zones():
 def test_many_zones_and_devices(count):
     spacecraft, trajectory = craft(12), manoeuvre(700, terminals=12)
     boresights = boresights_of(trajectory, spacecraft, grid(trajectory, 2001))
-    directions = unit(np.random.default_rng(8), 3 * count)
+    directions = random_units(np.random.default_rng(8), 3 * count)
     angle = np.arccos(np.array([np.max(boresights @ d) for d in directions]))
     directions, angle = directions[angle > 0.03][:count], angle[angle > 0.03][:count]
     assert len(angle) == count
@@ -252,7 +241,7 @@ def test_a_chart_may_turn_further_than_half_a_turn():
     for turns in (1.0, 3.0, 5.9):
         plain = manoeuvre(900, terminals=1, pieces=1, step=0.0, wiggle=0.0)
         far = polynomial(
-            rng, np.zeros((3, 3)), [unit(rng) * turns * np.pi, np.zeros(3), np.zeros(3)], 40.0, 0.3
+            rng, np.zeros((3, 3)), [random_units(rng) * turns * np.pi, np.zeros(3), np.zeros(3)], 40.0, 0.3
         )
         trajectory = replace(plain, coefficients=far[None], chart_rate=plain.chart_rate + 0.01)
         time = grid(trajectory)

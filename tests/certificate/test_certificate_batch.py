@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import craft, ends, manoeuvre, unit
+from manoeuvres import craft, ends, manoeuvre
+from reference import random_units
 
 from jaxplan.certificate import Claim, bounds, certify_batch, proof
 from jaxplan.model.directions import DirectionPath
@@ -17,13 +18,15 @@ HEAVY = {"inertia": np.diag([120.0, 80.0, 150.0]), "torque_limit": 0.5, "wheel_m
 def zones_of(rng, names, groups):
     """Keep-out zones, a keep-in zone, and perhaps a group of two."""
     out = [
-        KeepOut(name=f"out-{i}", direction=unit(rng), half_angle=angle, devices=(names[i % len(names)],))
+        KeepOut(
+            name=f"out-{i}", direction=random_units(rng), half_angle=angle, devices=(names[i % len(names)],)
+        )
         for i, angle in enumerate(rng.uniform(0.1, 2.0, 3))
     ]
-    inside = [KeepIn(name="in", direction=unit(rng), half_angle=1.8, devices=names[:1])]
+    inside = [KeepIn(name="in", direction=random_units(rng), half_angle=1.8, devices=names[:1])]
     if groups:
         inside += [
-            KeepIn(name=f"g{i}", direction=unit(rng), half_angle=1.2, devices=names, any_of="g")
+            KeepIn(name=f"g{i}", direction=random_units(rng), half_angle=1.2, devices=names, any_of="g")
             for i in range(2)
         ]
     return out, inside

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import attitudes_of, craft, ends, grid, holding, joints_of, manoeuvre, unit
-from moving_scenes import seen, turning
+from builders import turning_direction
+from manoeuvres import craft, ends, grid, manoeuvre
+from reference import attitudes_of, holding, joints_of, random_units, seen
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -112,8 +113,8 @@ def margins_by_constraint(margin, table):
 def random_table(rng, trajectory, craft, frames, *, nested=True, moving=False, count=7):
     """Random rows of some kinds about margins that are partly kept, in random entries and groups."""
     terminals = len(craft.terminals)
-    body = unit(rng, 2)
-    carried = [(int(rng.integers(terminals)), vector) for vector in unit(rng, 2)] if terminals else []
+    body = random_units(rng, 2)
+    carried = [(int(rng.integers(terminals)), vector) for vector in random_units(rng, 2)] if terminals else []
     sights = len(craft.device_names) + len(body) + len(carried)
     rows = []
     entry = group = 0
@@ -123,10 +124,12 @@ def random_table(rng, trajectory, craft, frames, *, nested=True, moving=False, c
             group = row if not nested or rng.random() < 0.5 else group
         frame = int(rng.choice([f for f in frames if terminals or f != JOINTS]))
         one = {"frame": frame, "side": rng.choice([-1.0, 1.0]), "entry": entry, "group": group}
-        one |= {"axis": unit(rng), "half_angle": 1.0}
+        one |= {"axis": random_units(rng), "half_angle": 1.0}
         one["bind"] = rng.permutation(sights)[: rng.integers(1, 4)]
         if frame == INERTIAL and moving and rng.random() < 0.7:
-            one["path"] = turning(rng, rng.uniform(0, 0.05), np.linspace(-1, trajectory.duration + 1, 30))
+            one["path"] = turning_direction(
+                rng, rng.uniform(0, 0.05), np.linspace(-1, trajectory.duration + 1, 30)
+            )
         if frame == SIGHT:
             one["partner"], one["bind"] = int(one["bind"][0]), rng.permutation(sights)[:1]
             if one["bind"][0] == one["partner"]:
@@ -182,6 +185,7 @@ def test_kinds_have_the_numbers_that_tables_have():
         assert getattr(form, name) == getattr(constraints, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "moving"), [*((name, False) for name in KINDS), ("inertial", True), ("mixed", True)]
 )
@@ -246,6 +250,7 @@ def just_kept(trajectory, craft, table, row, sight, excess):
     return replace(lone, half_angle=lone.half_angle + harder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["body", "sight", "joints"])
 def test_a_row_that_is_broken_for_a_moment_between_samples_is_never_certified(name):
     between = 0
@@ -306,12 +311,12 @@ def test_margins_within_the_body_are_exact_while_the_platform_tumbles_and_joints
     trajectory = replace(trajectory, joint_coefficients=still)
     rng = np.random.default_rng(4)
     rows = [
-        {"frame": BODY, "axis": unit(rng), "half_angle": 0.4, "bind": range(5)},
+        {"frame": BODY, "axis": random_units(rng), "half_angle": 0.4, "bind": range(5)},
         {"frame": SIGHT, "partner": 0, "half_angle": 0.1, "bind": [1]},
         {"frame": SIGHT, "partner": 4, "half_angle": 3.0, "side": -1.0, "bind": [0]},
         {"frame": JOINTS, "axis": [0.6, 0.8, 0.0], "half_angle": -2.0, "bind": [0, 1]},
     ]
-    table = table_of(spacecraft, rows, body=unit(rng, 1), carried=[(1, unit(rng))])
+    table = table_of(spacecraft, rows, body=random_units(rng, 1), carried=[(1, random_units(rng))])
     exact = pair_margins(trajectory, spacecraft, table, np.array([1.0]))[0]
     found = prove_margins(trajectory, spacecraft, table, zone_names=names_of(table))
     np.testing.assert_allclose([one.bound for one in found], exact[exact < np.inf], rtol=0, atol=1e-11)
@@ -374,14 +379,14 @@ def test_faults_name_what_is_bound_and_the_kind_of_row():
     trajectory = manoeuvre(5, terminals=2)
     rng = np.random.default_rng(6)
     rows = [
-        {"frame": BODY, "axis": unit(rng), "half_angle": 3.1, "bind": [3]},
+        {"frame": BODY, "axis": random_units(rng), "half_angle": 3.1, "bind": [3]},
         {"frame": SIGHT, "partner": 0, "half_angle": 3.1, "bind": [1]},
-        {"frame": INERTIAL, "axis": unit(rng), "half_angle": 0.01, "side": -1.0, "bind": [4]},
+        {"frame": INERTIAL, "axis": random_units(rng), "half_angle": 0.01, "side": -1.0, "bind": [4]},
         {"frame": JOINTS, "axis": [1.0, 0, 0], "half_angle": 50.0, "bind": [1]},
-        {"frame": BODY, "axis": unit(rng), "half_angle": 3.1, "bind": [2], "entry": 4},
-        {"frame": BODY, "axis": unit(rng), "half_angle": 3.1, "bind": [2], "entry": 4},
+        {"frame": BODY, "axis": random_units(rng), "half_angle": 3.1, "bind": [2], "entry": 4},
+        {"frame": BODY, "axis": random_units(rng), "half_angle": 3.1, "bind": [2], "entry": 4},
     ]
-    table = table_of(spacecraft, rows, body=unit(rng, 1), carried=[(1, unit(rng))])
+    table = table_of(spacecraft, rows, body=random_units(rng, 1), carried=[(1, random_units(rng))])
     pattern = re.compile(r"(.+) is \S+ deg (inside|outside) the (.+ z\d) at t = ")
     report = judge(trajectory, spacecraft, table)
     said = [pattern.match(fault).groups() for fault in report.faults]
@@ -442,8 +447,15 @@ def good():
     trajectory = manoeuvre(8, terminals=2)
     rng = np.random.default_rng(9)
     rows = [
-        {"frame": INERTIAL, "axis": unit(rng), "half_angle": 1e-3, "bind": range(6), "group": 0},
-        {"frame": BODY, "axis": unit(rng), "half_angle": 1e-3, "bind": range(6), "entry": 1, "group": 0},
+        {"frame": INERTIAL, "axis": random_units(rng), "half_angle": 1e-3, "bind": range(6), "group": 0},
+        {
+            "frame": BODY,
+            "axis": random_units(rng),
+            "half_angle": 1e-3,
+            "bind": range(6),
+            "entry": 1,
+            "group": 0,
+        },
         {"frame": JOINTS, "axis": [0.6, 0.8, 0], "half_angle": -9.0, "bind": [0, 1], "entry": 1, "group": 0},
         {"frame": SIGHT, "partner": 0, "half_angle": 1e-3, "bind": [1]},
         {"frame": SIGHT, "partner": 3, "half_angle": 1e-3, "bind": [4]},
@@ -452,7 +464,7 @@ def good():
     return (
         trajectory,
         spacecraft,
-        table_of(spacecraft, rows, unit(rng, 1), zip((1, 0), unit(rng, 2), strict=True)),
+        table_of(spacecraft, rows, random_units(rng, 1), zip((1, 0), random_units(rng, 2), strict=True)),
     )
 
 
@@ -525,7 +537,7 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands_in_a_table(va
         ({"entry": np.zeros(5)}, "cones.entry has the shape"),
         ({"paths": (None,) * 7}, "cones.paths has 7 axes for 6 rows"),
         (
-            {"paths": (None, turning(np.random.default_rng(0), 0.01, np.linspace(0, 90, 9)))},
+            {"paths": (None, turning_direction(np.random.default_rng(0), 0.01, np.linspace(0, 90, 9)))},
             "an axis that moves and is not inertial",
         ),
     ],

@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from manoeuvres import craft, grid, joints_of, judge, manoeuvre, spin_of
+from manoeuvres import craft, grid, judge, manoeuvre
+from reference import joints_of, spin_of
 from scipy.optimize import minimize_scalar
 
 from jaxplan.certificate.bounds import Minima

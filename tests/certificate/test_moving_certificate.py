@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import boresights_of, craft, judge, manoeuvre, unit
-from moving_scenes import great_circle, sampled, seen, turning, wandering
+from builders import great_circle, turning_direction, wandering_direction
+from manoeuvres import craft, judge, manoeuvre
+from reference import boresights_of, random_units, sampled, seen
 
 from jaxplan.certificate import EndState, certify, prove_margins
 from jaxplan.certificate.motion import Way
@@ -16,10 +17,10 @@ from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 def random_zones(rng, duration, devices):
     """Slow, quick and wandering zones of all sizes, and one that stands still."""
     paths = [
-        turning(rng, 0.001, np.linspace(0, duration, 5)),
-        turning(rng, 0.06, np.linspace(-1, duration + 3, 40)),
-        wandering(rng, duration, 15, 0.12),
-        unit(rng),
+        turning_direction(rng, 0.001, np.linspace(0, duration, 5)),
+        turning_direction(rng, 0.06, np.linspace(-1, duration + 3, 40)),
+        wandering_direction(rng, duration, 15, 0.12),
+        random_units(rng),
     ]
     zones = []
     for i, path in enumerate(paths):
@@ -96,7 +97,7 @@ def test_a_zone_that_sweeps_across_a_beam_between_two_samples_is_seen():
 
 def test_the_majorant_bounds_every_taylor_coefficient_of_an_axis():
     rng = np.random.default_rng(8)
-    path = wandering(rng, 30.0, 9, 0.2)
+    path = wandering_direction(rng, 30.0, 9, 0.2)
     way = Way.of(path)
     centre, half = (path.times[1:] + path.times[:-1]) / 2, np.diff(path.times) / 2
     bound = way.majorant(centre, half, 15)
@@ -118,7 +119,7 @@ def test_the_majorant_bounds_every_taylor_coefficient_of_an_axis():
 def test_what_is_wrong_with_a_path_is_a_fault_and_no_certificate():
     spacecraft = craft(1, instruments=1)
     trajectory = manoeuvre(2, terminals=1)
-    path = turning(np.random.default_rng(0), 0.001, np.linspace(0, 80, 5))
+    path = turning_direction(np.random.default_rng(0), 0.001, np.linspace(0, 80, 5))
     zone = KeepOut(name="z", direction=path, half_angle=1e-3)
     assert judge(trajectory, spacecraft, [zone]).certified
     broken = {
@@ -138,7 +139,7 @@ def test_what_is_wrong_with_a_path_is_a_fault_and_no_certificate():
 def test_a_nan_among_many_samples_of_a_path_is_found():
     spacecraft = craft(1, instruments=1)
     trajectory = manoeuvre(2, terminals=1)
-    path = turning(np.random.default_rng(0), 0.001, np.linspace(0, 80, 9000))
+    path = turning_direction(np.random.default_rng(0), 0.001, np.linspace(0, 80, 9000))
     samples = path.samples.copy()
     samples[8777, 1] = np.nan
     zone = KeepOut(name="z", direction=replace(path, samples=samples), half_angle=1e-3)

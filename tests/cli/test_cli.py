@@ -30,6 +30,7 @@ def edited(case_file: Path, target: Path, old: str, new: str) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
     code, out, err = run(capsys, "plan", "case-4", "-o", tmp_path / "out")
     assert code == 0
@@ -263,6 +264,7 @@ def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, tm
     assert {file.name for file in tmp_path.glob("*.png")} == {"sphere.png", "rates.png", "mine.png"}
 
 
+@pytest.mark.slow
 def test_the_check_says_all_of_the_certificate_that_the_plan_says(capsys, tmp_path):
     planned = json.loads(run(capsys, "plan", "case-4", "--json", "-o", tmp_path)[1])
     code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from quick import quick_jit
 
 import jaxplan as jp
 
@@ -35,9 +36,8 @@ def slopes(plan, trajectory):
         warnings.simplefilter("error", UserWarning)  # JAX tells so of numbers that it cuts to 32 bits
         narrow = jax.jit(jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario))))(plan.scenario)
     with jax.enable_x64(True):
-        wide = jax.grad(lambda scenario: jp.measures.effort(jp.replan(trajectory.held, scenario)))(
-            plan.scenario
-        )
+        effort = jax.grad(lambda scenario: jp.measures.effort(jp.replan(trajectory.held, scenario)))
+        wide = quick_jit(effort)(plan.scenario)
     return narrow, wide
 
 
@@ -72,16 +72,17 @@ def test_many_scenarios_are_followed_at_once(plan, trajectory):
         settings = replace(plan.scenario.trajectory, duration=duration)
         return effort(replace(plan.scenario, trajectory=settings))
 
-    together = jax.vmap(at)(durations)
-    np.testing.assert_allclose(together, [at(duration) for duration in durations], rtol=1e-6)
+    together, alone = quick_jit(jax.vmap(at))(durations), quick_jit(at)
+    np.testing.assert_allclose(together, [alone(duration) for duration in durations], rtol=1e-6)
     assert together[1] < together[0]
 
 
 def test_within_64_bits_it_is_replan_and_has_both_modes(plan, trajectory, slopes):
     with jax.enable_x64(True):
-        _, slope = jax.jvp(
-            lambda scenario: jp.measures.effort(trajectory(scenario)), (plan.scenario,), (slopes[1],)
+        along = quick_jit(
+            lambda at, way: jax.jvp(lambda own: jp.measures.effort(trajectory(own)), (at,), (way,))
         )
+        _, slope = along(plan.scenario, slopes[1])
     square = sum(float(np.sum(np.square(leaf))) for leaf in jax.tree.leaves(slopes[1]))
     np.testing.assert_allclose(float(slope), square, rtol=1e-8)
 

@@ -7,10 +7,10 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from fits import fit_global
+from builders import make_scenario
 from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
+from node_paths import fit_global
 from quick import quick_jit
-from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.model.path import Path
@@ -60,6 +60,7 @@ def leaves_of(scenario):
     return jax.tree_util.tree_flatten_with_path(scenario)
 
 
+@pytest.mark.slow
 @cases
 def test_gradients_are_those_of_plans_that_are_made_anew(case):
     plan = plan_of(case)
@@ -102,6 +103,7 @@ def test_gradients_are_those_of_plans_that_are_made_anew(case):
         assert expected == pytest.approx(found, rel=1e-6, abs=1e-7), part
 
 
+@pytest.mark.slow
 @cases
 def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
     plan, settings = plan_of(case), plan_of(case).scenario.trajectory
@@ -127,6 +129,7 @@ def test_what_is_no_number_gives_none_and_an_end(case):
     assert np.isnan(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", [60.0, 62.0, 64.0])
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
@@ -147,6 +150,7 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
     assert np.allclose(again.coefficients, own, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_what_has_no_derivative_is_refused_with_a_reason():
     scenario = make_scenario(1)
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
@@ -212,6 +216,7 @@ def test_nodes_that_are_repeated_are_passed_over(method):
     assert_replanned(follow(replace(plan, path=path), scenario))
 
 
+@pytest.mark.slow
 def test_plans_whose_group_changes_hands_are_replanned_as_they_are():
     scenario = make_scenario(0, 1, turn=(0.5, -0.8, 0.6))
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0))
@@ -251,6 +256,7 @@ def test_second_derivatives_and_numbers_of_32_bits_are_refused():
         replan(held, plan.scenario)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["global", "paper"])
 def test_slopes_of_a_batch_are_those_of_each_and_of_differences_forward_and_reverse(method):
     scenario = make_scenario(1)
@@ -274,17 +280,14 @@ def test_slopes_of_a_batch_are_those_of_each_and_of_differences_forward_and_reve
     ways = [rng.normal(size=part.shape) * np.maximum(np.abs(part), 0.1) for part in batch]
     every = tuple(range(len(own)))
 
-    def along(at, way):
-        return jax.jvp(number_of, tuple(at), tuple(way))[1]
-
+    along = quick_jit(jax.vmap(lambda at, way: jax.jvp(number_of, tuple(at), tuple(way))))
     with jax.enable_x64(True):
         reverse = quick_jit(jax.vmap(jax.grad(number_of, every)))(*batch)
-        forward = quick_jit(jax.vmap(along))(batch, ways)
+        _, forward = along(batch, ways)
         alone = quick_jit(jax.grad(number_of, every))(*(part[5] for part in batch))
-        value = quick_jit(jax.vmap(number_of))
         at = {
             share: np.asarray(
-                value(*(part + share * 1e-5 * way for part, way in zip(batch, ways, strict=True)))
+                along([part + share * 1e-5 * way for part, way in zip(batch, ways, strict=True)], ways)[0]
             )
             for share in (-2, -1, 1, 2)
         }

@@ -5,9 +5,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from moving_scenes import LOW_ORBIT
+from builders import LOW_ORBIT, make_scenario
 from quick import quick_jit
-from scenes import make_scenario
 
 import jaxplan as jp
 
@@ -57,6 +56,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_slopes_are_those_of_plans_made_anew(name):
     plan = jp.plan(SCENES[name](), progress=False)

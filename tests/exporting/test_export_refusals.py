@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from builders import make_scenario
 from exports import EPOCH, flown_plan
-from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_scenario
 from exports import DURATION, EPOCH, Truth, differences, flown_plan, truth
-from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.epochs import ephemeris_time
@@ -140,6 +140,7 @@ def test_a_manoeuvre_that_takes_no_time_can_be_asked_for(tmp_path):
     np.testing.assert_allclose(attitude, resting.goal.attitude, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_samples_are_written_and_read(plan, tmp_path):
     step = DURATION / 1e5
     start = load(jp.export(plan, tmp_path / "long", format="ck", epoch=EPOCH, step_s=step))

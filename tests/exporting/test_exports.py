@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_scenario
 from exports import DURATION, EPOCH, differences, flown_plan, truth
-from scenes import make_scenario
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp

@@ -79,6 +79,7 @@ def test_exp_is_scipys_rotation(dtype, eps):
     np.testing.assert_allclose(matrices, Rotation.from_rotvec(vectors).as_matrix(), rtol=0, atol=4 * eps)
 
 
+@pytest.mark.slow
 @PRECISIONS
 @MODES
 def test_exp_moves_by_the_right_jacobian(mode, dtype, eps):
@@ -146,7 +147,7 @@ def test_half_a_turn_has_right_values(dtype, eps):
     half_turns = HALF_TURNS.astype(dtype)
     vectors, angles = compiled(lambda r: (so3.log(r), so3.angle(r)), half_turns)
     largest = np.take_along_axis(vectors, np.argmax(np.abs(vectors), axis=-1)[:, None], axis=-1)
-    assert np.all(largest > 0)
+    np.testing.assert_array_less(0, largest)
     same_side = np.sign(np.sum(vectors * AXES, axis=-1, keepdims=True))
     np.testing.assert_allclose(vectors, HALF_TURN * same_side * AXES, rtol=0, atol=10 * eps)
     np.testing.assert_allclose(angles, HALF_TURN, rtol=0, atol=4 * eps)

@@ -68,19 +68,19 @@ def test_rotations_form_a_group_and_distances_do_not_depend_on_the_frame(a, b, c
     for name in found:
         assert np.all(np.isfinite(found[name])), name
     rotations = found["rotations"]
-    assert np.allclose(np.swapaxes(rotations, 1, 2) @ rotations, np.eye(3), atol=ROUNDING)
-    assert np.allclose(np.linalg.det(rotations), 1, atol=ROUNDING)
-    assert np.array_equal(found["neutral"], np.eye(3))
-    assert np.allclose(found["inverse"], np.eye(3), atol=ROUNDING)
+    np.testing.assert_allclose(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3), 0, atol=ROUNDING)
+    np.testing.assert_allclose(np.linalg.det(rotations), 1, rtol=0, atol=ROUNDING)
+    np.testing.assert_array_equal(found["neutral"], np.eye(3))
+    np.testing.assert_allclose(found["inverse"], np.eye(3), rtol=0, atol=ROUNDING)
     size = 1 + max(np.linalg.norm(x) for x in (a, b))
     for name in ("associative", "conjugate", "again", "back", "one parameter", "ends"):
-        assert np.allclose(found[name], 0, atol=size * ROUNDING), name
+        np.testing.assert_allclose(found[name], 0, atol=size * ROUNDING, err_msg=name)
     assert found["short"] <= np.pi + ROUNDING
     d = found["distances"]
     # Where the angle is near half a turn, a matrix tells it to rounding only by its quaternion.
-    assert np.allclose(d, d[0], atol=1e-7)
+    np.testing.assert_allclose(d, d[0], rtol=0, atol=1e-7)
     first, second, third = found["sides"]
     assert third <= first + second + 1e-7
     assert found["same"] <= 1e-7
     if d[0] < np.pi - 1e-6:
-        assert np.allclose(found["middle"], 0, atol=1e-7)
+        np.testing.assert_allclose(found["middle"], 0, atol=1e-7)

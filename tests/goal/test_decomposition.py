@@ -292,6 +292,7 @@ def least_joint_excess(problem: Problem) -> np.ndarray:
     return min((excess(eta) for eta in ends), key=np.max)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "yaw", "pitch"), [(2, 0.1, 0.02), (3, 0.2, 0.1), (3, 2.5, 0.02), (4, 1.0, 0.1)]
 )

@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from pointing import Problem, make_problem, random_problem
 from pointing_kinds import KINDS, one_of, past_a_plane
 from quick import quick_jit
+from reference import unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -154,10 +155,6 @@ def with_an_instrument() -> list[Problem]:
     return problems
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)
-
-
 GROUPS = {
     "three terminals": three_terminals,
     "two terminals and an instrument": with_an_instrument,
@@ -236,6 +233,7 @@ def directions_of(number: int, inputs: Inputs) -> list[Inputs]:
     ]
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_goals_found_anew(group):
     for row in group.ordinary:
         problem = group.problems[row]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_scenario
 from pointing import make_problem
-from pointing_kinds import random_kinds, row_margins, slsqp, table, unit, worst_margin
-from scenes import make_scenario
+from pointing_kinds import random_kinds, row_margins, slsqp, table, worst_margin
+from reference import random_units, state_margins
 from scipy.spatial.transform import Rotation
-from stated import state_margins
 
 import jaxplan as jp
 from jaxplan.goal import tracking_rates
@@ -58,7 +58,7 @@ def test_no_random_attitude_is_nearer_than_the_goal(solved):
     rng, possible = np.random.default_rng(8), 0
     for problem, found in solved:
         nearest = found.goals[0].slew_angle
-        turns = unit(rng, 4000) * (nearest * rng.random((4000, 1)) ** (1 / 3))
+        turns = random_units(rng, 4000) * (nearest * rng.random((4000, 1)) ** (1 / 3))
         attitudes = problem.start @ Rotation.from_rotvec(turns).as_matrix()
         nearer = np.linalg.norm(turns, axis=1) < nearest - 1e-9
         assert not np.any(nearer & (worst_margin(problem, attitudes) >= 0))
@@ -67,6 +67,7 @@ def test_no_random_attitude_is_nearer_than_the_goal(solved):
     assert possible >= len(solved) / 2  # what is tried can hold at all
 
 
+@pytest.mark.slow
 def test_no_slsqp_run_finds_a_nearer_goal(solved):
     references = []
     for number, (problem, found) in enumerate(solved[:24]):
@@ -173,7 +174,7 @@ def stated(monkeypatch, problem, **search):
 def test_goals_whose_joints_break_a_row_are_dropped_for_the_next(monkeypatch):
     """A mask that leans in yaw and pitch forbids the nearest goals of a problem of many."""
     rng = np.random.default_rng(2)
-    free = make_problem(START, unit(rng, 2), np.array([0.3, -2.0]), 1.0, 0.6, boresights=(BORESIGHT,))
+    free = make_problem(START, random_units(rng, 2), np.array([0.3, -2.0]), 1.0, 0.6, boresights=(BORESIGHT,))
     every = free.decompose(max_goals=8).goals
     assert len(every) >= 3
     values = [np.array([0.6, 0.8]) @ goal.joints[[0, 2]] for goal in every]
@@ -266,7 +267,12 @@ def test_every_sight_has_a_name():
 def test_tracking_follows_targets_beside_rows_of_the_body(row):
     """A goal that leans on a row of the body, while the targets move: differences of goals found anew."""
     free = make_problem(
-        START, unit(np.random.default_rng(4), 2), np.array([0.3, -2.0]), 2.5, 1.2, boresights=(BORESIGHT,)
+        START,
+        random_units(np.random.default_rng(4), 2),
+        np.array([0.3, -2.0]),
+        2.5,
+        1.2,
+        boresights=(BORESIGHT,),
     )
     bare = with_rows(free, row | {"half_angle": 0.0})
     nearest = free.decompose(max_goals=1).goals[0]
@@ -326,7 +332,7 @@ def test_no_attitude_around_such_a_goal_is_nearer_to_the_start(moved):
     rng, near = np.random.default_rng(3), 0
     for scene, goals in moved:
         craft, goal = scene.spacecraft, goals[0]
-        turns = 0.02 * unit(rng, 3000) * rng.random((3000, 1))
+        turns = 0.02 * random_units(rng, 3000) * rng.random((3000, 1))
         attitudes = goal.attitude @ Rotation.from_rotvec(turns).as_matrix()
         joints = craft.joints_toward(attitudes, scene.goal.directions)
         limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
@@ -348,6 +354,7 @@ def test_where_nothing_holds_the_goal_is_invalid(moved):
     assert "terminal-1" in found.message
 
 
+@pytest.mark.slow
 def test_a_plan_whose_goal_leans_on_what_step_1_leaves_open_is_not_held(moved):
     scene, (goal, *_) = moved[0]
     assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] < 1e-4

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from manoeuvres import attitudes_of, craft, joints_of, manoeuvre, spin_of
+from manoeuvres import craft, manoeuvre
+from reference import attitudes_of, joints_of, spin_of
 
 from jaxplan.model.limits import QUANTITIES, Kinematics, highest_derivative, limits, time_factor, values
 from jaxplan.trajectory import measures
@@ -186,6 +187,7 @@ def test_bounds_follow_a_spacecraft_that_is_differentiated():
     assert [float(one.rate_limit) for one in slope.terminals] == [2, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("binding", [limit.quantity.name for limit in limits(EVERY) if limit.quantity.power])
 def test_a_motion_scaled_to_its_limits_just_keeps_the_one_that_binds(binding):
     trajectory = manoeuvre(10, terminals=2, wiggle=0.4)

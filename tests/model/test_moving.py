@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from moving_scenes import great_circle, seen, turning, wandering
+from builders import great_circle, turning_direction, wandering_direction
+from reference import angle, seen
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
@@ -18,17 +19,17 @@ EPOCH = "2026-03-20T12:00:00"
 def paths():
     rng = np.random.default_rng(3)
     return [
-        turning(rng, 0.001, np.linspace(0, 80, 9)),
-        turning(rng, 0.05, np.linspace(-2, 20, 12)),
-        wandering(rng, 60.0, 12, 0.2),
-        turning(rng, 0.02, np.array([0.0, 10.0, 20.0])),
-        turning(rng, 0.02, np.array([0.0, 20.0])),
+        turning_direction(rng, 0.001, np.linspace(0, 80, 9)),
+        turning_direction(rng, 0.05, np.linspace(-2, 20, 12)),
+        wandering_direction(rng, 60.0, 12, 0.2),
+        turning_direction(rng, 0.02, np.array([0.0, 10.0, 20.0])),
+        turning_direction(rng, 0.02, np.array([0.0, 20.0])),
     ]
 
 
 @pytest.mark.parametrize("path", paths(), ids=["slow", "quick", "random", "three samples", "two samples"])
 def test_a_path_passes_its_samples_and_is_the_spline_of_its_definition(path):
-    assert np.all(np.abs(path.at(path.times) - path.samples) <= 4e-16)
+    np.testing.assert_allclose(path.at(path.times) - path.samples, 0, atol=4e-16)
     times = np.linspace(path.times[0], path.times[-1], 3001)
     directions = path.at(times)
     np.testing.assert_allclose(directions, seen(path, times), atol=1e-14)
@@ -41,7 +42,7 @@ def test_the_rate_is_the_derivative_of_the_direction(path):
     times = np.linspace(path.times[0] + 2 * step, path.times[-1] - 2 * step, 500)
     near, far = (path.at(times + k * step) - path.at(times - k * step) for k in (1, 2))
     np.testing.assert_allclose(path.rate(times), (8 * near - far) / (12 * step), atol=1e-10)
-    assert np.all(np.abs(np.sum(path.rate(times) * path.at(times), axis=1)) <= 1e-15)
+    np.testing.assert_allclose(np.sum(path.rate(times) * path.at(times), axis=1), 0, atol=1e-15)
     # the same from both sides of a sample
     inner = path.times[1:-1]
     np.testing.assert_allclose(
@@ -68,7 +69,7 @@ def test_bounds_of_rate_and_reach_hold_at_every_instant_and_are_near(path):
     quickest = np.linalg.norm(path.rate(times), axis=1).max()
     assert quickest <= path.largest_rate(first, last)
     axis = path.at((first + last) / 2)
-    apart = np.arctan2(np.linalg.norm(np.cross(axis, path.at(times)), axis=1), path.at(times) @ axis).max()
+    apart = angle(axis, path.at(times)).max()
     assert apart <= path.reach(axis, first, last) <= 1.1 * apart + 0.02 * quickest * (last - first)
 
 

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from quick import quick_jit
+from reference import random_units, unit
 from scipy.spatial.transform import Rotation
 
 from jaxplan.geometry.vectors import separation
@@ -18,12 +19,8 @@ MODES = pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def random_directions(shape, seed):
-    return unit(np.random.default_rng(seed).normal(size=(*shape, 3)))
+    return random_units(np.random.default_rng(seed), *shape)
 
 
 def half_chord_angle(first, second):
@@ -135,13 +132,13 @@ def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
     assert rows in (0, 8, 16, 32, 64)
     boresights = np.concatenate([random_directions((20, 3), 7), np.broadcast_to(Z, (1, 3, 3))])
     assert np.all(np.isfinite(margins(cones, boresights)[:, :count]))
-    assert np.all(margins(cones, boresights)[:, count:] == np.inf)
+    np.testing.assert_array_equal(margins(cones, boresights)[:, count:], np.inf)
     assert not cones.bound[count:].any()
 
 
 def test_without_devices_every_zone_is_clear():
     cones = zones.tabulate([keep_out(0.3)], [], ())
-    assert np.all(margins(cones, np.zeros((5, 0, 3))) == np.inf)
+    np.testing.assert_array_equal(margins(cones, np.zeros((5, 0, 3))), np.inf)
 
 
 def test_a_group_is_as_good_as_its_best_zone_with_its_worst_device():
@@ -273,8 +270,8 @@ def test_a_clearance_is_given_up_to_half_of_the_room_a_zone_leaves():
         cosines = np.full(8, -np.inf)
         cosines[:2] = cones.side[:2] * np.cos(angles + cones.side[:2] * shift)
         slack = np.asarray(constraints.thresholds(cones, 1.0)) - cosines
-        assert np.all((slack[:2] >= 0) == clear)
-        assert np.all(slack[2:] == np.inf)
+        np.testing.assert_array_equal(slack[:2] >= 0, clear)
+        np.testing.assert_array_equal(slack[2:], np.inf)
 
 
 def test_margins_turn_with_the_scene():

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import edge_states, make_scenario, sampled_margin, scene_of
+from builders import make_scenario, scene_of
+from reference import edge_states, sampled_margin
 
 from jaxplan import table4
 from jaxplan.model.path import Path
@@ -44,6 +45,7 @@ def test_intervals_are_wilsons(successes, trials, low, high):
     np.testing.assert_allclose(table4.success_interval(successes, trials), (low, high), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
     calls = []
     rows = table4.compare(

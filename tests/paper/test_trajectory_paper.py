@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fits import fit_paper
-from node_paths import NAMES, ZIG_ZAG, fit_stored, load, wandering
-from scenes import make_spacecraft
+from builders import make_spacecraft
+from node_paths import NAMES, ZIG_ZAG, fit_paper, fit_stored, load, wandering
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path

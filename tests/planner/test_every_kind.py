@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.legend import Legend
 from matplotlib.patches import PathPatch
-from stated import least_margin, stated_margins
+from reference import least_margin, stated_margins
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
@@ -17,6 +17,7 @@ from jaxplan.model.zones import sight_names
 from jaxplan.planner.proof import check_margins
 from jaxplan.plotting import samples
 
+pytestmark = pytest.mark.slow
 SEEDS = (2, 3)
 NEW_KINDS = [kind for kind in RANDOM_KINDS if kind not in SKY_KINDS]
 ROUNDING = 1e-9  # rad, the certificate's

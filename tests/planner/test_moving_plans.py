@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import attitudes_of, joints_of
-from moving_scenes import LOW_ORBIT, beams, great_circle, sampled
+from builders import LOW_ORBIT, great_circle
+from reference import attitudes_of, boresights, joints_of, sampled
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -57,7 +57,7 @@ def end_of(plan):
     last, step = len(trajectory.breaks) - 2, 1e-3
     times = trajectory.duration + step * np.arange(-2, 3)
     attitude = attitudes_of(trajectory, times, np.full(5, last))  # of the last piece, also beyond its end
-    found = beams(craft, attitude, joints_of(trajectory, times)[0])
+    found = boresights(craft, attitude, joints_of(trajectory, times)[0])
     return found[2], (8 * (found[3] - found[1]) - (found[4] - found[0])) / (12 * step)
 
 
@@ -75,6 +75,7 @@ def test_every_beam_ends_on_its_target_and_turns_as_it_does(plans, duration):
     assert np.linalg.norm(rates, axis=1).max() > 9e-4  # they do turn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", ["minimum", "stretched"])
 def test_free_end_accelerations_do_not_make_it_longer(plans, scene, duration):
     settings = replace(scene.trajectory, duration=duration, end_acceleration="free")
@@ -157,7 +158,9 @@ def test_a_goal_that_does_not_meet_its_targets_is_not_certified(plans):
 
 def test_start_and_goal_are_judged_by_zones_as_they_are_then(scene):
     craft = scene.spacecraft
-    start = beams(craft, Rotation.from_rotvec(scene.start.rotation_vector).as_matrix(), scene.start.joints)[0]
+    start = boresights(
+        craft, Rotation.from_rotvec(scene.start.rotation_vector).as_matrix(), scene.start.joints
+    )[0]
     goal = scene.goal.directions[1].at(80.0)
     aside = np.array([0.3, -0.5, 0.8])
 
@@ -210,10 +213,13 @@ def test_what_a_search_takes_for_moving_zones_leaves_both_ends_clear(plans, scen
     times = np.linspace(0, 80, 50)
     ends = {
         "start": np.concatenate(
-            [beams(scene.spacecraft, attitude, scene.start.joints), attitude[None, :, 2]]
+            [boresights(scene.spacecraft, attitude, scene.start.joints), attitude[None, :, 2]]
         ),
         "goal": np.concatenate(
-            [beams(scene.spacecraft, plan.goal.attitude, plan.goal.joints), plan.goal.attitude[None, :, 2]]
+            [
+                boresights(scene.spacecraft, plan.goal.attitude, plan.goal.joints),
+                plan.goal.attitude[None, :, 2],
+            ]
         ),
     }
     for directions in ends.values():
@@ -245,7 +251,7 @@ def ring(scene, device, axis, rate):
 
 def test_no_path_is_only_claimed_of_what_is_forbidden_at_every_instant(scene):
     attitude = Rotation.from_rotvec(scene.start.rotation_vector).as_matrix()
-    start = beams(scene.spacecraft, attitude, scene.start.joints)[1]
+    start = boresights(scene.spacecraft, attitude, scene.start.joints)[1]
     slow = jp.plan(ring(scene, "port", start, 1e-4), throw=False)
     assert slow.status is jp.Status.NO_PATH
     assert "overlap in a ring" in slow.message

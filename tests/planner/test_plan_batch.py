@@ -4,8 +4,8 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from builders import with_search
 from fake_study import die
-from scenes import with_search
 from trust import golden
 
 import jaxplan as jp
@@ -70,6 +70,7 @@ def test_random_scenes_are_planned_as_the_golden_set_says(batch):
         assert golden.verdict(name, plan)
 
 
+@pytest.mark.slow
 def test_other_processes_give_the_same_plans(batch):
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         for here, there in zip(batch, jp.plan_batch(scenarios(), workers=pool), strict=True):

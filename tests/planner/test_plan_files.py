@@ -3,7 +3,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.planner.proof import certify
@@ -59,6 +59,7 @@ def test_plans_with_few_devices_and_failed_plans_can_be_kept(terminals, tmp_path
         assert_same(kept, jp.load_plan(tmp_path / f"{name}.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "duration"), [("paper", 60.0), ("global", 60.0), ("global", "minimum")])
 def test_plans_that_come_back_to_where_they_start_at_speed_can_be_kept(method, duration, tmp_path):
     scenario = make_scenario(1)
@@ -219,6 +220,7 @@ def places(content: object, keys: tuple[object, ...] = ()):
                 yield from places(value, (*keys, key))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [None, True, "x", -1e300, 1e300, [], {}], ids=str)
 def test_no_value_anywhere_gives_a_plan_that_cannot_be_shown(plan, tmp_path, value):
     content = written(plan, tmp_path / "plan.json")

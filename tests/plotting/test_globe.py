@@ -11,6 +11,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+import reference
 from exports import flown_plan, truth
 from matplotlib import pyplot
 from matplotlib.animation import FFMpegWriter
@@ -48,8 +49,7 @@ def test_a_view_looks_from_where_it_is_said_with_north_up():
     view = View.from_angles(azimuth, elevation)
     np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(np.linalg.det(view.axes), 1)
-    eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    np.testing.assert_allclose(view.axes[2], eye)
+    np.testing.assert_allclose(view.axes[2], reference.direction(azimuth, elevation))
     north = view.project(np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(north, [0, np.cos(elevation)], atol=1e-15)
 

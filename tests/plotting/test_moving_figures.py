@@ -5,7 +5,8 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from moving_scenes import LOW_ORBIT, sampled
+from builders import LOW_ORBIT
+from reference import sampled
 
 import jaxplan as jp
 from jaxplan.model.zones import KeepOut
@@ -117,6 +118,7 @@ def test_a_film_shows_zones_where_they_are(plan):
         assert [text.get_text() for text in axes.texts].count("earth") == 1
 
 
+@pytest.mark.slow
 def test_a_page_says_what_moves_from_where_to_where(plan, failed, tmp_path):
     jp.report_html(plan, tmp_path / "plan.html")
     page = (tmp_path / "plan.html").read_text()

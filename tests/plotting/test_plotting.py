@@ -8,10 +8,10 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
-from drawn import make_plan, unit
+from builders import make_plan, make_scenario
 from matplotlib import pyplot
 from matplotlib.figure import Figure
-from scenes import make_scenario
+from reference import angle, direction, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -27,14 +27,7 @@ OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margi
 
 
 def _direction(points: np.ndarray) -> np.ndarray:
-    azimuth, elevation = np.deg2rad(points).T
-    level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
-
-
-def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    first, second = np.broadcast_arrays(first, second)
-    return np.arctan2(np.linalg.norm(np.cross(first, second), axis=-1), np.sum(first * second, axis=-1))
+    return direction(*np.deg2rad(points).T)
 
 
 def _cones() -> list[tuple[np.ndarray, float]]:
@@ -64,14 +57,14 @@ def test_outline_lies_on_the_cone_and_on_the_map() -> None:
         line = projections.outline(axis, half_angle)
         points = line[~np.isnan(line[:, 0])]
         assert np.all(np.abs(points) <= [180, 90])
-        np.testing.assert_allclose(_angle(_direction(points), axis), half_angle, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(angle(_direction(points), axis), half_angle, rtol=0, atol=1e-9)
 
 
 def test_outline_goes_all_the_way_round_without_a_streak() -> None:
     for axis, half_angle in _cones():
         first, second = _steps(projections.outline(axis, half_angle))
         assert np.all(np.abs(second - first)[:, 0] <= 180)
-        lengths = _angle(_direction(first), _direction(second))
+        lengths = angle(_direction(first), _direction(second))
         assert lengths.max() < np.deg2rad(0.6)
         np.testing.assert_allclose(lengths.sum(), 2 * np.pi * np.sin(half_angle), rtol=1e-4)
 
@@ -94,7 +87,7 @@ def test_region_holds_what_the_cone_holds_and_nothing_else() -> None:
     near_poles = _direction(np.array([[a, s * 89.7] for a in (-170.0, -60.0, 10.0, 120.0) for s in (-1, 1)]))
     for axis, half_angle in _cones():
         probes = np.concatenate([directions, near_poles])
-        depth = half_angle - _angle(probes, axis)
+        depth = half_angle - angle(probes, axis)
         clear = np.abs(depth) > np.deg2rad(0.05)
         azimuth, elevation = np.rad2deg(
             [np.arctan2(probes[:, 1], probes[:, 0]), np.arcsin(np.clip(probes[:, 2], -1, 1))]
@@ -133,7 +126,7 @@ def test_no_line_across_the_map_has_a_streak() -> None:
         first, second = _steps(projections.cut(projections.unfold(way)))
         assert np.all(np.abs(second - first)[:, 0] <= 180)
         # where it is cut, the chord on the map leaves the great circle by far less than a step
-        assert _angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400
+        assert angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400
 
 
 # The numbers
@@ -474,7 +467,7 @@ def test_every_boresight_starts_at_a_star_and_ends_at_a_square() -> None:
     for marker, node in (("*", 0), ("s", -1)):
         marks = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == marker]
         boresights = plan.scenario.spacecraft.boresights(plan.path.attitudes[node], plan.path.joints[node])
-        np.testing.assert_allclose(_angle(_direction(np.array(marks)), np.asarray(boresights)), 0, atol=1e-9)
+        np.testing.assert_allclose(angle(_direction(np.array(marks)), np.asarray(boresights)), 0, atol=1e-9)
     names = {text.get_text() for text in axes.texts}
     assert names == {"zone-0", "zone-1", "zone-2", "zone-3"}
     assert sum(isinstance(patch, mpl.patches.PathPatch) for patch in axes.patches) == 4
@@ -510,6 +503,7 @@ def test_axes_say_their_units() -> None:
     assert [panel.get_xlabel() for panel in alone] == ["time (s)", "time (s)"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("terminals", "instruments", "zones"), [(3, 1, 4), (12, 3, 64)])
 def test_legends_cover_no_panel_and_stay_on_the_page(terminals: int, instruments: int, zones: int) -> None:
     plan = make_plan(terminals, instruments, zones=zones)
@@ -536,6 +530,7 @@ def test_the_overview_says_what_thick_and_thin_margins_are() -> None:
     assert {"smallest of a device", "to each zone"} <= _legend(margin_axes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("figure", [lambda plan: jp.plot.overview(plan)[3], jp.plot.margins])
 @pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
 def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -> None:
@@ -621,7 +616,7 @@ def test_the_name_of_a_keep_in_zone_of_more_than_half_the_sphere_stands_in_it() 
             axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_in=(zone,))))
             (label,) = axes.texts
             spot = _direction(np.array([label.get_position()], dtype=float))[0]
-            assert np.rad2deg(_angle(spot, axis)) < half_angle
+            assert np.rad2deg(angle(spot, axis)) < half_angle
 
 
 def test_zones_about_one_axis_are_all_named() -> None:
@@ -641,7 +636,7 @@ def test_zones_about_one_axis_are_all_named() -> None:
         for label, zone in zip(axes.texts, reversed(zones), strict=True):  # the smallest comes first
             assert label.get_text().startswith(zone.name)
             spot = _direction(np.array([label.get_position()], dtype=float))[0]
-            assert _angle(spot, axis) < zone.half_angle
+            assert angle(spot, axis) < zone.half_angle
 
 
 def test_zones_of_a_group_look_and_are_called_other_than_those_that_must_hold() -> None:
@@ -718,6 +713,7 @@ def test_a_notebook_shows_what_is_drawn() -> None:
 # Edges
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plan", "expected"),
     [

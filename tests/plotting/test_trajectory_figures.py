@@ -5,13 +5,12 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from drawn import make_plan
+from builders import make_plan, make_spacecraft
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import poly2leg
-from scenes import make_spacecraft
 
 import jaxplan as jp
 from jaxplan.planner import Plan

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+from builders import make_scenario, scene_of
 from fake_study import plan_nothing, task
-from scenes import make_scenario, scene_of
 
 import jaxplan as jp
 from jaxplan import sky

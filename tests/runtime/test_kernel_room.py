@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.runtime import jit

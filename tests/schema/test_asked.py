@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.model.directions import DirectionPath

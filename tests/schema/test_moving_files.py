@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from moving_scenes import LOW_ORBIT, great_circle
+from builders import LOW_ORBIT, great_circle
 
 import jaxplan as jp
 from jaxplan import schema as sc

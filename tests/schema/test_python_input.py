@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan import so3

@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scenes import boresights, make_scenario, scene_of
+from builders import make_scenario, scene_of
+from reference import boresights, unit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
@@ -18,10 +19,6 @@ from jaxplan.search.barriers import TOLERANCE, Barrier, find_barrier, separating
 
 Caps = tuple[np.ndarray, np.ndarray]  # (Z, 3) axes and (Z,) half-angles, rad
 NORTH, SOUTH = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
-
-
-def unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
 
 
 def margins(caps: Caps, directions: np.ndarray) -> np.ndarray:

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
+from builders import make_scenario, scene_of
+from reference import boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import SKY_KINDS, paper_case, random_scenario

@@ -9,10 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from builders import make_scenario
 from disks import mounted, small_files
 from exports import flown_plan
 from fake_study import plan_nothing, task
-from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.cli import main

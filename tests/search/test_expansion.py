@@ -1,7 +1,8 @@
 import jax
 import numpy as np
 import pytest
-from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of
+from builders import make_scenario, scene_of
+from reference import boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
@@ -107,6 +108,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
     scene = SCENES[name]()
@@ -286,6 +288,7 @@ def test_without_zones_fields_are_distances_on_the_sphere():
     assert np.all(np.abs(fields.start - angles) <= 0.1 + 0.15 * angles)
 
 
+@pytest.mark.slow
 def test_a_second_scene_of_the_same_padded_sizes_compiles_nothing(compilations):
     search, settings = PLANNERS["mha"], make_scenario().search
     hard = [make_problem(random_scenario(seed, "hard_keep_out")) for seed in (3, 10, 15)]

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
+from builders import make_scenario, scene_of, with_search
+from reference import boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case, random_scenario
@@ -107,6 +108,7 @@ def test_the_same_seed_gives_the_same_path_and_another_seed_another():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (2, 2), (4, 0), (12, 1)])
 def test_any_number_of_devices_finds_a_way_round_a_zone_on_the_straight_motion(terminals, instruments):
     free = scene_of(make_scenario(terminals, instruments))
@@ -164,6 +166,7 @@ def enclosed_scene() -> Scene:
     return scene_of(make_scenario(0, 1, keep_out=zones, turn=(1.9, 1.9, 0.0)))
 
 
+@pytest.mark.slow
 def test_further_searches_shorten_the_path_and_stay_within_the_effort():
     shorter = 0
     for seed in (3, 10, 15, 17, 19):  # scenes whose straight motion cannot be bent clear

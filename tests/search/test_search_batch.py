@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from scenes import make_scenario, scene_of
+from builders import make_scenario, scene_of
 from trust import lanes
 
 from jaxplan.cases import SKY_KINDS, random_scenario
@@ -69,6 +69,7 @@ def assert_agree(first: SearchResult, second: SearchResult) -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenes", [1, 2, 4 * CPU_CALLS + 3])
 def test_a_batch_agrees_with_one_by_one_in_every_batch_shape(scenes):
     problems = [random_problem(k // 5, SKY_KINDS[k % 5], max_expansions=20) for k in range(scenes)]

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import boresights, edge_states, make_scenario, sampled_margin, scene_of, with_search
+from builders import make_scenario, scene_of, with_search
+from reference import boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path

@@ -19,6 +19,14 @@ def text(study: jp.Study) -> str:
     return json.dumps(study.table)
 
 
+def in_other_company(row: dict) -> dict:
+    """What a row says that was planned with other scenes: the same to 1e-6."""
+    return {
+        name: pytest.approx(value, rel=1e-6) if isinstance(value, float) else value
+        for name, value in row.items()
+    }
+
+
 @pytest.fixture(scope="module")
 def study() -> jp.Study:
     return jp.run_study(SEEDS, "keep_in", progress=False)
@@ -34,10 +42,15 @@ def test_a_row_says_what_the_plan_of_its_scene_says(study):
         assert row["certified"] is True
         assert row["expansions"] == plan.search.expansions
         assert row["interior_nodes"] == plan.path.edges - 1
-        assert row["length_steps"] == plan.path.length
-        assert row["duration_s"] == plan.trajectory.duration > row["duration_bound_s"] > 0
-        assert row["min_margin_deg"] == np.rad2deg(plan.certificate.min_margin) > 0
-        assert row["peak"] == max(plan.certificate.peaks.values())
+        told = {
+            "length_steps": plan.path.length,
+            "duration_s": plan.trajectory.duration,
+            "min_margin_deg": float(np.rad2deg(plan.certificate.min_margin)),
+            "peak": max(plan.certificate.peaks.values()),
+        }
+        assert {name: row[name] for name in told} == in_other_company(told)
+        assert row["duration_s"] > row["duration_bound_s"] > 0
+        assert row["min_margin_deg"] > 0
         assert times["name"] == row["name"]
         assert times["total_s"] == pytest.approx(
             sum(times[f"{step}_s"] for step in plan.timings if step in STEPS)
@@ -165,7 +178,7 @@ def test_a_scene_that_raises_is_a_row_and_the_others_are_planned(study, monkeypa
     assert crashed["certified"] is False
     assert crashed["duration_s"] is crashed["length_steps"] is None
     assert found.timings[3]["total_s"] is None
-    others = [row for row in study.table if row["scene"] != 3]
+    others = [in_other_company(row) for row in study.table if row["scene"] != 3]
     assert [row for row in found.table if row["scene"] != 3] == others
     assert "4 OK, 1 crashed" in str(found.summary())
 
@@ -180,6 +193,7 @@ def test_the_threads_of_the_linear_algebra_do_not_change_the_table(study):
     assert text(many) == text(study)
 
 
+@pytest.mark.slow
 def test_dask_workers_give_the_same_table(study):
     distributed = pytest.importorskip("distributed", reason="needs the extra dask")
     with (

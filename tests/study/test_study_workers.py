@@ -232,6 +232,7 @@ def test_idle_workers_are_found_out_and_get_more_to_do():
     assert max(under_way) <= 12
 
 
+@pytest.mark.slow
 def test_processes_of_our_own_survive_a_death_and_are_gone_at_the_end(tmp_path):
     rows = run(1, 1, die_at_one, 20, tmp_path)
     assert [row["scene"] for row in rows if row["status"] == "crashed"] == [DEADLY]
@@ -241,6 +242,7 @@ def test_processes_of_our_own_survive_a_death_and_are_gone_at_the_end(tmp_path):
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_our_processes_at_once(monkeypatch, tmp_path):
     monkeypatch.setenv(SECONDS, "0.3")
     monkeypatch.setattr("jaxplan.study.store.Store.add", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
@@ -291,6 +293,7 @@ def spoken(*words, **options) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False, **options)
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
@@ -326,6 +329,7 @@ UNGUARDED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", UNGUARDED.values(), ids=UNGUARDED)
 def test_the_advice_on_a_guard_is_said_last_and_below_the_scripts_own_line(tmp_path, work):
     script = tmp_path / "script.py"
@@ -359,6 +363,7 @@ def test_what_a_worker_dies_of_as_it_begins_is_told(tmp_path):
     assert "RuntimeError: a worker process died as it began, and what it printed says why" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_script_that_is_no_file_has_workers_too():
     script = (
         "import sys\n"

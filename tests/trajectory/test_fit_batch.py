@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scenes import make_spacecraft
+from builders import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -61,6 +61,7 @@ def expect_to_agree(one, other):
                 np.testing.assert_allclose(own, its, rtol=0, atol=AGREE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "duration"),
     [
@@ -88,6 +89,7 @@ def bare(turn, **limits):
     return FitQuery(path=path, spacecraft=craft, settings=TrajectorySettings())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", ["minimum", "stretched"])
 def test_free_end_accelerations_never_make_a_motion_longer(queries, duration):
     sphere = {"rate_limit": 99.0, "acceleration_limit": 99.0, "inertia": np.eye(3), "torque_limit": 1.0}

@@ -6,12 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from builders import avoids, look, make_relay, make_spacecraft, sees
 from dense import assert_kept, end_states, jumps, node_errors, shares
-from fits import fit_global, fit_paper
 from manoeuvres import judge
-from node_paths import NAMES, load, wandering
-from relays import avoids, look, make_relay, sees
-from scenes import make_spacecraft
+from node_paths import NAMES, fit_global, fit_paper, load, wandering
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -65,6 +63,7 @@ def test_the_shortest_plans_of_the_paper_are_near_the_strict_bound(number, ends,
         assert np.any(np.abs(states[1]) > 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ends", "limits_deg", "least"),
     [
@@ -102,6 +101,7 @@ def test_stretched_lies_between_the_shortest_and_the_papers(name):
     assert durations["minimum"] < durations["stretched"] < paper.duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rrt_c2", "astar_c1", "astar_c3", "rrt_c4"])
 def test_a_duration_too_short_says_which_would_do(name):
     path, settings = load(name), TrajectorySettings(duration=15.0)
@@ -129,6 +129,7 @@ LOADED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("binding", "limits"), LOADED)
 def test_torque_momentum_and_jerk_are_kept_and_bind(binding, limits):
     free = make_spacecraft(1)
@@ -164,6 +165,7 @@ def end_rates(trajectory):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "duration"),
     [(0, 60.0), (1, "minimum"), (2, "stretched")],
@@ -223,6 +225,7 @@ def test_of_a_group_of_keep_in_zones_one_holds_at_every_time(duration):
     assert_kept(plan.trajectory, scenario.spacecraft, zones_of(scenario))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SKY_KINDS)
 def test_random_scenes_are_certified_at_any_duration(kind):
     above = []

@@ -7,13 +7,12 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from dense import attitudes_at
+from builders import make_spacecraft
 from held_plans import metric
 from kinds import Row, least_margins, pair_margins_of, row_values, seen_by, table
-from manoeuvres import joints_of
 from node_paths import wandering
 from quick import quick_jit
-from scenes import make_spacecraft
+from reference import attitudes_of, joints_of
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
@@ -73,7 +72,7 @@ def query(rows, craft=CRAFT, settings=SETTINGS, path=PATH):
 def states(trajectory, count=2001):
     """Attitudes and joints at many times."""
     t = np.linspace(0, trajectory.duration, count)
-    return attitudes_at(trajectory, t), joints_of(trajectory, t)[0]
+    return attitudes_of(trajectory, t), joints_of(trajectory, t)[0]
 
 
 @cache
@@ -262,6 +261,7 @@ def shifted(rows, share):
     return own, replace(CRAFT, terminals=tuple(terminals), instruments=tuple(cameras))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from builders import make_spacecraft
 from node_paths import load, turning, wandering
-from scenes import make_spacecraft
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation

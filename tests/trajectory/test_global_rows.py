@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_spacecraft
 from node_paths import wandering
-from scenes import make_spacecraft
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.chart import fitting

@@ -5,11 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from dense import assert_kept, attitudes_at, end_states, instants, jumps, node_errors
-from fits import fit_global
-from manoeuvres import spin_of
-from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
-from scenes import make_spacecraft
+from builders import make_spacecraft
+from dense import assert_kept, end_states, instants, jumps, node_errors
+from node_paths import NAMES, ZIG_ZAG, fit_global, fit_stored, load, turning, wandering
+from reference import attitudes_of, spin_of
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case
@@ -68,7 +67,7 @@ def test_attitudes_are_rotations_and_rates_their_derivatives(name):
     samples = trajectory.sample(t)
     gram = np.swapaxes(samples.attitude, 1, 2) @ samples.attitude
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(3), gram.shape), atol=1e-12)
-    np.testing.assert_allclose(samples.attitude, attitudes_at(trajectory, t), atol=1e-12)
+    np.testing.assert_allclose(samples.attitude, attitudes_of(trajectory, t), atol=1e-12)
     rate, acceleration, _ = spin_of(trajectory, t)
     np.testing.assert_allclose(samples.angular_velocity, rate, atol=1e-8)
     np.testing.assert_allclose(samples.angular_acceleration, acceleration, atol=1e-8)
@@ -95,6 +94,7 @@ def test_the_jerk_is_far_lower_than_the_papers_at_the_same_nodes_and_times(name)
     assert jerk_peak(paper) >= 1.5 * jerk_peak(exact(name))
 
 
+@pytest.mark.slow
 @names
 def test_no_more_effort_is_spent_than_by_the_paper_with_its_own_weights(name):
     settings = replace(EXACT, jerk_weight=0.0)
@@ -115,6 +115,7 @@ def quickest(name):
     return fit.trajectory
 
 
+@pytest.mark.slow
 @names
 @pytest.mark.parametrize("duration", [80.0, "stretched", "minimum"])
 def test_limits_and_zones_are_kept_at_all_times(name, duration):
@@ -128,6 +129,7 @@ def test_limits_and_zones_are_kept_at_all_times(name, duration):
         assert np.all(errors <= np.deg2rad(1.0) + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tube", [0.2, 1.0, 3.0])
 @pytest.mark.parametrize("name", ZIG_ZAG)
 def test_nodes_are_passed_within_the_tube_and_a_wider_one_is_calmer(name, tube):
@@ -138,6 +140,7 @@ def test_nodes_are_passed_within_the_tube_and_a_wider_one_is_calmer(name, tube):
     assert jerk_peak(fit.trajectory) < jerk_peak(exact(name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edges", [1, 2, 48, 199])
 @pytest.mark.parametrize("tube", [0.0, 1.0, np.inf])
 def test_paths_of_any_length_are_fitted(edges, tube):
@@ -152,6 +155,7 @@ def test_paths_of_any_length_are_fitted(edges, tube):
         assert_kept(fit.trajectory, CRAFT, count=1001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("terminals", [0, 1, 2, 4, 12])
 @pytest.mark.parametrize("duration", [200.0, "stretched", "minimum"])
 def test_any_number_of_terminals_is_fitted(terminals, duration):

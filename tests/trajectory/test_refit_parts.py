@@ -42,6 +42,7 @@ FITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
 def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
     plan = FITS[name]()
@@ -109,6 +110,7 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
                 assert float(duration) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [0, 1])
 def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivative):
     path, craft, count = load("astar_c3"), paper_case(3).spacecraft, 3

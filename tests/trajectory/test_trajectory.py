@@ -6,10 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fits import fit_paper
-from node_paths import NAMES, ZIG_ZAG, fit_stored, load, turning, wandering
+from builders import make_spacecraft
+from node_paths import NAMES, ZIG_ZAG, fit_paper, fit_stored, load, turning, wandering
 from quick import quick_jit
-from scenes import make_spacecraft
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import TrajectorySettings

@@ -5,10 +5,9 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fits import fit_global
-from node_paths import fit_stored, load, turning
+from builders import make_spacecraft
+from node_paths import fit_global, fit_stored, load, turning
 from numpy.polynomial import legendre as reference
-from scenes import make_spacecraft
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
@@ -232,6 +231,7 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
     np.testing.assert_allclose(few, many, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_peaks_are_those_at_many_points_where_pieces_turn_far():
     craft = make_spacecraft()
     plan = fit_global(load("rrt_c1"), craft, TrajectorySettings(duration=80.0)).trajectory

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scenes import make_scenario
+from builders import make_scenario
 
 import jaxplan as jp
 

@@ -12,12 +12,13 @@ from functools import cache
 from itertools import pairwise, product
 
 import numpy as np
-from scenes import make_spacecraft, sampled_margin, scene_of
+from builders import at_rest, make_spacecraft, scene_of
+from reference import boresights, sampled_margin
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count
@@ -75,12 +76,7 @@ def puzzle(seed: int, shrink: float = 1.0) -> Puzzle:
     start, goal = (np.array([rng.integers(size) for size in SIZE]) for _ in range(2))
     places = values(np.array([start, goal]))
     states = [
-        GivenState(
-            rotation_vector=(base * Rotation.from_rotvec(turn * AXIS)).as_rotvec(),
-            joints=np.array([yaw, pitch]),
-            angular_velocity=np.zeros(3),
-            joint_rates=np.zeros(2),
-        )
+        at_rest((base * Rotation.from_rotvec(turn * AXIS)).as_rotvec(), [yaw, pitch])
         for turn, yaw, pitch in places
     ]
     scenario = Scenario(
@@ -114,9 +110,7 @@ def puzzle(seed: int, shrink: float = 1.0) -> Puzzle:
 def looks(scene: Scene, base: Rotation) -> np.ndarray:
     """(N, 3) inertial boresights at all nodes."""
     attitudes, joints = states_at(base, values(nodes()))
-    yaw, pitch = joints.T + np.array([[scene.mounts[0]], [0]])
-    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
-    return np.einsum("kij,kj->ki", attitudes, body)
+    return boresights(scene, attitudes, joints)[:, 0]
 
 
 def states_at(base: Rotation, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ combination is compiled once.
 """
 
 import numpy as np
+from reference import boresights
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import (
@@ -44,7 +45,7 @@ def mixed_scenario(seed: int, shape: tuple[int, int] | None = None, most_zones: 
     start, goal = ends(rng, craft)
     chances = np.array(HOW_OFTEN) * [least <= most_zones for least, _ in ZONES]
     least, most = ZONES[rng.choice(len(ZONES), p=chances / chances.sum())]
-    seen = np.array([boresights(craft, *state) for state in (start, goal)])
+    seen = np.array([boresights(craft, end.as_matrix(), joints) for end, joints in (start, goal)])
     keep_out, keep_in = zones(rng, craft, seen, int(rng.integers(least, most + 1)))
     return Scenario(
         name=f"mixed {seed}",
@@ -126,14 +127,6 @@ def ends(rng: np.random.Generator, craft: Spacecraft) -> tuple[Place, Place]:
     if rng.random() < 0.04:
         return (first, joints[0]), (first, joints[0])
     return (first, joints[0]), (first * Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)), joints[1])
-
-
-def boresights(craft: Spacecraft, attitude: Rotation, joints: np.ndarray) -> np.ndarray:
-    """(D, 3) inertial directions, in plain numpy."""
-    yaw, pitch = np.split(joints, 2)
-    yaw = yaw + craft.mounts
-    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
-    return attitude.apply(np.concatenate([body, craft.fixed_boresights]))
 
 
 def state(rng: np.random.Generator, craft: Spacecraft, attitude: Rotation, joints: np.ndarray) -> GivenState:

@@ -9,7 +9,8 @@ not exceed what they see.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from manoeuvres import boresights_of, craft, grid, judge, manoeuvre, unit
+from manoeuvres import craft, grid, judge, manoeuvre
+from reference import boresights_of, random_units, zone_margin
 
 from jaxplan.certificate import MARGIN_ALLOWANCE
 from jaxplan.model.spacecraft import Spacecraft
@@ -35,22 +36,17 @@ class Sampler:
 
     def least(self, zone: Zone) -> float:
         """The smallest margin of a zone, rad."""
-        times, margins = self.times, self.margins(zone, self.seen)
+        times, margins = self.times, zone_margin(zone, self.spacecraft, self.seen)
         found = float(margins.min())
         for _ in range(2):
             best = int(np.argmin(margins))
             first, last = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
             times = np.linspace(first, last, 2 * FINER + 1)
-            margins = self.margins(zone, boresights_of(self.trajectory, self.spacecraft, times))
+            margins = zone_margin(
+                zone, self.spacecraft, boresights_of(self.trajectory, self.spacecraft, times)
+            )
             found = min(found, float(margins.min()))
         return found
-
-    def margins(self, zone: Zone, seen: np.ndarray) -> np.ndarray:
-        names = self.spacecraft.device_names
-        seen = seen[:, [name in zone.devices for name in names]]
-        sine = np.linalg.norm(np.cross(seen, zone.direction), axis=-1)
-        clear = np.arctan2(sine, seen @ zone.direction) - zone.half_angle
-        return np.min(clear if isinstance(zone, KeepOut) else -clear, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +90,7 @@ def random_zone(rng: np.random.Generator, devices: tuple[str, ...], number: int)
     """For some of the devices, of a size that is to be tuned."""
     names = np.array(devices)[rng.permutation(len(devices))[: rng.integers(1, len(devices) + 1)]]
     kind = KeepOut if rng.random() < 0.6 else KeepIn
-    return kind(name=f"z{number}", direction=unit(rng), half_angle=1.0, devices=tuple(names.tolist()))
+    return kind(name=f"z{number}", direction=random_units(rng), half_angle=1.0, devices=tuple(names.tolist()))
 
 
 def tuned(zone: Zone, sampler: Sampler, wanted: float) -> Zone:

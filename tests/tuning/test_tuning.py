@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from builders import make_scenario
 from quick import quick_jit
-from scenes import make_scenario
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
@@ -204,6 +204,7 @@ def test_a_call_that_makes_no_sense_is_refused_before_anything_is_planned():
         jp.tune(blocked, "effort", over=WEIGHTS)
 
 
+@pytest.mark.slow
 def test_ready_made_objectives_are_those_of_dense_samples():
     plan = jp.plan(replace(CASE, spacecraft=replace(CASE.spacecraft, inertia=np.diag([5.0, 7.0, 9.0]))))
     t = np.linspace(0, plan.trajectory.duration, 200_001)
@@ -226,6 +227,7 @@ def test_ready_made_objectives_are_those_of_dense_samples():
     assert weighted == pytest.approx(160 + 0.5 * found["effort"])
 
 
+@pytest.mark.slow
 def test_tuning_lowers_the_peak_acceleration_and_is_certified_resumable_and_the_same_again():
     whole = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=20, progress=False)
     assert whole.message == ""

@@ -1,0 +1,215 @@
+"""Directions, motions and margins in plain numpy and scipy, from their definitions.
+
+Nothing here is shared with the package. Angles in rad, times in s, attitudes body to inertial; ``craft`` is
+whatever has ``mounts`` (n,) and ``fixed_boresights`` (i, 3): a spacecraft, or a scene of the search. There
+are D = n + i devices, terminals first; joints are all yaws, then all pitches.
+"""
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut
+
+# Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.
+FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+def unit(vectors):
+    """Vectors (..., 3) of length one."""
+    vectors = np.asarray(vectors)
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_units(rng, *shape):
+    """(*shape, 3) directions, uniform on the sphere."""
+    return unit(rng.standard_normal((*shape, 3)))
+
+
+def direction(azimuth, elevation=0.0):
+    """(..., 3) unit vectors."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def angle(first, second):
+    """(...,) between vectors (..., 3), to rounding everywhere."""
+    first, second = np.broadcast_arrays(first, second)
+    return np.arctan2(np.linalg.norm(np.cross(first, second), axis=-1), np.sum(first * second, axis=-1))
+
+
+def boresights(craft, attitudes, joints):
+    """(..., D, 3) inertial, by equation (13), of attitudes (..., 3, 3) and joints (..., 2n)."""
+    yaw, pitch = np.split(np.asarray(joints), 2, axis=-1)
+    moving = direction(yaw + craft.mounts, pitch)
+    fixed = np.broadcast_to(craft.fixed_boresights, (*yaw.shape[:-1], *craft.fixed_boresights.shape))
+    return np.concatenate([moving, fixed], axis=-2) @ np.swapaxes(attitudes, -1, -2)
+
+
+def edge_states(attitude, joints, end_attitude, end_joints, samples):
+    """Attitudes (samples, 3, 3) and joints along the motion between two nodes."""
+    start = Rotation.from_matrix(np.array(attitude))  # scipy wants writable arrays
+    turn = (start.inv() * Rotation.from_matrix(np.array(end_attitude))).as_rotvec()
+    fraction = np.linspace(0, 1, samples)[:, None]
+    path = joints + fraction * (end_joints - joints).reshape(1, -1)
+    return (start * Rotation.from_rotvec(fraction * turn)).as_matrix(), path
+
+
+def sampled_margin(scene, attitudes, joints):
+    """(k,) smallest margin over a scene's zones and groups at each state."""
+    directions = boresights(scene, attitudes, joints)
+    worst = np.full(len(joints), np.inf)
+    for cones in (scene.cones, scene.grouped_cones):
+        cosines = np.clip(np.einsum("kdi,zi->kzd", directions, cones.axis), -1, 1)
+        margin = cones.side[:, None] * (np.arccos(cosines) - cones.half_angle[:, None])
+        zone = np.where(cones.bound, margin, np.inf).min(axis=-1, initial=np.inf)
+        for group in np.unique(cones.group):
+            worst = np.minimum(worst, zone[:, cones.group == group].max(axis=1))
+    return worst
+
+
+# Trajectories.
+
+
+def holding(breaks, time):
+    """The pieces that hold times."""
+    return np.clip(np.searchsorted(breaks, time, side="right") - 1, 0, len(breaks) - 2)
+
+
+def attitudes_of(trajectory, time, piece=None):
+    """Attitudes (k, 3, 3) from the definition of the curve; pieces that are given also beyond their ends."""
+    piece = holding(trajectory.breaks, time) if piece is None else piece
+    first, last = trajectory.breaks[piece], trajectory.breaks[piece + 1]
+    x = 2 * (time - first) / (last - first) - 1
+    coefficients = trajectory.coefficients[piece]
+    b = np.einsum("kj,kjc->kc", legendre.legvander(x, coefficients.shape[1] - 1), coefficients)
+    chart = (time - trajectory.chart_start[piece])[:, None] * trajectory.chart_rate[piece]
+    half, base = Rotation.from_rotvec(chart / 2), Rotation.from_matrix(trajectory.chart_attitude[piece])
+    return (base * half * Rotation.from_rotvec(b - chart) * half).as_matrix()
+
+
+def joints_of(trajectory, time, orders=3):
+    """Joints, rates and accelerations (3, k, 2n), or as many of these as are asked for."""
+    breaks = trajectory.joint_breaks
+    piece = holding(breaks, time)
+    length = (breaks[piece + 1] - breaks[piece])[:, None]
+    x = 2 * (time - breaks[piece]) / length[:, 0] - 1
+    curves = []
+    for order in range(orders):
+        coefficients = legendre.legder(trajectory.joint_coefficients, order, axis=1)[piece]
+        basis = legendre.legvander(x, coefficients.shape[1] - 1)
+        curves.append(np.einsum("kj,kjc->kc", basis, coefficients) * (2 / length) ** order)
+    return np.stack(curves)
+
+
+def boresights_of(trajectory, craft, time):
+    """Directions of all devices (k, D, 3)."""
+    return boresights(craft, attitudes_of(trajectory, time), joints_of(trajectory, time, orders=1)[0])
+
+
+def spin_of(trajectory, time):
+    """Angular velocity, acceleration and jerk (3, k, 3), body axes, by differences of attitudes."""
+    step = 0.005 * np.diff(trajectory.breaks).min()
+    piece = holding(trajectory.breaks, time)
+    stencil = np.stack([attitudes_of(trajectory, time + i * step, piece) for i in range(-8, 9)])
+
+    def antisymmetric(weights):
+        """Of R^T R' and R^T R'': the angular velocity and its derivative, at -4 h ... 4 h."""
+        slopes = np.stack([np.tensordot(weights, stencil[i : i + 9], 1) for i in range(9)])
+        m = np.swapaxes(stencil[4:-4], -1, -2) @ slopes
+        return np.stack([m[..., i, j] - m[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
+
+    acceleration = antisymmetric(SECOND / step**2)
+    jerk = np.tensordot(FIRST / step, acceleration, 1)
+    return np.stack([antisymmetric(FIRST / step)[4], acceleration[4], jerk])
+
+
+# Zones.
+
+
+def seen(path, time):
+    """Directions (k, 3) by the definition of a path."""
+    return unit(CubicSpline(path.times, path.samples)(time))
+
+
+def zone_margin(zone, craft, directions, time=None):
+    """(k,) margin of a zone's worst device, of directions (k, D, 3); times are for zones that move."""
+    moving = isinstance(zone.direction, DirectionPath)
+    axis = seen(zone.direction, time)[:, None] if moving else zone.direction
+    names = zone.devices or craft.device_names
+    bound = directions[:, [name in names for name in craft.device_names]]
+    clear = angle(bound, axis) - zone.half_angle
+    return np.min(clear if isinstance(zone, KeepOut) else -clear, axis=1)
+
+
+def zone_margins(trajectory, craft, zones, time):
+    """Margin (zones, k) of each zone's worst device, zones where they are at each time."""
+    directions = boresights_of(trajectory, craft, time)
+    return np.array([zone_margin(zone, craft, directions, time) for zone in zones])
+
+
+def sampled(trajectory, craft, zones, count=6_001):
+    """The same at evenly spaced times, (zones, count)."""
+    return zone_margins(trajectory, craft, zones, np.linspace(0, trajectory.duration, count))
+
+
+def least_margin(scenario, trajectory, count=5_003):
+    """The smallest margin of all constraints at all samples; NaN if any is none."""
+    time = np.linspace(0.0, trajectory.duration, count)
+    return float(np.min([np.inf, *np.ravel(list(stated_margins(scenario, trajectory, time).values()))]))
+
+
+def stated_margins(scenario, trajectory, time):
+    """Margin (k,) of every constraint as it is stated, of whatever kind, by the name of its zone or group."""
+    joints = joints_of(trajectory, time, orders=1)[0]
+    return state_margins(scenario, attitudes_of(trajectory, time), joints, time)
+
+
+def state_margins(scenario, attitudes, joints, time):
+    """The same of states: attitudes (k, 3, 3), joints (k, 2n), times (k,)."""
+    groups = {}
+    for zone in (*scenario.keep_out, *scenario.keep_in, *scenario.joint_bounds):
+        name, entry = zone.name if zone.any_of is None else zone.any_of, zone.entry or zone.name
+        margin = _stated_margin(scenario.spacecraft, zone, attitudes, joints, time)
+        groups.setdefault(name, {}).setdefault(entry, []).append(margin)
+    return {
+        name: np.max([np.min(members, axis=0) for members in entries.values()], axis=0)
+        for name, entries in groups.items()
+    }
+
+
+def _stated_margin(craft, zone, attitudes, joints, time):
+    """(k,) margin to one zone, of what it binds that is worst."""
+    if isinstance(zone, JointBound):
+        number = [terminal.name for terminal in craft.terminals].index(zone.device)
+        yaw, pitch = joints[:, number], joints[:, len(craft.terminals) + number]
+        return zone.normal[0] * yaw + zone.normal[1] * pitch - zone.least
+    turn = Rotation.from_matrix(attitudes)
+    if zone.axis_device is not None:
+        axis = turn.apply(_in_body(craft, zone.axis_device, [1.0, 0.0, 0.0], joints))
+    elif zone.axis_body is not None:
+        axis = turn.apply(np.asarray(zone.axis_body))
+    elif isinstance(zone.direction, DirectionPath):
+        axis = seen(zone.direction, time)
+    else:
+        axis = np.tile(zone.direction, (len(joints), 1))
+    names = zone.devices if zone.devices or zone.vectors else craft.device_names
+    bound = [_in_body(craft, name, [1.0, 0.0, 0.0], joints) for name in names]
+    bound += [_in_body(craft, vector.to, vector.along, joints) for vector in zone.vectors]
+    apart = angle(np.array([turn.apply(vectors) for vectors in bound]), axis)
+    inside = isinstance(zone, KeepIn)
+    return np.min(zone.half_angle - apart if inside else apart - zone.half_angle, axis=0)
+
+
+def _in_body(craft, name, along, joints):
+    """(k, 3) body axes: a vector that a terminal carries, an instrument's boresight, or one of the body."""
+    for number, terminal in enumerate(craft.terminals):
+        if terminal.name == name:
+            yaw, pitch = joints[:, number] + terminal.mount, joints[:, len(craft.terminals) + number]
+            return Rotation.from_euler("ZY", np.stack([yaw, -pitch], axis=1)).apply(along)
+    fixed = {instrument.name: instrument.boresight for instrument in craft.instruments}
+    return np.tile(along if name is None else fixed[name], (len(joints), 1))
