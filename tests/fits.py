@@ -58,7 +58,7 @@ def stack_at(problems: Sequence[FitProblem], places: np.ndarray, rows: np.ndarra
     members = []
     for problem in problems:
         mesh = problem.mesh(problem.quickest, np.inf, 1, graded=False)
-        discrete = discretise(problem, mesh, limited=True, free_time=False)
+        discrete = discretise(problem, mesh, "given")
         assert discrete is not None
         none = np.zeros((0, rows.shape[2]))
         members.append(replace(discrete, places=places, rows=rows, tube_rows=none))

@@ -10,7 +10,7 @@ from jaxplan.trajectory import options, sqp
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.motion import TUBE
 from jaxplan.trajectory.peaks import Peaks, all_peaks
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, Timing, discretise
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
@@ -98,9 +98,8 @@ def first_curve(
     problem: FitProblem,
     mesh: Mesh,
     duration: float,
+    timing: Timing,
     *,
-    limited: bool,
-    free_time: bool,
     tighter: float = 0.0,
     coefficients: np.ndarray | None = None,
 ) -> InitialGuess | None:
@@ -110,12 +109,11 @@ def first_curve(
         problem: what is fitted.
         mesh: breaks of the spline, times of the nodes, and the tube about them.
         duration: s, given or to begin with.
-        limited: whether limits are kept, or time will be stretched to them.
-        free_time: whether the shortest duration is looked for.
+        timing: of the curve.
         tighter: share of the limits on the platform's loads that is left.
         coefficients: (n, A) of the curve to begin with; None for the one nearest to the path.
     """
-    discrete = discretise(problem, mesh, limited=limited, free_time=free_time, tighter=tighter)
+    discrete = discretise(problem, mesh, timing, share=1 - tighter)
     if discrete is None:
         return None
     begin = discrete.nearest(duration) if coefficients is None else coefficients
@@ -161,7 +159,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         [
             replace(
                 own,
-                discrete=replace(own.discrete, free_time=True),
+                discrete=replace(own.discrete, timing="shortest"),
                 target_duration=own.duration,
                 max_violation=np.inf,
             )
@@ -209,8 +207,7 @@ class Ladder:
         profile: along the path.
         rungs: factors on the number of intervals, and radii of the tube (rad), of the attempts ahead.
         duration: s, given or to begin with.
-        limited: see `DiscreteProblem`; so is the next one.
-        free_time: whether the shortest duration is looked for.
+        timing: of the curves.
         graded: whether breaks lie close about the flanks.
         tighter: shares of the limits that are left, first and then.
         best: of the attempts so far; None before the first, and beyond every chart.
@@ -220,17 +217,12 @@ class Ladder:
     profile: TrapezoidalProfile
     rungs: list[tuple[int, float]]
     duration: float
-    limited: bool
-    free_time: bool
+    timing: Timing
     graded: bool = True
     tighter: Sequence[float] = (0.0,)
     best: Attempt | None = None
     _here: Attempt | None = None  # the best one on this rung
     _tightened: int = 0  # how often limits were taken tighter on this rung
-
-    @property
-    def _timed(self) -> bool:
-        return self.limited and not self.free_time
 
     def first_curve(self) -> InitialGuess | None:
         """Where the next attempt begins; None if the nodes leave every chart."""
@@ -239,14 +231,8 @@ class Ladder:
             mesh = self.problem.mesh(self.profile, radius, finer, graded=self.graded)
         else:
             mesh = self._here.discrete.mesh
-        return first_curve(
-            self.problem,
-            mesh,
-            self.duration,
-            limited=self.limited,
-            free_time=self.free_time,
-            tighter=self.tighter[self._tightened],
-        )
+        tighter = self.tighter[self._tightened]
+        return first_curve(self.problem, mesh, self.duration, self.timing, tighter=tighter)
 
     def accept(self, made: Attempt | None) -> None:
         """Go on with the attempt that was made."""
@@ -264,9 +250,10 @@ class Ladder:
             return
         if self.best is None or last.merit > self.best.merit:
             self.best = last
-        if last.sound and (last.kept or not self._timed):
+        timed = self.timing == "given"
+        if last.sound and (last.kept or not timed):
             self.rungs.clear()
-        if last.too_deep or (self._timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
+        if last.too_deep or (timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]
 

@@ -13,7 +13,7 @@ close to each other.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -76,7 +76,7 @@ class LinearBlock:
     name: str
     kind: int = LIMIT
     power: int = 0
-    tolerance: float
+    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
     coefficients: np.ndarray
     matrix: np.ndarray
     scale: np.ndarray
@@ -251,42 +251,27 @@ def _telling(slack: np.ndarray) -> np.ndarray:
 def constraint_blocks(stack: Stack, at: Iterates) -> Iterator[ConstraintBlock]:
     """All blocks of a stack of problems, at curves of theirs."""
     kind, c = stack.members[0], at.coefficients
-    near_share, near_angle = options.ROWS.near_share, options.ROWS.near_angle
     differences = [own.space.basis.differences for own in stack.members]
     if np.any(np.isfinite(at.margins)):
         yield MarginBlock(stack=stack, at=at, slack=at.margins - stack.wanted[:, None])
     if stack.ranges.shape[1]:
         yield LinearBlock(
             name="range",
-            tolerance=near_angle,
+            tolerance=options.ROWS.near_angle,
             coefficients=c,
             matrix=stacked([own[0] for own in differences]),
             scale=np.ones_like(stack.ranges),
             bound=stack.ranges[:, None, None],
         )
-    if kind.limited:
-        for number, limit in enumerate(kind.problem.joint_limits):
-            power = limit.quantity.power
-            yield LinearBlock(
-                name=limit.quantity.name,
-                power=power,
-                tolerance=2 * near_share,
-                coefficients=c,
-                matrix=stacked([own[power] for own in differences]),
-                scale=1 / (stack.joint_limits[:, number] * at.duration[:, None] ** power),
-            )
-        for number, limit in enumerate(kind.problem.limits):
-            power = limit.quantity.power
-            scale = 1 / (stack.limits[:, number] * at.duration[:, None] ** power)
-            name = limit.quantity.name
-            yield LoadBlock(name=name, power=power, load=number, stack=stack, at=at, scale=scale)
+    for number, limit in enumerate(kind.problem.joint_limits if kind.limited else ()):
+        name, power = limit.quantity.name, limit.quantity.power
+        scale = 1 / (stack.joint_limits[:, number] * at.duration[:, None] ** power)
+        matrix = stacked([own[power] for own in differences])
+        yield LinearBlock(name=name, power=power, coefficients=c, matrix=matrix, scale=scale)
+    for number, limit in enumerate(kind.problem.limits if kind.limited else ()):
+        name, power = limit.quantity.name, limit.quantity.power
+        scale = 1 / (stack.limits[:, number] * at.duration[:, None] ** power)
+        yield LoadBlock(name=name, power=power, load=number, stack=stack, at=at, scale=scale)
     if stack.tube_rows.shape[1]:
-        yield LinearBlock(
-            name="tube",
-            kind=TUBE,
-            tolerance=2 * near_share,
-            coefficients=c,
-            matrix=stack.tube_rows,
-            scale=1 / stack.tube_radius,
-            centre=stack.tube_values,
-        )
+        rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
+        yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)

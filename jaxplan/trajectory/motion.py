@@ -81,26 +81,24 @@ class Stack:
     @classmethod
     def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
         """The stack of problems of one kind."""
-        problems, spaces = [own.problem for own in members], [own.space for own in members]
-        joints = problems[0].joints.shape[1]
+        problems = [own.problem for own in members]
+        shape = len(members), len(problems[0].joint_limits), problems[0].joints.shape[1]
+
+        def all_of(name: str, owners: Sequence[Any]) -> np.ndarray:
+            return stacked([getattr(own, name) for own in owners])
+
+        names = ("places", "rows", "tube_rows", "tube_values", "tube_radius")
+        of_spaces = ("free", "by_time", "energies")
         return cls(
             members=list(members),
-            places=stacked([own.places for own in members]),
-            rows=stacked([own.rows for own in members]),
-            wanted=stacked([own.wanted for own in problems]),
-            free=stacked([own.free for own in spaces]),
-            by_time=stacked([own.by_time for own in spaces]),
-            energies=stacked([own.energies for own in spaces]),
+            **{name: all_of(name, members) for name in names},
+            **{name: all_of(name, [own.space for own in members]) for name in of_spaces},
+            wanted=all_of("wanted", problems),
             weights=np.array([own.weights for own in problems]),
-            tube_rows=stacked([own.tube_rows for own in members]),
-            tube_values=stacked([own.tube_values for own in members]),
-            tube_radius=stacked([own.tube_radius for own in members]),
             limits=np.stack(
                 [own.share * np.stack([limit.bound for limit in own.problem.limits]) for own in members]
             ),
-            joint_limits=np.array([[limit.bound for limit in own.joint_limits] for own in problems]).reshape(
-                len(members), len(problems[0].joint_limits), joints
-            ),
+            joint_limits=np.reshape([[limit.bound for limit in own.joint_limits] for own in problems], shape),
             ranges=np.stack([own.spacecraft.joint_limits for own in problems]),
         )
 

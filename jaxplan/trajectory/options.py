@@ -1,6 +1,6 @@
 """Numbers that the spline fit is tuned by, each with its unit, its meaning and what it does.
 
-The code reads them where it uses them, as ``options.SQP.ftol``, so a test may put another object there. They
+The code reads them where it uses them, as ``options.SQP.ftol``, so a test may set another value there. They
 were chosen by trials on random scenes. Guards against division by zero stay where they are used.
 """
 

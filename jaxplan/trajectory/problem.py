@@ -6,7 +6,7 @@ chart of SO(3), looked at in finitely many places. Places are shares of the dura
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,10 @@ from jaxplan.trajectory import options, schedule
 from jaxplan.trajectory.chart import Chart, farthest, fitting
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along, duration_bound
 from jaxplan.trajectory.splines import Basis, CurveSpace
+
+Timing = Literal["given", "stretched", "shortest"]
+"""How the duration of a curve comes about: it is given; or stretched to the limits, which are not looked at
+before; or looked for, as short as the limits allow."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,8 +221,7 @@ class DiscreteProblem:
         chart: of the platform.
         nodes: (m + 1, A) ``b`` in the chart and joints, rad.
         share: of the limits on the platform's loads that may be taken; joints are held at every instant.
-        limited: whether limits of rates and loads are kept, or time will be stretched to them.
-        free_time: whether the duration is looked for as well.
+        timing: see `Timing`.
         space: the curves.
         places: (S,) where loads and margins are looked at.
         rows: (4, S, n) of the basis there.
@@ -233,14 +236,23 @@ class DiscreteProblem:
     chart: Chart
     nodes: np.ndarray
     share: float
-    limited: bool
-    free_time: bool
+    timing: Timing
     space: CurveSpace
     places: np.ndarray
     rows: np.ndarray
     tube_rows: np.ndarray
     tube_values: np.ndarray
     tube_radius: np.ndarray
+
+    @property
+    def limited(self) -> bool:
+        """Whether limits of rates and loads are kept."""
+        return self.timing != "stretched"
+
+    @property
+    def free_time(self) -> bool:
+        """Whether the duration is looked for as well."""
+        return self.timing == "shortest"
 
     @property
     def kind(self) -> tuple[Any, ...]:
@@ -257,8 +269,7 @@ class DiscreteProblem:
             problem.cones.inner,
             len(problem.cones.carried),
             problem.at_speed,
-            self.limited,
-            self.free_time,
+            self.timing,
         )
 
     def nearest(self, duration: float) -> np.ndarray:
@@ -274,44 +285,32 @@ class DiscreteProblem:
 
     def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
         """The same problem on a mesh with as many breaks a little elsewhere."""
-        b = self.chart.coordinates(self.problem.attitudes, self.problem.turns, mesh.places)
-        return _in_chart(
-            self.problem, mesh, self.chart, b, self.share, limited=self.limited, free_time=self.free_time
-        )
+        found = discretise(self.problem, mesh, self.timing, share=self.share, chart=self.chart)
+        assert found is not None  # the chart is given
+        return found
 
 
 def discretise(
-    problem: FitProblem, mesh: Mesh, *, limited: bool, free_time: bool, tighter: float = 0.0
+    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0, chart: Chart | None = None
 ) -> DiscreteProblem | None:
     """The problem that an attempt works on.
 
     Args:
         problem: what is fitted.
         mesh: breaks of the spline, times of the nodes, and the tube about them.
-        limited: whether limits are kept, or time will be stretched to them.
-        free_time: whether the shortest duration is looked for.
-        tighter: share of the limits on the platform's loads that is left.
+        timing: of the curve.
+        share: of the limits on the platform's loads that may be taken.
+        chart: of the platform; None for the one in which the nodes lie nearest to a steady turn.
 
     Returns:
         None if the nodes leave every chart.
     """
-    chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
-    if not farthest(chart, b, mesh.places) <= options.CHART.reach:
-        return None
-    return _in_chart(problem, mesh, chart, b, 1 - tighter, limited=limited, free_time=free_time)
-
-
-def _in_chart(
-    problem: FitProblem,
-    mesh: Mesh,
-    chart: Chart,
-    b: np.ndarray,
-    share: float,
-    *,
-    limited: bool,
-    free_time: bool,
-) -> DiscreteProblem:
-    """The discrete problem of nodes at ``b`` (m + 1, 3) in a chart."""
+    if chart is None:
+        chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
+        if not farthest(chart, b, mesh.places) <= options.CHART.reach:
+            return None
+    else:
+        b = chart.coordinates(problem.attitudes, problem.turns, mesh.places)
     nodes, rates = np.column_stack([b, problem.joints]), problem.rates
     if np.any(rates[1, :3]):  # at the goal the chart has turned
         rates = rates.copy()
@@ -337,8 +336,7 @@ def _in_chart(
         chart=chart,
         nodes=nodes,
         share=share,
-        limited=limited,
-        free_time=free_time,
+        timing=timing,
         space=CurveSpace.of(
             mesh.basis, nodes[[0, -1]], rates, problem.rests, mesh.places[exact], nodes[exact]
         ),

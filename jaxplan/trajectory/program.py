@@ -204,15 +204,11 @@ def active_rows(
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Arrays (r, J, w) one after the other, with zeros where one has fewer products than another."""
-    most = max((part.shape[1] for part in parts if len(part)), default=1)
-    if all(part.shape[1] == most for part in parts):
-        return np.concatenate(parts) if parts else np.zeros((0, 1, 0))
-    found = np.zeros((sum(map(len, parts)), most, parts[0].shape[2]))
-    end = 0
-    for part in parts:
-        begin, end = end, end + len(part)
-        found[begin:end, : part.shape[1]] = part[:, :most]
-    return found
+    parts = [part for part in parts if len(part)]
+    most = max((part.shape[1] for part in parts), default=1)
+    missing = [((0, 0), (0, most - part.shape[1]), (0, 0)) for part in parts]
+    padded = [np.pad(part, add) if add[1][1] else part for part, add in zip(parts, missing, strict=True)]
+    return np.concatenate([np.zeros((0, most, parts[0].shape[2] if parts else 0)), *padded])
 
 
 def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

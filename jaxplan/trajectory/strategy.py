@@ -26,13 +26,22 @@ from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
 from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, needed_words, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
-from jaxplan.trajectory.problem import FitProblem
+from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
 Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
+Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
+
+
+def _asked(problem: FitProblem) -> float:
+    return problem.radius
+
+
+def _no_tube(_: FitProblem) -> float:
+    return np.inf
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
@@ -151,12 +160,11 @@ class Strategy:
         """Fits in given durations."""
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
-        radii = {n: one.radius for n, one in possible.items()}
-        attempts = dict.fromkeys(problems) | self._in_time(possible, durations, radii)
+        attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
         fits = {n: _success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
         # The shortest motion says whether there is one at all, and what to ask for.
         left = {n: one for n, one in problems.items() if n not in fits}
-        best = self.shortest(left, dict.fromkeys(left, np.inf))
+        best = self.shortest(left, _no_tube)
         fits |= {n: _beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         for n, needed in self._needed(quickest, durations).items():
@@ -178,13 +186,13 @@ class Strategy:
             for n, own in quickest.items()
         }
         for look in range(options.STRATEGY.looks):
-            attempts = self._in_time(open_, longer, dict.fromkeys(open_, np.inf))
+            attempts = self._in_time(open_, longer, _no_tube)
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
             open_ = {n: one for n, one in open_.items() if found[n] is None}
             longer = {n: longer[n] * options.STRATEGY.longer ** (2**look) for n in open_}
         return found
 
-    def _in_time(self, problems: Problems, durations: dict[int, float], radii: dict[int, float]) -> Attempts:
+    def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
         """The first sound attempts within all limits, or the ones nearest to it, in given durations."""
         ladders = {}
         for n, problem in problems.items():
@@ -192,33 +200,30 @@ class Strategy:
             ladders[n] = Ladder(
                 problem=problem,
                 profile=TrapezoidalProfile.within(durations[n], problem.quickest.length, problem.rise),
-                rungs=rungs(radii[n], in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
+                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
                 duration=durations[n],
-                limited=True,
-                free_time=False,
+                timing="given",
                 graded=hurry < options.STRATEGY.leisure,
                 tighter=options.STRATEGY.tighter,
             )
         return self._climb(ladders)
 
-    def _along(self, problems: Problems, radii: dict[int, float], *, shortest: bool) -> Attempts:
+    def _along(self, problems: Problems, timing: Timing, radius: Radius = _asked) -> Attempts:
         """The first sound attempts at the quickest pace, or the ones nearest to it.
 
         Args:
             problems: what is fitted.
-            radii: rad, of the tubes.
-            shortest: whether the shortest motion within all limits is looked for; else one without limits, to
-                be stretched to them.
+            timing: of the motions, stretched or shortest.
+            radius: rad, of the tube of each.
         """
         return self._climb(
             {
                 n: Ladder(
                     problem=problem,
                     profile=problem.quickest,
-                    rungs=rungs(radii[n]),
+                    rungs=rungs(radius(problem)),
                     duration=options.STRATEGY.begin * problem.quickest.duration,
-                    limited=shortest,
-                    free_time=shortest,
+                    timing=timing,
                 )
                 for n, problem in problems.items()
             }
@@ -228,13 +233,11 @@ class Strategy:
         """Motions to be stretched to their limits, or the shortest ones, as the settings ask."""
         stretching = {n: one for n, one in problems.items() if _stretches(one)}
         others = {n: one for n, one in problems.items() if n not in stretching}
-        return self.stretched(stretching) | self.shortest(
-            others, {n: one.radius for n, one in others.items()}
-        )
+        return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
         """Motions without limits, to be stretched to them."""
-        best = self._along(problems, {n: one.radius for n, one in problems.items()}, shortest=False)
+        best = self._along(problems, "stretched")
         slow = {
             n: one
             for n, one in problems.items()
@@ -243,14 +246,14 @@ class Strategy:
             and own.needed > options.STRATEGY.slow * one.bound
             and one.settings.node_tube is None
         }
-        return best | _quicker(self._along(slow, dict.fromkeys(slow, np.inf), shortest=False), best)
+        return best | _quicker(self._along(slow, "stretched", _no_tube), best)
 
-    def shortest(self, problems: Problems, radii: dict[int, float]) -> Attempts:
+    def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
         Where one from rest to rest is far above the bound, perhaps one without limits, stretched.
         """
-        best = self._along(problems, radii, shortest=True)
+        best = self._along(problems, "shortest", radius)
         slow = {
             n: one
             for n, one in problems.items()
@@ -258,8 +261,7 @@ class Strategy:
             and not one.at_speed
             and not (own.sound and own.needed <= options.STRATEGY.detour * one.bound)
         }
-        tubes = {n: min(radii[n], one.width) for n, one in slow.items()}
-        return best | _quicker(self._along(slow, tubes, shortest=False), best)
+        return best | _quicker(self._along(slow, "stretched", lambda one: one.width), best)
 
     def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """What shortest motions with accelerations of zero at both ends become once they are free.
@@ -269,15 +271,8 @@ class Strategy:
         """
 
         def begin(n: int) -> InitialGuess | None:
-            own = shortened[n]
-            return first_curve(
-                problems[n],
-                own.discrete.mesh,
-                own.solution.duration,
-                limited=True,
-                free_time=True,
-                coefficients=own.solution.coefficients,
-            )
+            mesh, own = shortened[n].discrete.mesh, shortened[n].solution
+            return first_curve(problems[n], mesh, own.duration, "shortest", coefficients=own.coefficients)
 
         return self._attempts(shortened, begin)
 
@@ -311,7 +306,7 @@ class Strategy:
             longer = float(np.clip(stretch, 1 + tighter, options.STRATEGY.most_longer))
             durations[n] *= longer ** (2**look)
             mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
-            return first_curve(problem, mesh, durations[n], limited=True, free_time=False, tighter=tighter)
+            return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
 
         for look in range(options.STRATEGY.looks):
             open_ = [n for n in open_ if not (best[n].peaks.stretch <= 1 and best[n].sound)]
