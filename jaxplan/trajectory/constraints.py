@@ -24,7 +24,6 @@ from jaxplan.trajectory.motion import (
     TUBE,
     ZONE,
     Iterates,
-    Stack,
     load_slopes,
     margin_reach,
     margin_slopes,
@@ -131,15 +130,13 @@ class LoadBlock:
         name: of the load.
         power: of 1 / duration in it.
         load: its number.
-        stack: the problems.
-        at: curves of theirs.
+        at: the curves.
         scale: (G, 3) 1 / (limit * duration^power).
     """
 
     name: str
     power: int
     load: int
-    stack: Stack
     at: Iterates
     scale: np.ndarray
     kind = LIMIT
@@ -162,7 +159,7 @@ class LoadBlock:
 
     def _local(self, curve: int) -> np.ndarray:
         """(S, 3, 4, 3) slopes of the shares."""
-        return load_slopes(self.stack, self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
+        return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """See `LinearBlock.change`."""
@@ -180,7 +177,7 @@ class LoadBlock:
             rows = curve == each
             local = self._local(each)[place[rows], axis[rows]]
             axes[rows, :, :3] = SIGNS[sign[rows]][:, None, None] * local
-        return axes, self.stack.rows[curve, :, place]
+        return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, with the last place kept: unlike a margin, a load may be the worst at the end."""
@@ -194,12 +191,10 @@ class MarginBlock:
     """Margins at the places, in rad: rows (G, S, D, Z).
 
     Attributes:
-        stack: the problems.
-        at: curves of theirs.
+        at: the curves.
         slack: (G, S, D, Z) margins beyond what is wanted.
     """
 
-    stack: Stack
     at: Iterates
     slack: np.ndarray
     name = "zone"
@@ -220,16 +215,16 @@ class MarginBlock:
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """See `LinearBlock.change`; zero of rows that stay far."""
         slack, moved = taken(self.slack, which), curves[:, 0]
-        own, *rest = numbers(slack < self.tolerance + margin_reach(self.stack, which, moved))
-        local = margin_slopes(self.stack, self.at, which[own], *rest)
+        own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
+        local = margin_slopes(self.at, which[own], *rest)
         change = np.zeros_like(slack)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, moved[own, rest[0]])
         return change
 
     def slopes(self, index: Index) -> Slopes:
         """Derivatives of some rows in the coefficients."""
-        local = -margin_slopes(self.stack, self.at, *index)
-        return local[:, None], self.stack.rows[index[0], 0, index[1]][:, None]
+        local = -margin_slopes(self.at, *index)
+        return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, and of a constraint only the entry that holds best."""
@@ -248,12 +243,13 @@ def _telling(slack: np.ndarray) -> np.ndarray:
     return kept
 
 
-def constraint_blocks(stack: Stack, at: Iterates) -> Iterator[ConstraintBlock]:
+def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     """All blocks of a stack of problems, at curves of theirs."""
+    stack = at.stack
     kind, c = stack.members[0], at.coefficients
     differences = [own.space.basis.differences for own in stack.members]
     if np.any(np.isfinite(at.margins)):
-        yield MarginBlock(stack=stack, at=at, slack=at.margins - stack.wanted[:, None])
+        yield MarginBlock(at=at, slack=at.margins - stack.wanted[:, None])
     if stack.ranges.shape[1]:
         yield LinearBlock(
             name="range",
@@ -271,7 +267,7 @@ def constraint_blocks(stack: Stack, at: Iterates) -> Iterator[ConstraintBlock]:
     for number, limit in enumerate(kind.problem.limits if kind.limited else ()):
         name, power = limit.quantity.name, limit.quantity.power
         scale = 1 / (stack.limits[:, number] * at.duration[:, None] ** power)
-        yield LoadBlock(name=name, power=power, load=number, stack=stack, at=at, scale=scale)
+        yield LoadBlock(name=name, power=power, load=number, at=at, scale=scale)
     if stack.tube_rows.shape[1]:
         rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
         yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)

@@ -137,6 +137,7 @@ class Stack:
         found = [_along(own, each) for own, each in zip(self.members, curves, strict=True)]
         attitude, tangent, loads, body, cosines, margins = map(np.stack, zip(*found, strict=True))
         at = Iterates(
+            stack=self,
             coefficients=coefficients,
             duration=duration,
             curves=curves,
@@ -183,6 +184,7 @@ class Iterates:
     """Curves of a stack, G of them, with all that is known of them at their places.
 
     Attributes:
+        stack: the problems.
         coefficients: (G, n, A).
         duration: (G,) s.
         curves: (G, 4, S, A) ``b`` and joints with three derivatives.
@@ -197,6 +199,7 @@ class Iterates:
         known_slopes: of each curve what `load_slopes` has told, None of one that it was not asked about.
     """
 
+    stack: Stack
     coefficients: np.ndarray
     duration: np.ndarray
     curves: np.ndarray
@@ -236,17 +239,19 @@ def some(whole: T, which: np.ndarray) -> T:
     elif isinstance(whole, dict):
         found = {name: some(own, which) for name, own in whole.items()}
     else:
-        parts = {field.name: some(getattr(whole, field.name), which) for field in fields(whole)}  # type: ignore[arg-type]
+        parts = {field.name: some(getattr(whole, field.name), which) for field in fields(whole) if field.init}  # type: ignore[arg-type]
         found = replace(whole, **parts)  # type: ignore[type-var]
     return found
 
 
 def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
-    """Of two as many iterates, the other ones where (G,) bool says so."""
+    """Of two iterates of one stack, the other ones where (G,) bool says so."""
     if np.all(others) or not np.any(others):
         return other if np.any(others) else first
 
     def of_both(own: Any, another: Any) -> Any:
+        if own is another:
+            return own
         if isinstance(own, list):
             return [b if is_other else a for a, b, is_other in zip(own, another, others, strict=True)]
         found = own.copy()
@@ -303,19 +308,18 @@ def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ..
     return attitude, tangent, loads, body, cosines, margins
 
 
-def margin_reach(stack: Stack, which: np.ndarray, step: np.ndarray) -> np.ndarray:
+def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
 
     Args:
-        stack: the problems.
+        at: the curves.
         which: (g,) numbers of the curves.
         step: (g, S, A) change of ``b`` and joints.
 
     Returns:
         (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
     """
-    moved = np.abs(step)
-    count = (moved.shape[2] - 3) // 2
+    stack, moved, count = at.stack, np.abs(step), _terminals(at)
     x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
     platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
     joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
@@ -329,13 +333,12 @@ def margin_reach(stack: Stack, which: np.ndarray, step: np.ndarray) -> np.ndarra
 
 
 def margin_slopes(
-    stack: Stack, at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
+    at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
 ) -> np.ndarray:
     """Derivatives of some margins in ``b`` and the joints.
 
     Args:
-        stack: the problems.
-        at: curves of theirs.
+        at: the curves.
         curve: (R,) number.
         place: (R,) index of a place.
         sight: (R,) index.
@@ -345,6 +348,7 @@ def margin_slopes(
         (R, A) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of joints
         ``f``.
     """
+    stack = at.stack
     cones, moves = stack.columns, stack.members[0].problem.cones.paths
     given = stack.moving_axes[curve, place, row] if moves else cones["axis"][curve, row]
     seen, axis = at.body[curve, place, sight], np.einsum("ri,rij->rj", given, at.attitude[curve, place])
@@ -359,13 +363,13 @@ def margin_slopes(
     # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
     turned = np.stack(cross(seen.T, axis.T), axis=1)
     slopes[:, :3] = np.einsum("rk,rka->ra", turned, at.tangent[curve, place])
-    _add_turns(slopes, stack, at, curve, place, sight, seen, axis)
+    _add_turns(slopes, at, curve, place, sight, seen, axis)
     if not stack.has_inner:
         return slopes * factor[:, None]
     slopes[frame != INERTIAL, :3] = 0.0
     of = np.flatnonzero(frame == SIGHT)
     both = slopes[of]
-    _add_turns(both, stack, at, curve[of], place[of], partner[of], axis[of], seen[of])
+    _add_turns(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
     slopes[of] = both
     slopes *= factor[:, None]
     of = np.flatnonzero(frame == JOINTS)
@@ -383,7 +387,6 @@ def _terminals(at: Iterates) -> int:
 
 def _add_turns(
     slopes: np.ndarray,
-    stack: Stack,
     at: Iterates,
     curve: np.ndarray,
     place: np.ndarray,
@@ -392,21 +395,22 @@ def _add_turns(
     other: np.ndarray,
 ) -> None:
     """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
-    carrier = stack.columns["carriers"][curve, sight]
+    columns = at.stack.columns
+    carrier = columns["carriers"][curve, sight]
     row = np.flatnonzero(carrier >= 0)
     yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
-    azimuth = at.curves[curve, 0, place, yaw] + stack.columns["mounts"][curve, yaw - 3]
+    azimuth = at.curves[curve, 0, place, yaw] + columns["mounts"][curve, yaw - 3]
     turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
     for part, change in enumerate(turns):
-        weight = stack.columns["turning"][curve, part, sight]
+        weight = columns["turning"][curve, part, sight]
         slopes[row, yaw + part * _terminals(at)] += weight * dot(change, other[row].T)
 
 
-def load_slopes(stack: Stack, at: Iterates, curve: int) -> np.ndarray:
+def load_slopes(at: Iterates, curve: int) -> np.ndarray:
     """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
     known = at.known_slopes[curve]
     if known is None:
-        own = stack.members[curve]
+        own = at.stack.members[curve]
         problem = own.problem
         kernel = partial(load_slopes_at, own.chart.turn, inertia=problem.inertia, names=problem.names)
         (known,) = _padded_call(kernel, own.places, at.curves[curve])

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory import options
-from jaxplan.trajectory.constraints import constraint_blocks
+from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, mixed, some
 from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
@@ -85,8 +85,7 @@ class SQPState:
     """The members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...).
 
     Attributes:
-        stack: the problems.
-        at: their curves.
+        at: the curves.
         number: of each among those that began together.
         share: energies of the first curves, of which energies are shares.
         first_duration: s, of the first curves.
@@ -101,7 +100,6 @@ class SQPState:
         multipliers: of the last program.
     """
 
-    stack: Stack
     at: Iterates
     number: np.ndarray
     share: np.ndarray
@@ -115,6 +113,7 @@ class SQPState:
     penalty_updates: np.ndarray
     falling: np.ndarray
     multipliers: Multipliers
+    _blocks: tuple[Iterates, list[ConstraintBlock]] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
@@ -126,7 +125,6 @@ class SQPState:
         )
         table = _PENALTIES_OF_FREE_TIME if stack.members[0].free_time else _PENALTIES
         state = cls(
-            stack=stack,
             at=at,
             number=np.arange(count),
             share=np.ones(count),
@@ -144,6 +142,11 @@ class SQPState:
         state.share = state.energy(at)
         state.value = state.merit(at)
         return state
+
+    @property
+    def stack(self) -> Stack:
+        """The problems."""
+        return self.at.stack
 
     @property
     def _free_time(self) -> bool:
@@ -177,9 +180,15 @@ class SQPState:
             gradient=form @ at.coefficients,
             duration_hessian=options.SQP.duration_hessian if self._free_time else None,
             rows=stack.rows,
-            blocks=list(constraint_blocks(stack, at)),
+            blocks=self._blocks_at(at),
             penalty=self.penalty,
         )
+
+    def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
+        """The constraints at curves, made once for the program of a step and for what it promises."""
+        if self._blocks is None or self._blocks[0] is not at:
+            self._blocks = at, list(constraint_blocks(at))
+        return self._blocks[1]
 
     def step(self) -> np.ndarray:
         """Take a step of each; which of them (G,) are done."""

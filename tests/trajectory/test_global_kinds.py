@@ -379,7 +379,7 @@ def test_of_a_constraint_only_the_rows_of_its_best_entries_to_both_places_beside
 def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():
     own, step = motion(CURVES), 1e-6
     index = np.nonzero(np.isfinite(own.margins))
-    slopes = margin_slopes(STACK, own, *index)
+    slopes = margin_slopes(own, *index)
     for axis in range(7):
         change = np.zeros_like(CURVES)
         change[:, 0, :, axis] = step
@@ -390,11 +390,11 @@ def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():
 def test_no_step_changes_a_margin_by_more_than_its_reach_and_what_cannot_move_has_none():
     own, which = motion(CURVES), np.array([1])
     index = np.nonzero(np.isfinite(own.margins[which]))
-    slopes = margin_slopes(STACK, own, index[0] + 1, *index[1:])
+    slopes = margin_slopes(own, index[0] + 1, *index[1:])
     closest = np.zeros(len(KINDS))
     for _ in range(50):
         step = RNG.normal(size=(1, len(PLACES), 7)) * RNG.integers(0, 2, 7)
-        reach = margin_reach(STACK, which, step)[index]
+        reach = margin_reach(own, which, step)[index]
         change = np.abs(np.einsum("ra,ra->r", slopes, step[0, index[1]]))
         assert np.all(change <= reach * (1 + 1e-12))
         shares = np.divide(change, reach, out=np.zeros_like(change), where=reach > 0)
@@ -404,7 +404,7 @@ def test_no_step_changes_a_margin_by_more_than_its_reach_and_what_cannot_move_ha
     step[..., :3] = 1.0
     frames = np.array([frame for frame, _, _ in KINDS])
     np.testing.assert_array_equal(
-        np.any(margin_reach(STACK, which, step)[0] > 0, axis=(0, 1)), frames == INERTIAL
+        np.any(margin_reach(own, which, step)[0] > 0, axis=(0, 1)), frames == INERTIAL
     )
 
 
@@ -413,7 +413,7 @@ def test_rows_that_a_step_may_reach_lose_what_their_slopes_say():
     coefficients, change = RNG.normal(size=(2, BASIS.size, 7))
     stack = stack_at(PROBLEMS, PLACES, rows)
     at = stack.iterates(np.stack([coefficients[::-1], coefficients]), np.ones(2))
-    zones, change = MarginBlock(stack=stack, at=at, slack=at.margins - 0.01), 0.05 * change
+    zones, change = MarginBlock(at=at, slack=at.margins - 0.01), 0.05 * change
     lessened = zones.change(np.array([1]), change[None], (rows @ change)[None])[0]
     index = np.nonzero(np.isfinite(at.margins[1]))
     axes, basis = zones.slopes((np.ones_like(index[0]), *index))

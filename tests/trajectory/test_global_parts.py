@@ -188,7 +188,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     at, step = both(curves), 1e-5
     assert len(problem.names) == at.loads.shape[2] == 2 + 2 * dynamic + jerky
     index = np.nonzero(np.isfinite(at.margins))
-    slopes, of_loads = margin_slopes(stack, at, *index), load_slopes(stack, at, 1)
+    slopes, of_loads = margin_slopes(at, *index), load_slopes(at, 1)
     for axis in range(9):
         for d in range(4):
             change = np.zeros_like(curves)

@@ -128,7 +128,6 @@ def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
         name=quantity.name,
         power=quantity.power,
         load=load,
-        stack=STACK,
         at=motion(COEFFICIENTS),
         scale=two(1 / limit) * [[2], [1]],
     )
@@ -155,7 +154,7 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         margins = motion(coefficients).margins
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
-    own = MarginBlock(stack=STACK, at=motion(COEFFICIENTS), slack=room(COEFFICIENTS))
+    own = MarginBlock(at=motion(COEFFICIENTS), slack=room(COEFFICIENTS))
     # Of all axes, of each joint alone, and next to nothing.
     for change in (
         0.1 * CHANGE,
@@ -177,7 +176,7 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
 
 def test_of_places_next_to_each_other_one_in_four_is_held_and_the_last_and_those_with_the_least_room():
     room = RNG.normal(size=(23, 2, 3))
-    own = LoadBlock(name="rate", power=1, load=0, stack=STACK, at=motion(COEFFICIENTS), scale=np.ones((2, 3)))
+    own = LoadBlock(name="rate", power=1, load=0, at=motion(COEFFICIENTS), scale=np.ones((2, 3)))
     chosen = own.chosen(np.ones((1, *room.shape), dtype=bool), room[None], np.array([1]))[0]
     for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
         least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]
