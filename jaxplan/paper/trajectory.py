@@ -26,7 +26,16 @@ from jaxplan.paper.segments import (
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.fit import Fit, FitQuery, Needed, at_rest, boundary, checked, too_tight, within_limits
+from jaxplan.trajectory.fit import (
+    Fit,
+    FitQuery,
+    at_rest,
+    boundary,
+    checked,
+    needed_words,
+    too_tight,
+    within_limits,
+)
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 
 _DEFAULT_SEGMENTS = 3
@@ -332,7 +341,7 @@ def _failure(
     """The fit that breaks a limit or has no curve, and in what time it would not."""
     # "stretched" knows no rates at the ends, nor what moves.
     enough = (
-        Needed(duration=needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
+        needed_words(needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
         if needed
         else None
     )

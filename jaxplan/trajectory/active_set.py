@@ -19,15 +19,9 @@ from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
 from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.chart import Chart
-from jaxplan.trajectory.constraints import (
-    SIGNS,
-    ConstraintBlock,
-    Index,
-    JointDerivativeBlock,
-    LoadBlock,
-)
+from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.derivative import gather_inputs
-from jaxplan.trajectory.iterates import Iterates, Stack
+from jaxplan.trajectory.motion import Iterates
 from jaxplan.trajectory.optimality import (
     ActiveSet,
     BindingLinear,
@@ -38,7 +32,7 @@ from jaxplan.trajectory.optimality import (
     flat,
     linearised,
 )
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, end_margins, on_mesh
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis
 
@@ -89,25 +83,24 @@ class FitRecord:
             ftol=options.ACTIVE_SET.ftol,
         )
         (solution,) = sqp.improve([first])
-        stack = Stack.of([discrete])  # of one
-        at = stack.iterates(solution.coefficients[None], np.array([solution.duration]))
-        objective = sqp.Objective(stack, at)
-        penalty = sqp.penalties(discrete.free_time)[None]
-        quadratic = objective.program(at, np.zeros(1), penalty)
+        first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
+        state = sqp.SQPState.of([first])  # of one
+        stack, at = state.stack, state.at
+        quadratic = state.program(at, np.zeros(1))
         rows = {block.name: block for block in quadratic.blocks}
         proposal = program.solve(quadratic, {})
         multipliers = proposal.multipliers
         if discrete.free_time:  # limits by coefficients ask for more time than those at the places
             at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
         binding = {name: own > 0 for name, own in multipliers.items()}
-        crowded, share = False, float(objective.share[0])
+        crowded, share = False, float(state.share[0])
         for _ in range(options.ACTIVE_SET.looks):
             held = self._held(at, rows, binding, multipliers, share)
             root = self._root(held)
             if root is not None:
                 coefficients, found, duration = root
                 at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
-                quadratic = objective.program(at, np.zeros(1), penalty)
+                quadratic = state.program(at, np.zeros(1))
                 rows = {block.name: block for block in quadratic.blocks}
                 multipliers = _named(rows, binding, held, found)
                 least = -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
@@ -165,7 +158,7 @@ class FitRecord:
     @property
     def _flank(self) -> float:
         """Share of the duration that a flank of the pace along the path takes."""
-        profile, asked = self.problem.quickest(), self.problem.settings.duration
+        profile, asked = self.problem.quickest, self.problem.settings.duration
         if not isinstance(asked, str):
             profile = TrapezoidalProfile.within(asked, profile.length, self.problem.rise)
         return float(profile.flank_share)
@@ -178,7 +171,7 @@ class FitRecord:
     def _by_flank(self, rows: Blocks, binding: Masks) -> dict[str, np.ndarray]:
         """Derivatives by the flank's share of the duration of all that lies on breaks which follow it."""
         exact = self._exact and self._pace == "paced"
-        if np.isnan(self.attempt.request.mesh.flank) and not exact:
+        if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
             return {}
         here = self._flank
         step = options.ACTIVE_SET.flank_step * here
@@ -189,7 +182,7 @@ class FitRecord:
 
     def _at_flank(self, flank: float) -> DiscreteProblem:
         """The problem on the breaks of another pace, at whose places nodes are that are passed exactly."""
-        problem, discrete, mesh = self.problem, self.attempt.discrete, self.attempt.request.mesh
+        problem, discrete, mesh = self.problem, self.attempt.discrete, self.attempt.discrete.mesh
         profile = TrapezoidalProfile(length=0.0, duration=1.0, flank=flank)
         intervals, nodes = len(mesh.basis.breaks) - 1, len(mesh.places)
         places = mesh.places
@@ -198,7 +191,7 @@ class FitRecord:
             breaks = np.interp(np.linspace(0, nodes - 1, intervals + 1), np.arange(nodes), places)
         else:
             breaks = profile.breaks(intervals)
-        return on_mesh(problem, discrete, replace(mesh, basis=Basis.on(breaks), places=places))
+        return discrete.on_mesh(replace(mesh, basis=Basis.on(breaks), places=places))
 
     @property
     def _pace(self) -> str:
@@ -211,7 +204,7 @@ class FitRecord:
         """What lies on the breaks, by the names of the attributes of what is held."""
         space = discrete.space
         none = {name: np.zeros(block.slack.shape) for name, block in rows.items()}
-        linear, loads, zones, _ = _gathered(discrete, self.attempt.request.mesh, rows, binding, none)
+        linear, loads, zones, _ = _gathered(discrete, self.attempt.discrete.mesh, rows, binding, none)
         return {
             "free": space.free,
             "of_values": space.of_values,
@@ -228,7 +221,7 @@ class FitRecord:
 
     def _widened(self) -> float:
         """Ratio of the tube radius that was used to the one asked for; 1 without a tube, or a width."""
-        asked, kept = self.problem.radius(free_time=False), self.attempt.radius
+        asked, kept = self.problem.width, self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, at: Iterates) -> np.ndarray:
@@ -247,9 +240,9 @@ class FitRecord:
     ) -> ActiveSet:
         """All that is held with some rows that bind; their multipliers, and the curve, are to begin with."""
         problem, discrete = self.problem, self.attempt.discrete
-        space, system = discrete.space, discrete.system
+        space, chart = discrete.space, discrete.chart
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
-        mesh = self.attempt.request.mesh
+        mesh = self.attempt.discrete.mesh
         linear, loads, zones, multipliers_of = _gathered(discrete, mesh, rows, binding, multipliers)
         return ActiveSet(
             free=space.free,
@@ -263,11 +256,11 @@ class FitRecord:
             least_length=np.array(problem.least_length),
             by_flank={},
             given=np.concatenate([[0, len(problem.attitudes) - 1], inner]),
-            windings=padded(_windings(system.chart, problem.attitudes, mesh.places), FEWEST_NODES),
-            long_way=np.array(float(np.linalg.norm(system.chart.turn) > np.pi)),
-            share=np.array(system.share),
+            windings=padded(_windings(chart, problem, mesh.places), FEWEST_NODES),
+            long_way=np.array(float(np.linalg.norm(chart.turn) > np.pi)),
+            share=np.array(discrete.share),
             widened=np.array(self._widened()),
-            counted=np.isfinite(end_margins(system, problem.attitudes, problem.joints)),
+            counted=np.isfinite(problem.end_margins),
             duration=np.array(at.duration[0]),
             linear=linear,
             loads=loads,
@@ -282,7 +275,7 @@ class FitRecord:
 
 def _order(blocks: Blocks, binding: Masks) -> list[tuple[str, Index]]:
     """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
-    joints = [name for name, block in blocks.items() if isinstance(block, JointDerivativeBlock)]
+    joints = [name for name, block in blocks.items() if block.linear and block.power]
     loads = [name for name, block in blocks.items() if isinstance(block, LoadBlock)]
     names = (*joints, "range", "tube", *loads, "zone")
     found = {name: np.nonzero(binding[name]) for name in names if name in blocks}
@@ -304,13 +297,13 @@ def _gathered(
     discrete: DiscreteProblem, mesh: Mesh, blocks: Blocks, binding: Masks, given: Masks
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins, np.ndarray]:
     """The rows that bind, padded, with their multipliers in the same order."""
-    system, basis = discrete.system, discrete.space.basis
+    problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
-    quantities = [limit.quantity for limit in system.joint_limits]
+    quantities = [limit.quantity for limit in problem.joint_limits]
     matrices = {quantity.name: basis.differences[quantity.power] for quantity in quantities}
     matrices["range"] = np.eye(basis.size)
     steady = {name: np.pad(own[:, None], ((0, 0), (0, 3), (0, 0))) for name, own in matrices.items()}
-    if discrete.tube is not None:
+    if len(discrete.tube_rows):
         steady["tube"] = np.swapaxes(basis.rows(mesh.places[1:-1]), 0, 1)
     none = np.zeros(0, int)
     linear = [(np.zeros((0, 4, basis.size)), np.zeros(0), none, none, none)]
@@ -331,7 +324,7 @@ def _gathered(
             multipliers[2].append(given[name][0][index])
         else:
             place, sign, axis = index
-            loads.append((place, SIGNS[sign], np.full(len(place), system.names.index(name)), axis))
+            loads.append((place, SIGNS[sign], np.full(len(place), problem.names.index(name)), axis))
             multipliers[1].append(given[name][0][index])
     flat = [np.concatenate(own) for own in multipliers]
     # Where none binds there is padding, too, so that what is held of several plans can be stacked.
@@ -339,7 +332,7 @@ def _gathered(
     counts = [padded_count(max(len(own), 1), size) for own, size in zip(flat, least, strict=True)]
     if not len(flat[1]):
         counts[1] = 0  # loads are seldom near, and their slopes are dear
-    if not len(system.cones.axis):
+    if not len(problem.cones.axis):
         counts[2] = 0
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     of_linear = BindingLinear(
@@ -375,10 +368,11 @@ def _gathered(
     )
 
 
-def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarray:
     """Whole turns added to the logarithm at each node."""
-    eta = chart.coordinates(attitudes, places) - places[:, None] * chart.turn
-    short = chart.departures(attitudes, places)[0]
+    nodes = problem.attitudes, problem.turns, places
+    eta = chart.coordinates(*nodes) - places[:, None] * chart.turn
+    short = chart.departures(*nodes)[0]
     angles = np.linalg.norm(short, axis=1)
     along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
     return np.round((along - angles) / (2 * np.pi))
@@ -417,7 +411,10 @@ def independent(quadratic: program.QuadraticProgram, binding: Masks) -> Masks:
         for name, f in blocks.items()
     }
     free = quadratic.free[0]
-    slopes = [blocks[name].slopes(index).full @ free for name, index in touching.items()]
+    slopes = []
+    for name, index in touching.items():
+        axes, basis = blocks[name].slopes(index)
+        slopes.append(np.swapaxes(axes, 1, 2) @ basis @ free)
     gradient = (free.T @ quadratic.gradient[0]).T
     every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
     flat = np.zeros(len(every))

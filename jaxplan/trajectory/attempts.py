@@ -2,16 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from jaxplan.trajectory import options, sqp
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.iterates import TUBE, SQPSolution
+from jaxplan.trajectory.motion import TUBE
 from jaxplan.trajectory.peaks import Peaks, all_peaks
-from jaxplan.trajectory.problem import AttemptRequest, DiscreteProblem, FitProblem, Mesh, discretise
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, Timing, discretise
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
+from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,34 +21,55 @@ class Attempt:
     """A curve, and what it breaks.
 
     Attributes:
-        request: what it was made for.
         discrete: the problem that was solved.
         solution: the curve that was found.
         trajectory: of the curve.
         peaks: over all time.
-        clear: whether zones are kept at the places, with some of the clearance.
-        breach: what breaks a zone, by name, and by how much (rad); None where none does.
-        tube: rad, how far nodes are beyond it; zero or less where they are within.
     """
 
-    request: AttemptRequest
     discrete: DiscreteProblem
     solution: SQPSolution
     trajectory: Trajectory
     peaks: Peaks
-    clear: bool
-    breach: tuple[str, float] | None
-    tube: float
+
+    @property
+    def problem(self) -> FitProblem:
+        """What is fitted."""
+        return self.discrete.problem
 
     @property
     def radius(self) -> float:
         """Radius of the tube that was tried, rad."""
-        return self.request.mesh.radius
+        return self.discrete.mesh.radius
+
+    @cached_property
+    def clear(self) -> bool:
+        """Whether zones are kept at the places, with some of the clearance."""
+        return bool(np.all(self.solution.margins >= options.ACCEPTANCE.kept_margin * self.problem.wanted))
+
+    @cached_property
+    def breach(self) -> tuple[str, float] | None:
+        """What breaks a zone the most, and by how much (rad); None where nothing does.
+
+        Axes of the body go by the name of the body, what terminals carry by theirs.
+        """
+        margins = self.solution.margins
+        if np.all(margins >= -options.ACCEPTANCE.rounding):
+            return None
+        _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
+        names, cones = self.problem.spacecraft.device_names, self.problem.cones
+        carriers = [names[terminal] for terminal in cones.carrier]
+        return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))
+
+    @property
+    def in_tube(self) -> bool:
+        """Whether nodes are passed within the tube that was tried."""
+        return bool(self.solution.violations[TUBE] <= options.ACCEPTANCE.tube_broken)
 
     @property
     def sound(self) -> bool:
         """Whether nothing is broken but perhaps limits of rates and loads."""
-        return self.clear and self.peaks.in_range and self.tube <= options.ACCEPTANCE.tube_broken
+        return self.clear and self.peaks.in_range and self.in_tube
 
     @property
     def kept(self) -> bool:
@@ -66,49 +89,53 @@ class Attempt:
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
         """Attempts are compared by it; the larger the better."""
-        inside, nearly = self.clear and self.peaks.in_range, self.peaks.stretch <= options.ACCEPTANCE.nearly
-        return inside, nearly, self.tube <= options.ACCEPTANCE.tube_broken, -self.peaks.stretch
+        stretch = self.peaks.stretch
+        inside, nearly = self.clear and self.peaks.in_range, stretch <= options.ACCEPTANCE.nearly
+        return inside, nearly, self.in_tube, -stretch
 
 
-def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
-    """Attempts at all requests; None where the nodes leave the chart or numbers overflow."""
-    begins = {number: begin for number, one in enumerate(requests) if (begin := _first_curve(one))}
-    solutions = _improved([requests[number].problem for number in begins], list(begins.values()))
+def first_curve(
+    problem: FitProblem,
+    mesh: Mesh,
+    duration: float,
+    timing: Timing,
+    *,
+    tighter: float = 0.0,
+    coefficients: np.ndarray | None = None,
+) -> InitialGuess | None:
+    """Where an attempt begins; None if the nodes leave every chart.
+
+    Args:
+        problem: what is fitted.
+        mesh: breaks of the spline, times of the nodes, and the tube about them.
+        duration: s, given or to begin with.
+        timing: of the curve.
+        tighter: share of the limits on the platform's loads that is left.
+        coefficients: (n, A) of the curve to begin with; None for the one nearest to the path.
+    """
+    discrete = discretise(problem, mesh, timing, share=1 - tighter)
+    if discrete is None:
+        return None
+    begin = discrete.nearest(duration) if coefficients is None else coefficients
+    return InitialGuess(discrete=discrete, coefficients=begin, duration=duration)
+
+
+def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
+    """Attempts from first curves; None of one that is None, or whose numbers overflow."""
+    given = {number: begin for number, begin in enumerate(begins) if begin is not None}
     curves: dict[int, tuple[DiscreteProblem, SQPSolution, Trajectory]] = {}
-    for (number, begin), solution in zip(begins.items(), solutions, strict=True):
+    for (number, begin), solution in zip(given.items(), _improved(list(given.values())), strict=True):
         if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite:
-            node_times = solution.duration * requests[number].mesh.places
-            curves[number] = begin.discrete, solution, _trajectory(begin.discrete, solution, node_times)
-    peaks = all_peaks(
-        [(curve, requests[number].problem.spacecraft) for number, (*_, curve) in curves.items()]
-    )
-    attempts: list[Attempt | None] = [None] * len(requests)
+            curves[number] = begin.discrete, solution, _trajectory(begin.discrete, solution)
+    peaks = all_peaks([(curve, own.problem.spacecraft) for own, _, curve in curves.values()])
+    attempts: list[Attempt | None] = [None] * len(begins)
     for (number, (discrete, solution, curve)), own in zip(curves.items(), peaks, strict=True):
         if np.isfinite(own.stretch):
-            attempts[number] = Attempt(
-                request=requests[number],
-                discrete=discrete,
-                solution=solution,
-                trajectory=curve,
-                peaks=own,
-                clear=bool(np.all(solution.margins >= options.ACCEPTANCE.kept_margin * discrete.wanted)),
-                breach=_breach(solution.margins, requests[number].problem),
-                tube=float(solution.violations[TUBE]),
-            )
+            attempts[number] = Attempt(discrete=discrete, solution=solution, trajectory=curve, peaks=own)
     return attempts
 
 
-def _first_curve(request: AttemptRequest) -> sqp.InitialGuess | None:
-    """Where the search for a request begins; None if the nodes leave every chart."""
-    found = discretise(request)
-    if found is None:
-        return None
-    discrete, nearest = found
-    coefficients = nearest if request.begin is None else request.begin
-    return sqp.InitialGuess(discrete=discrete, coefficients=coefficients, duration=request.duration)
-
-
-def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]) -> list[SQPSolution]:
+def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """The best curves near the first ones.
 
     In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
@@ -116,9 +143,9 @@ def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]
     """
     first = [
         begin
-        if begin.discrete.free_time or problem.at_speed
+        if begin.discrete.free_time or begin.discrete.problem.at_speed
         else replace(begin, max_violation=0.0 if begin.discrete.limited else options.ACCEPTANCE.mended)
-        for problem, begin in zip(problems, begins, strict=True)
+        for begin in begins
     ]
     solutions = sqp.improve(first)
     hasty = [
@@ -126,11 +153,13 @@ def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]
         for number, begin in enumerate(first)
         if begin.discrete.limited and solutions[number].steps == 0
     ]
+    if not hasty:
+        return solutions
     slower = sqp.improve(
         [
             replace(
                 own,
-                discrete=replace(own.discrete, free_time=True),
+                discrete=replace(own.discrete, timing="shortest"),
                 target_duration=own.duration,
                 max_violation=np.inf,
             )
@@ -146,15 +175,9 @@ def _improved(problems: Sequence[FitProblem], begins: Sequence[sqp.InitialGuess]
     return solutions
 
 
-def _trajectory(discrete: DiscreteProblem, solution: SQPSolution, node_times: np.ndarray) -> Trajectory:
-    """The curve of a solution in time.
-
-    Args:
-        discrete: the problem, with chart and basis.
-        solution: the curve.
-        node_times: (m + 1,) s, when the nodes are passed.
-    """
-    basis, chart, duration = discrete.space.basis, discrete.system.chart, solution.duration
+def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
+    """The curve of a solution in time."""
+    basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
     breaks = basis.breaks * duration
@@ -166,109 +189,73 @@ def _trajectory(discrete: DiscreteProblem, solution: SQPSolution, node_times: np
         coefficients=np.ascontiguousarray(pieces[:, :, :3]),
         joint_breaks=breaks,
         joint_coefficients=np.ascontiguousarray(pieces[:, :, 3:]),
-        node_times=node_times,
+        node_times=duration * discrete.mesh.places,
         smoothness=SMOOTHNESS,
         method="global",
     )
 
 
-def _breach(margins: np.ndarray, problem: FitProblem) -> tuple[str, float] | None:
-    """What breaks a zone the most, given margins (S, D, Z), and by how much (rad); None where nothing does.
-
-    Axes of the body go by the name of the body, what terminals carry by theirs.
-    """
-    if np.all(margins >= -options.ACCEPTANCE.rounding):
-        return None
-    _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
-    names, cones = problem.spacecraft.device_names, problem.cones
-    carriers = [names[terminal] for terminal in cones.carrier]
-    return (*names, *["the body"] * len(cones.body), *carriers)[sight], -float(np.min(margins))
-
-
+@dataclass(kw_only=True, eq=False)
 class Ladder:
     """One fit's attempts, one after the other, up to the first that is good enough.
 
-    A rung is a number of intervals and a radius of the tube. On each of them the limits are taken a little
-    tighter where a curve breaks them by next to nothing, which happens between the places. After an attempt
-    without hope more intervals are not tried.
+    On each rung the limits are taken a little tighter where a curve breaks them by next to nothing, which
+    happens between the places. After an attempt without hope more intervals are not tried.
 
     Attributes:
+        problem: what is fitted.
+        profile: along the path.
+        rungs: factors on the number of intervals, and radii of the tube (rad), of the attempts ahead.
+        duration: s, given or to begin with.
+        timing: of the curves.
+        graded: whether breaks lie close about the flanks.
+        tighter: shares of the limits that are left, first and then.
         best: of the attempts so far; None before the first, and beyond every chart.
     """
 
-    def __init__(
-        self,
-        problem: FitProblem,
-        profile: TrapezoidalProfile,
-        attempts: Sequence[tuple[int, float]],
-        *,
-        duration: float,
-        graded: bool = True,
-        limited: bool,
-        free_time: bool,
-        tighter: Sequence[float] = (0.0,),
-    ) -> None:
-        """Begin with the first rung.
+    problem: FitProblem
+    profile: TrapezoidalProfile
+    rungs: list[tuple[int, float]]
+    duration: float
+    timing: Timing
+    graded: bool = True
+    tighter: Sequence[float] = (0.0,)
+    best: Attempt | None = None
+    _here: Attempt | None = None  # the best one on this rung
+    _tightened: int = 0  # how often limits were taken tighter on this rung
 
-        Args:
-            problem: what is fitted.
-            profile: along the path.
-            attempts: factors on the number of intervals, and radii of the tube (rad).
-            duration: s, given or to begin with.
-            graded: whether breaks lie close about the flanks.
-            limited: see `AttemptRequest`; so are the next two.
-            free_time: whether the shortest duration is looked for.
-            tighter: shares of the limits that are left, first and then.
-        """
-        self.best: Attempt | None = None
-        self._job, self._pace, self._graded = problem, profile, graded
-        self._duration, self._limited, self._free_time = duration, limited, free_time
-        self._tighter, self._share = tighter, 0
-        self._rungs = list(attempts)
-        self._mesh: Mesh | None = None
-        self._here: Attempt | None = None  # the best one on this rung
-
-    @property
-    def _timed(self) -> bool:
-        return self._limited and not self._free_time
-
-    def next_request(self) -> AttemptRequest | None:
-        """The attempt that is to be made next; None at the end."""
-        if not self._rungs:
-            return None
-        if self._mesh is None:
-            finer, radius = self._rungs[0]
-            self._mesh = self._job.mesh(self._pace, radius, finer, graded=self._graded)
-        return AttemptRequest(
-            problem=self._job,
-            mesh=self._mesh,
-            duration=self._duration,
-            limited=self._limited,
-            free_time=self._free_time,
-            tighter=self._tighter[self._share],
-        )
+    def first_curve(self) -> InitialGuess | None:
+        """Where the next attempt begins; None if the nodes leave every chart."""
+        if self._here is None:
+            finer, radius = self.rungs[0]
+            mesh = self.problem.mesh(self.profile, radius, finer, graded=self.graded)
+        else:
+            mesh = self._here.discrete.mesh
+        tighter = self.tighter[self._tightened]
+        return first_curve(self.problem, mesh, self.duration, self.timing, tighter=tighter)
 
     def accept(self, made: Attempt | None) -> None:
         """Go on with the attempt that was made."""
         if made is not None:
             if self._here is None or made.merit > self._here.merit:
                 self._here = made
-            nearly = 1 < made.peaks.stretch <= 1 + self._tighter[self._share]
-            if nearly and self._share + 1 < len(self._tighter):
-                self._share += 1
+            nearly = 1 < made.peaks.stretch <= 1 + self.tighter[self._tightened]
+            if nearly and self._tightened + 1 < len(self.tighter):
+                self._tightened += 1
                 return
-        last, self._here, self._mesh, self._share = self._here, None, None, 0
-        del self._rungs[0]
+        last, self._here, self._tightened = self._here, None, 0
+        del self.rungs[0]
         if last is None:
-            self._rungs.clear()
+            self.rungs.clear()
             return
         if self.best is None or last.merit > self.best.merit:
             self.best = last
-        if last.sound and (last.kept or not self._timed):
-            self._rungs.clear()
-        if last.too_deep or (self._timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
-            while self._rungs and self._rungs[0][0] > 1:
-                del self._rungs[0]
+        timed = self.timing == "given"
+        if last.sound and (last.kept or not timed):
+            self.rungs.clear()
+        if last.too_deep or (timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
+            while self.rungs and self.rungs[0][0] > 1:
+                del self.rungs[0]
 
 
 def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:

@@ -35,7 +35,7 @@ class BoxQP(NamedTuple):
 
 
 class BoxQPSolution(NamedTuple):
-    """Of a program.
+    """Solution of one program.
 
     Attributes:
         multipliers: (R,) ``y``; NaN where the iteration broke down.
@@ -50,31 +50,28 @@ class BoxQPSolution(NamedTuple):
 
 def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Solve many programs."""
-    answers: dict[int, BoxQPSolution] = {}
-    scaled, scales = [], {}
+    solutions: dict[int, BoxQPSolution] = {}
+    scaled, scales = {}, {}
     for number, (matrix, linear, penalty) in enumerate(programs):
         if not len(linear):
-            answers[number] = BoxQPSolution(multipliers=np.zeros(0), iterations=0, residual=0.0)
+            solutions[number] = BoxQPSolution(np.zeros(0), iterations=0, residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
         own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
-        if not all(np.isfinite(part).all() for part in own):
-            answers[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
-            continue
-        scales[number] = scale
-        scaled.append(own)
-    found: list[BoxQPSolution] = []
-    for part in parts(scaled, options.BOX_QP.together):
-        found += _solve(_BoxQPStack.of(part))
-    for (number, scale), answer in zip(scales.items(), found, strict=True):
-        y = answer.multipliers if answer.residual <= options.BOX_QP.usable else np.full_like(scale, np.nan)
-        answers[number] = answer._replace(multipliers=y * scale)
-    return [answers[number] for number in range(len(programs))]
+        if all(np.isfinite(part).all() for part in own):
+            scaled[number], scales[number] = own, scale
+        else:
+            solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
+    for part in parts(list(scaled), options.BOX_QP.together):
+        for number, found in zip(part, _solve([scaled[number] for number in part]), strict=True):
+            y = found.multipliers if found.residual <= options.BOX_QP.usable else np.nan
+            solutions[number] = found._replace(multipliers=y * scales[number])
+    return [solutions[number] for number in range(len(programs))]
 
 
 @dataclass(frozen=True, eq=False)
 class _BoxQPStack:
-    """Programs with their rows one after the other, N in all.
+    """Programs in their scaled form with their rows one after the other, N in all.
 
     Attributes:
         matrices: of each.
@@ -96,21 +93,21 @@ class _BoxQPStack:
 
     @classmethod
     def of(cls, programs: Sequence[BoxQP]) -> "_BoxQPStack":
-        """Programs in their scaled form."""
-        count = np.array([len(own.linear) for own in programs])
-        parts, first = _in_turn(count)
-        d = np.concatenate([own.linear for own in programs])
-        size = np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY)
-        top = np.concatenate([own.penalty for own in programs])
-        return cls([own.matrix for own in programs], parts, first, count, d, top, size)
-
-    def some(self, kept: np.ndarray) -> "tuple[_BoxQPStack, np.ndarray]":
-        """Of (P,) bool, those programs, and which rows are theirs."""
-        rows = np.repeat(kept, self.count)
-        count = self.count[kept]
-        matrices = [own for own, stays in zip(self.matrices, kept, strict=True) if stays]
-        own = _BoxQPStack(matrices, *_in_turn(count), count, self.d[rows], self.top[rows], self.size[kept])
-        return own, rows
+        """The stack of some programs."""
+        matrices, d, top = zip(*programs, strict=True)
+        count = np.array([len(own) for own in d])
+        last = np.cumsum(count)
+        first = last - count
+        d = np.concatenate(d)
+        return cls(
+            matrices=list(matrices),
+            parts=[slice(*part) for part in zip(first.tolist(), last.tolist(), strict=True)],
+            first=first,
+            count=count,
+            d=d,
+            top=np.concatenate(top),
+            size=np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY),
+        )
 
     def gradient(self, values: np.ndarray) -> np.ndarray:
         """(N,) what is left of the first condition of an optimum."""
@@ -133,18 +130,11 @@ class _BoxQPStack:
         return own if len(own) == 1 else np.repeat(own, self.count)
 
 
-def _in_turn(count: np.ndarray) -> tuple[list[slice], np.ndarray]:
-    """The rows of programs with so many each, and their first ones."""
-    last = np.cumsum(count)
-    first = last - count
-    return [slice(*part) for part in zip(first.tolist(), last.tolist(), strict=True)], first
-
-
-def _solve(stack: _BoxQPStack) -> list[BoxQPSolution]:
+def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Iterate until each program is solved, or as near as rounding allows."""
-    count = len(stack.first)
-    answers: dict[int, BoxQPSolution] = {}
-    number, values, residual = np.arange(count), _first(stack), np.full(count, np.inf)
+    stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
+    solutions: dict[int, BoxQPSolution] = {}
+    values, residual = _first(stack), np.full(len(programs), np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         for iterations in range(options.BOX_QP.most_iterations + 1):
             done = (residual <= options.BOX_QP.tolerance) | (iterations == options.BOX_QP.most_iterations)
@@ -155,13 +145,13 @@ def _solve(stack: _BoxQPStack) -> list[BoxQPSolution]:
             if over.any():
                 for own in np.flatnonzero(over).tolist():
                     y = values[0, stack.parts[own]]
-                    answers[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
-                stack, rows_left = stack.some(~over)
-                number, ahead, left = number[~over], ahead[:, rows_left], left[~over]
-                if not len(number):
+                    solutions[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
+                if over.all():
                     break
+                ahead, left, number = ahead[:, stack.spread(~over)], left[~over], number[~over]
+                stack = _BoxQPStack.of([programs[own] for own in number.tolist()])
             values, residual = ahead, left
-    return [answers[own] for own in range(count)]
+    return [solutions[own] for own in range(len(programs))]
 
 
 def _first(stack: _BoxQPStack) -> np.ndarray:

@@ -11,13 +11,11 @@ turn.
 """
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
 from jaxplan import so3
 from jaxplan.trajectory import options
-from jaxplan.trajectory.schedule import edge_turns
 
 _NO_ANGLE = 1e-300  # rad, of a vector that has no direction
 
@@ -39,66 +37,63 @@ class Chart:
         """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
         return np.asarray(so3.exp(self.turn / 2))
 
-    def coordinates(self, attitudes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    def coordinates(self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> np.ndarray:
         """``b`` at nodes.
+
+        The logarithm of each is taken on the branch that the edge from the one before leads to, from the
+        first on that is not there already.
 
         Args:
             attitudes: (m + 1, 3, 3) in the order of the motion, the first one that of the chart.
+            turns: (m, 3) rad, rotation of each edge in the axes of its first node.
             places: (m + 1,) of the nodes in [0, 1].
 
         Returns:
             (m + 1, 3) rad.
         """
-        return self._on_branch(*self.departures(attitudes, places), places)
-
-    def departures(self, attitudes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
-        back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
-        eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
-        turned = np.einsum("mji,mj->mi", back[:-1], edge_turns(attitudes))
-        return eta, turned - np.diff(places)[:, None] * self.turn
-
-    def _on_branch(self, eta: np.ndarray, steps: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """`coordinates` from departures.
-
-        Each is taken on the branch that the edge from the one before leads to, from the first on that is not
-        there already.
-        """
+        eta, steps = self.departures(attitudes, turns, places)
         angle = np.linalg.norm(eta[1:], axis=1)
-        elsewhere = _turns(eta[:-1], steps, eta[1:], angle) != 0
+        elsewhere = _windings(eta[:-1], steps, eta[1:], angle) != 0
         begin = int(np.argmax(elsewhere)) if np.any(elsewhere) else len(steps)
         for number in range(begin, len(steps)):
             own = eta[number + 1]
-            turns = _turns(eta[number], steps[number], own, angle[number])
-            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * turns
-        return eta + places[:, None] * self.turn
+            windings = _windings(eta[number], steps[number], own, angle[number])
+            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * windings
+        return np.asarray(eta + places[:, None] * self.turn)
 
-    @classmethod
-    def through(cls, attitudes: np.ndarray, places: np.ndarray) -> tuple[Self, np.ndarray]:
-        """The chart from the first node to the last the short way, and ``b`` at the nodes."""
-        chart = cls(attitude=attitudes[0], turn=so3.log(attitudes[0].T @ attitudes[-1]))
-        return chart, chart.coordinates(attitudes, places)
+    def departures(
+        self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
+        back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
+        eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
+        turned = np.einsum("mji,mj->mi", back[:-1], turns)
+        return eta, turned - np.diff(places)[:, None] * self.turn
 
 
-def fitting(attitudes: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
+def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
     """The chart from the first node to the last in which all nodes lie nearest to the steady motion.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
+        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
         places: (m + 1,) in [0, 1].
 
     Returns:
         The chart, and ``b`` (m + 1, 3) at the nodes.
     """
-    best = Chart.through(attitudes, places)
-    turn = best[0].turn
-    angle = np.linalg.norm(turn)
-    if farthest(*best, places) > options.CHART.near and angle > 0:
-        chart = Chart(attitude=attitudes[0], turn=turn * (1 - 2 * np.pi / angle))  # the long way round
-        other = chart, chart.coordinates(attitudes, places)
-        if farthest(*other, places) < farthest(*best, places):
-            return other
-    return best
+
+    def about(turn: np.ndarray) -> tuple[float, Chart, np.ndarray]:
+        chart = Chart(attitude=attitudes[0], turn=turn)
+        b = chart.coordinates(attitudes, turns, places)
+        return farthest(chart, b, places), chart, b
+
+    turn = so3.log(attitudes[0].T @ attitudes[-1])
+    best, angle = about(turn), np.linalg.norm(turn)
+    if best[0] > options.CHART.near and angle > 0:
+        long_way = about(turn * (1 - 2 * np.pi / angle))
+        best = min(best, long_way, key=lambda one: one[0])
+    return best[1:]
 
 
 def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
@@ -108,7 +103,7 @@ def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
     return float(np.max(distances)) if distances[-1] < 1 else np.inf
 
 
-def _turns(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Whole turns by which rotation vectors (..., 3) must be longer to lie where steps from others lead."""
     ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
     return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)

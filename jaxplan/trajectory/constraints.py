@@ -1,113 +1,44 @@
-"""Constraints of the spline fit as blocks of linear rows near curves: joints, tubes, loads, margins.
+"""Constraints of the spline fit as blocks of linear rows near curves: joints, tubes, loads and margins.
 
-Curves are looked at together: a stack of G, each with its own rows. A row says
+The curves of a stack are looked at together, G of them, each with its own rows. A row says
 ``slopes . dc + time * dT / T <= slack`` of a change ``dc`` of the coefficients and ``dT`` of the duration. A
 block knows the slack of all its rows and how a step changes it, and writes out only the rows that a program
-asks for.
+asks for. The derivatives of a row in the coefficients (n, A) are a product of a row of the axes and one of
+the basis, or a sum of J such products: slopes are pairs of arrays (R, J, A) and (R, J, n).
 
 Rows of joints by the coefficients, and of nodes in a tube, are true of every step. All values of a spline lie
 between the least and the largest of its coefficients, and those of a derivative likewise, so what holds for
-the coefficients holds at every instant.
-
-Rows of the platform's loads and of margins are linearised at places close to each other.
+the coefficients holds at every instant. Rows of the platform's loads and of margins are linearised at places
+close to each other.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from jaxplan.trajectory import options
-from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, Stack, stacked, taken
-from jaxplan.trajectory.motion import Motion
+from jaxplan.trajectory.motion import (
+    LIMIT,
+    TUBE,
+    ZONE,
+    Iterates,
+    load_slopes,
+    margin_reach,
+    margin_slopes,
+    stacked,
+    taken,
+)
 
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
 Index = tuple[np.ndarray, ...]  # of rows, the number of the curve first
-
-
-class Step(NamedTuple):
-    """Changes of some curves of a stack.
-
-    Attributes:
-        which: (g,) numbers of the curves.
-        coefficients: (g, n, A).
-        curves: (g, 4, S, A) what that makes of values and derivatives at the places.
-        stretch: (g,) relative change of the duration.
-    """
-
-    which: np.ndarray
-    coefficients: np.ndarray
-    curves: np.ndarray
-    stretch: np.ndarray
-
-    def some(self, which: np.ndarray) -> "Step":
-        """Those of (g,) bool."""
-        return self if np.all(which) else Step(*(own[which] for own in self))
-
-
-class RowJacobian(NamedTuple):
-    """Derivatives of rows in the coefficients: sums of J products of a row of the axes and one of the basis.
-
-    Attributes:
-        axes: (R, J, A).
-        basis: (R, J, n).
-    """
-
-    axes: np.ndarray
-    basis: np.ndarray
-
-    @property
-    def full(self) -> np.ndarray:
-        """(R, A, n)."""
-        return np.asarray(np.swapaxes(self.axes, 1, 2) @ self.basis)
-
-
-class ConstraintBlock(Protocol):
-    """Rows of one sort, which know their slack and how a step changes it.
-
-    Attributes:
-        name: unique among the blocks of a fit.
-        kind: `LIMIT`, `ZONE` or `TUBE`.
-        slack: of every row (G, ...), zero where it just holds.
-        tolerance: rows with less slack are in a program from the start.
-        time: the coefficient of ``dT / T`` in every row.
-        linear: whether the rows are true of all steps, not of small ones alone.
-        may_bind: (G,) whether a step may break any of the rows.
-    """
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def kind(self) -> int: ...  # noqa: D102
-    @property
-    def slack(self) -> np.ndarray: ...  # noqa: D102
-    @property
-    def tolerance(self) -> float: ...  # noqa: D102
-    @property
-    def time(self) -> float: ...  # noqa: D102
-    @property
-    def linear(self) -> bool: ...  # noqa: D102
-    @property
-    def may_bind(self) -> np.ndarray: ...  # noqa: D102
-
-    def change(self, step: Step) -> np.ndarray:
-        """By how much a step lessens the slack (g, ...) of the curves that take it, without its stretch."""
-        ...
-
-    def slopes(self, index: Index) -> RowJacobian:
-        """Of some rows."""
-        ...
-
-    def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Of the rows that are wanted (g, ...) of some curves, those that do, given what slack they have."""
-        ...
+Slopes = tuple[np.ndarray, np.ndarray]  # (R, J, A) of the axes and (R, J, n) of the basis
 
 
 def numbers(chosen: np.ndarray) -> Index:
-    """Of the rows that are chosen, (G, ...) bool; `np.nonzero`, many times as fast where they are few."""
+    """Index of the rows that are chosen, (G, ...) bool: `np.nonzero`, much faster where they are few."""
     return np.unravel_index(np.flatnonzero(chosen), chosen.shape)
 
 
@@ -122,176 +53,131 @@ def lowest(slack: np.ndarray) -> np.ndarray:
     return kept
 
 
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """What these blocks share."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearBlock:
+    """Rows ``|matrix . c - centre| scale <= bound`` of some axes, (G, 2, r, a) with both signs.
 
-    coefficients: np.ndarray  # (G, n, A)
+    They are those of rates, accelerations and angles of the joints, and of nodes in a tube, as shares of the
+    bound or, of angles, in rad.
+
+    Attributes:
+        name: unique among the blocks of a fit, as of every block.
+        kind: `LIMIT` or `TUBE`.
+        power: of 1 / duration in the rows.
+        tolerance: rows with less slack are in a program from the start.
+        coefficients: (G, n, A).
+        matrix: (G, r, n).
+        scale: (G, a) of the last axes.
+        centre: (G, r, a).
+        bound: (G, 1, 1, a).
+    """
+
+    name: str
+    kind: int = LIMIT
+    power: int = 0
+    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
+    coefficients: np.ndarray
+    matrix: np.ndarray
+    scale: np.ndarray
+    centre: np.ndarray | float = 0.0
+    bound: np.ndarray | float = 1.0
     linear = True
 
     @property
+    def _first(self) -> int:
+        return self.coefficients.shape[2] - self.scale.shape[1]
+
+    @cached_property
+    def slack(self) -> np.ndarray:
+        """(G, 2, r, a), zero where a row just holds."""
+        value = (self.matrix @ self.coefficients[:, :, self._first :] - self.centre) * self.scale[:, None]
+        return self.bound - np.stack([value, -value], axis=1)
+
+    @property
     def may_bind(self) -> np.ndarray:
-        """A step may break rows of every curve."""
+        """(G,) whether a step may break any of the rows: always."""
         return np.ones(len(self.coefficients), dtype=bool)
 
+    def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
+        """By how much a step lessens the slack (g, ...) of the curves that take it, without its stretch.
+
+        Args:
+            which: (g,) numbers of the curves.
+            coefficients: (g, n, A) changes.
+            _: (g, 4, S, A) what these make of values and derivatives at the places.
+        """
+        matrix, scale = taken(self.matrix, which), self.scale[which][:, None]
+        value = matrix @ coefficients[:, :, self._first :] * scale
+        return np.stack([value, -value], axis=1)
+
+    def slopes(self, index: Index) -> Slopes:
+        """Derivatives of some rows in the coefficients."""
+        curve, sign, row, axis = index
+        axes = np.zeros((len(axis), 1, self.coefficients.shape[2]))
+        axes[np.arange(len(axis)), 0, self._first + axis] = SIGNS[sign] * self.scale[curve, axis]
+        return axes, self.matrix[curve, row][:, None]
+
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """All rows that are wanted; none is left out."""
+        """The rows to take of those that are wanted (g, ...) of some curves, given their slack: all."""
         return wanted
 
 
-@dataclass(frozen=True, eq=False)
-class JointDerivativeBlock(_Linear):
-    """Rates or accelerations of joints, by the coefficients of the derivative: rows (G, 2, n - d, joints)."""
-
-    name: str
-    power: int
-    differences: np.ndarray  # (G, n - d, n)
-    scale: np.ndarray  # (G, joints) 1 / (limit * duration^power)
-    kind: int = LIMIT
-    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
-
-    @property
-    def time(self) -> float:
-        """Coefficient of the relative change of the duration."""
-        return -float(self.power)
-
-    @cached_property
-    def slack(self) -> np.ndarray:
-        """Slack of every row."""
-        return 1 - self._shares(np.arange(len(self.scale)), self.coefficients)
-
-    def _shares(self, which: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        differences = taken(self.differences, which)
-        return _both(differences @ coefficients[:, :, 3:] * self.scale[which][:, None])
-
-    def change(self, step: Step) -> np.ndarray:
-        """How a step lessens the slack."""
-        return self._shares(step.which, step.coefficients)
-
-    def slopes(self, index: Index) -> RowJacobian:
-        """Derivatives of some rows in the coefficients."""
-        curve, sign, row, joint = index
-        factor = SIGNS[sign] * self.scale[curve, joint]
-        return _of_axis(3 + joint, factor, self.differences[curve, row], self.coefficients.shape[2])
-
-
-@dataclass(frozen=True, eq=False)
-class JointRangeBlock(_Linear):
-    """Angles of the joints by the coefficients: rows (G, 2, n, joints)."""
-
-    limits: np.ndarray  # (G, joints)
-    name: str = "range"
-    kind: int = LIMIT
-    tolerance: float = field(default_factory=lambda: options.ROWS.near_angle)
-    time: float = 0.0
-
-    @cached_property
-    def slack(self) -> np.ndarray:
-        """Slack of every row."""
-        return self.limits[:, None, None] - _both(self.coefficients[:, :, 3:])
-
-    def change(self, step: Step) -> np.ndarray:
-        """How a step lessens the slack."""
-        return _both(step.coefficients[:, :, 3:])
-
-    def slopes(self, index: Index) -> RowJacobian:
-        """Derivatives of some rows in the coefficients."""
-        _, sign, row, joint = index
-        _, size, axes = self.coefficients.shape
-        return _of_axis(3 + joint, SIGNS[sign], np.eye(size)[row], axes)
-
-
-@dataclass(frozen=True, eq=False)
-class TubeBlock(_Linear):
-    """Tubes about nodes: rows (G, 2, m, A), as shares of the radius."""
-
-    rows: np.ndarray  # (G, m, n)
-    values: np.ndarray  # (G, m, A)
-    radius: np.ndarray  # (G, A)
-    name: str = "tube"
-    kind: int = TUBE
-    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
-    time: float = 0.0
-
-    @cached_property
-    def slack(self) -> np.ndarray:
-        """Slack of every row."""
-        off = self.rows @ self.coefficients - self.values
-        return 1 - _both(off / self.radius[:, None])
-
-    def change(self, step: Step) -> np.ndarray:
-        """How a step lessens the slack."""
-        return _both(self.rows[step.which] @ step.coefficients / self.radius[step.which][:, None])
-
-    def slopes(self, index: Index) -> RowJacobian:
-        """Derivatives of some rows in the coefficients."""
-        curve, sign, node, axis = index
-        factor = SIGNS[sign] / self.radius[curve, axis]
-        return _of_axis(axis, factor, self.rows[curve, node], self.coefficients.shape[2])
-
-
-def _both(values: np.ndarray) -> np.ndarray:
-    """Values (g, ...) with both signs (g, 2, ...)."""
-    return np.stack([values, -values], axis=1)
-
-
-def _of_axis(axis: np.ndarray, factor: np.ndarray, basis: np.ndarray, axes: int) -> RowJacobian:
-    """Derivatives of rows (R,) that are of one axis each."""
-    own = np.zeros((len(axis), 1, axes))
-    own[np.arange(len(axis)), 0, axis] = factor
-    return RowJacobian(own, basis[:, None])
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LoadBlock:
-    """One of the platform's loads at the places: rows (G, S, 2, 3)."""
+    """One of the platform's loads at the places, as shares of its limit: rows (G, S, 2, 3).
+
+    Attributes:
+        name: of the load.
+        power: of 1 / duration in it.
+        load: its number.
+        at: the curves.
+        scale: (G, 3) 1 / (limit * duration^power).
+    """
 
     name: str
     power: int
-    motion: Motion
-    load: int  # which
-    scale: np.ndarray  # (G, 3) 1 / (limit * duration^power)
-    rows: np.ndarray  # (G, 4, S, n) of the basis
-    kind: int = LIMIT
-    tolerance: float = field(default_factory=lambda: options.ROWS.near_share)
-    linear: bool = False
+    load: int
+    at: Iterates
+    scale: np.ndarray
+    kind = LIMIT
+    linear = False
 
     @property
-    def time(self) -> float:
-        """Coefficient of the relative change of the duration."""
-        return -float(self.power)
+    def tolerance(self) -> float:
+        """Rows with less slack are in a program from the start."""
+        return float(options.ROWS.near_share)
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """Slack of every row."""
-        return 1 - SIGNS[:, None] * (self.motion.loads[:, :, self.load] * self.scale[:, None])[:, :, None]
+        """(G, S, 2, 3)."""
+        return 1 - SIGNS[:, None] * (self.at.loads[:, :, self.load] * self.scale[:, None])[:, :, None]
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """Which curves a step may take to a row's bound."""
+        """(G,) whether a step may take a curve to a row's bound."""
         return ~np.all(self.slack > options.ROWS.far_share, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
         """(S, 3, 4, 3) slopes of the shares."""
-        return self.motion.load_slopes(curve)[:, self.load] * self.scale[curve, :, None, None]
+        return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
 
-    def change(self, step: Step) -> np.ndarray:
-        """How a step lessens the slack."""
-        change = np.empty((len(step.which), *self.slack.shape[1:]))
-        for own, curve in enumerate(step.which.tolist()):
-            shares = np.einsum("sida,dsa->si", self._local(curve), step.curves[own, :, :, :3])
+    def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
+        """See `LinearBlock.change`."""
+        change = np.empty((len(which), *self.slack.shape[1:]))
+        for own, curve in enumerate(which.tolist()):
+            shares = np.einsum("sida,dsa->si", self._local(curve), curves[own, :, :, :3])
             change[own] = SIGNS[:, None] * shares[:, None]
         return change
 
-    def slopes(self, index: Index) -> RowJacobian:
-        """Derivatives of some rows in the coefficients."""
+    def slopes(self, index: Index) -> Slopes:
+        """Derivatives of some rows in the coefficients, by the curve and its three derivatives."""
         curve, place, sign, axis = index
-        axes = np.zeros((len(place), 4, self.motion.curves.shape[3]))
+        axes = np.zeros((len(place), 4, self.at.curves.shape[3]))
         for each in np.unique(curve).tolist():
             rows = curve == each
             local = self._local(each)[place[rows], axis[rows]]
             axes[rows, :, :3] = SIGNS[sign[rows]][:, None, None] * local
-        return RowJacobian(axes, self.rows[curve, :, place])
+        return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, with the last place kept: unlike a margin, a load may be the worst at the end."""
@@ -300,42 +186,52 @@ class LoadBlock:
         return wanted & kept
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MarginBlock:
-    """Margins at the places: rows (G, S, D, Z)."""
+    """Margins at the places, in rad: rows (G, S, D, Z).
 
-    motion: Motion
-    rows: np.ndarray  # (G, 4, S, n) of the basis
-    slack: np.ndarray  # beyond what is wanted
-    name: str = "zone"
-    kind: int = ZONE
-    tolerance: float = field(default_factory=lambda: options.ROWS.near_angle)
-    time: float = 0.0
-    linear: bool = False
+    Attributes:
+        at: the curves.
+        slack: (G, S, D, Z) margins beyond what is wanted.
+    """
+
+    at: Iterates
+    slack: np.ndarray
+    name = "zone"
+    kind = ZONE
+    power = 0
+    linear = False
+
+    @property
+    def tolerance(self) -> float:
+        """Rows with less slack are in a program from the start."""
+        return float(options.ROWS.near_angle)
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """Which curves a step may take to a row's bound."""
+        """(G,) whether a step may take a curve to a row's bound."""
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
-    def change(self, step: Step) -> np.ndarray:
-        """How a step lessens the slack; zero of rows that stay far."""
-        slack = taken(self.slack, step.which)
-        reach = self.tolerance + self.motion.reach(step.curves[:, 0], step.which)
-        own, *rest = numbers(slack < reach)
-        local = self.motion.margin_slopes(step.which[own], *rest)
+    def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
+        """See `LinearBlock.change`; zero of rows that stay far."""
+        slack, moved = taken(self.slack, which), curves[:, 0]
+        own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
+        local = margin_slopes(self.at, which[own], *rest)
         change = np.zeros_like(slack)
-        change[(own, *rest)] = -np.einsum("ra,ra->r", local, step.curves[own, 0, rest[0]])
+        change[(own, *rest)] = -np.einsum("ra,ra->r", local, moved[own, rest[0]])
         return change
 
-    def slopes(self, index: Index) -> RowJacobian:
+    def slopes(self, index: Index) -> Slopes:
         """Derivatives of some rows in the coefficients."""
-        local = -self.motion.margin_slopes(*index)
-        return RowJacobian(local[:, None], self.rows[index[0], 0, index[1]][:, None])
+        local = -margin_slopes(self.at, *index)
+        return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, and of a constraint only the entry that holds best."""
         return wanted & _telling(slack) & np.isfinite(self.slack[which])
+
+
+ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
 def _telling(slack: np.ndarray) -> np.ndarray:
@@ -347,26 +243,31 @@ def _telling(slack: np.ndarray) -> np.ndarray:
     return kept
 
 
-def constraint_blocks(stack: Stack, at: Iterates) -> Iterator[ConstraintBlock]:
+def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     """All blocks of a stack of problems, at curves of theirs."""
-    kind, duration = stack.members[0], at.duration[:, None]
-    systems = stack.systems
-    crafts = [system.spacecraft for system in systems]
-    if np.any(np.isfinite(at.motion.margins)):
-        yield MarginBlock(at.motion, stack.rows, at.motion.margins - stack.wanted[:, None])
-    if crafts[0].terminals:
-        yield JointRangeBlock(at.coefficients, np.stack([craft.joint_limits for craft in crafts]))
-    if kind.limited:
-        for each in zip(*(system.joint_limits for system in systems), strict=True):
-            quantity, bound = each[0].quantity, np.stack([limit.bound for limit in each])
-            differences = stacked(
-                [discrete.space.basis.differences[quantity.power] for discrete in stack.members]
-            )
-            scale = 1 / (bound * duration**quantity.power)
-            yield JointDerivativeBlock(at.coefficients, quantity.name, quantity.power, differences, scale)
-        first = systems[0]
-        for q, (name, power) in enumerate(zip(first.names, first.powers, strict=True)):
-            limit = np.stack([system.limits[q] for system in systems])
-            yield LoadBlock(name, int(power), at.motion, q, 1 / (limit * duration**power), stack.rows)
-    if kind.tube is not None:
-        yield TubeBlock(at.coefficients, stack.tube_rows, stack.tube_values, stack.tube_radius)
+    stack = at.stack
+    kind, c = stack.members[0], at.coefficients
+    differences = [own.space.basis.differences for own in stack.members]
+    if np.any(np.isfinite(at.margins)):
+        yield MarginBlock(at=at, slack=at.margins - stack.wanted[:, None])
+    if stack.ranges.shape[1]:
+        yield LinearBlock(
+            name="range",
+            tolerance=options.ROWS.near_angle,
+            coefficients=c,
+            matrix=stacked([own[0] for own in differences]),
+            scale=np.ones_like(stack.ranges),
+            bound=stack.ranges[:, None, None],
+        )
+    for number, limit in enumerate(kind.problem.joint_limits if kind.limited else ()):
+        name, power = limit.quantity.name, limit.quantity.power
+        scale = 1 / (stack.joint_limits[:, number] * at.duration[:, None] ** power)
+        matrix = stacked([own[power] for own in differences])
+        yield LinearBlock(name=name, power=power, coefficients=c, matrix=matrix, scale=scale)
+    for number, limit in enumerate(kind.problem.limits if kind.limited else ()):
+        name, power = limit.quantity.name, limit.quantity.power
+        scale = 1 / (stack.limits[:, number] * at.duration[:, None] ** power)
+        yield LoadBlock(name=name, power=power, load=number, at=at, scale=scale)
+    if stack.tube_rows.shape[1]:
+        rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
+        yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)

@@ -261,27 +261,23 @@ class Trajectory:
         if outside.size:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
-        filled = np.zeros(max(flat.size, 1))
-        filled[: flat.size] = flat
-        breaks, found = self.joint_breaks, []
+        parts = [self._sampled(flat[first : first + _TIMES]) for first in range(0, max(flat.size, 1), _TIMES)]
+        found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        return Samples(
+            **{name: array.reshape(*times.shape, *array.shape[1:]) for name, array in found.items()}
+        )
+
+    def _sampled(self, times: np.ndarray) -> dict[str, np.ndarray]:
+        """Values at no more times than a kernel takes, by the names of `Samples`."""
+        padded, breaks = np.zeros(_TIMES), self.joint_breaks
+        padded[: len(times)] = times
+        on = np.searchsorted(self.breaks[:-1], padded, side="right") - 1
+        on_joints = np.searchsorted(breaks[:-1], padded, side="right") - 1
+        pieces = jax.tree.map(lambda array: np.asarray(array)[on], self.platform_pieces)
+        joint_pieces = self.joint_coefficients[on_joints], breaks[on_joints], breaks[on_joints + 1]
         with jax.enable_x64(True):
-            for first in range(0, len(filled), _TIMES):
-                own_times = filled[first : first + _TIMES]
-                part = np.zeros(_TIMES)
-                part[: len(own_times)] = own_times
-                on = np.searchsorted(self.breaks[:-1], part, side="right") - 1
-                own = jax.tree.map(lambda array, on=on: np.asarray(array)[on], self.platform_pieces)
-                values = _platform_kernel(own, part)
-                on = np.searchsorted(breaks[:-1], part, side="right") - 1
-                values |= _joint_kernel(self.joint_coefficients[on], breaks[on], breaks[on + 1], part)
-                count = len(own_times)
-                found.append({name: np.asarray(array)[:count] for name, array in values.items()})
-
-        def joined(name: str) -> np.ndarray:
-            array = np.concatenate([part[name] for part in found])[: flat.size]
-            return array.reshape(*times.shape, *array.shape[1:])
-
-        return Samples(**{name: joined(name) for name in found[0]})
+            values = _platform_kernel(pieces, padded) | _joint_kernel(*joint_pieces, padded)
+            return {name: np.asarray(array)[: len(times)] for name, array in values.items()}
 
     def scaled(self, factor: float) -> Self:
         """The same motion, slower by a factor: rates fall by it, accelerations by its square.

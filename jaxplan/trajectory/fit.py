@@ -190,7 +190,7 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
     return Path(**arrays)
 
 
-def at_rest(query: "FitQuery", path: Path, order: int, method: str, count: int) -> Trajectory:
+def at_rest(query: FitQuery, path: Path, order: int, method: str, count: int) -> Trajectory:
     """The trajectory of a path without motion: of duration 0, it samples at t = 0.
 
     Among zones that move, in a duration that is given, it stays where it is for as long.
@@ -226,35 +226,27 @@ def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
     return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Needed:
-    """A duration in which a motion keeps all limits. There may be a quicker one that was not found.
+def needed_words(duration: float, *, moving: bool, scalable: bool) -> str:
+    """How long a motion takes that keeps all limits, and what to write into the settings.
 
-    Attributes:
-        duration: s.
+    Args:
+        duration: s; there may be a quicker one that was not found. It is rounded up.
         moving: whether goal or zones are others after another time, so that it is a guess.
         scalable: whether "stretched" may be asked for.
     """
-
-    duration: float
-    moving: bool
-    scalable: bool
-
-    def __str__(self) -> str:
-        """How long it takes, and what to write into the settings; the number is rounded up."""
-        number = f"{math.ceil(self.duration * 100) / 100:.2f}"
-        how, about = ("about", "about ") if self.moving else ("at most", "")
-        otherwise = ', or to "stretched"' if self.scalable else ""
-        return f"{how} {number} s are needed: set trajectory.duration_s to {about}{number} or more{otherwise}"
+    number = f"{math.ceil(duration * 100) / 100:.2f}"
+    how, about = ("about", "about ") if moving else ("at most", "")
+    otherwise = ', or to "stretched"' if scalable else ""
+    return f"{how} {number} s are needed: set trajectory.duration_s to {about}{number} or more{otherwise}"
 
 
-def too_tight(duration: float, peaks: Peaks, needed: Needed | None, else_try: str) -> str:
+def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) -> str:
     """Message of a trajectory that breaks a limit.
 
     Args:
         duration: s, asked for.
         peaks: of the trajectory.
-        needed: None where no duration was found to do.
+        needed: of `needed_words`; None where no duration was found to do.
         else_try: what to change then.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]

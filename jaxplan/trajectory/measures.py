@@ -133,22 +133,20 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
 
 def effort(trajectory: Trajectory) -> Array:
     """Integral of the squared accelerations of platform and joints over time, rad^2/s^3."""
-
-    def squares(samples: Samples) -> Array:
-        return jnp.sum(jnp.asarray(samples.angular_acceleration) ** 2, axis=-1) + jnp.sum(
-            jnp.asarray(samples.joint_accelerations) ** 2, axis=-1
-        )
-
-    return integral(trajectory, squares)
+    return _squares(trajectory, "angular_acceleration", "joint_accelerations")
 
 
 def roughness(trajectory: Trajectory) -> Array:
     """Integral of the squared jerks of platform and joints over time, rad^2/s^5."""
+    return _squares(trajectory, "angular_jerk", "joint_jerks")
+
+
+def _squares(trajectory: Trajectory, *names: str) -> Array:
+    """Integral of the squares of two fields of `Samples` over time."""
 
     def squares(samples: Samples) -> Array:
-        return jnp.sum(jnp.asarray(samples.angular_jerk) ** 2, axis=-1) + jnp.sum(
-            jnp.asarray(samples.joint_jerks) ** 2, axis=-1
-        )
+        one, other = (jnp.sum(jnp.asarray(getattr(samples, name)) ** 2, axis=-1) for name in names)
+        return one + other
 
     return integral(trajectory, squares)
 

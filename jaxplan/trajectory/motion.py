@@ -1,12 +1,13 @@
-"""Motions at many places: attitudes, loads and margins, with the slopes that a program needs.
+"""Curves of a stack of alike problems: attitudes, loads and margins at their places, and the slopes of these.
 
-Motions are looked at together, a stack of G. Rates are those in ``s``, the place in [0, 1]; in time they are
-divided by powers of the duration.
+G problems of one kind are worked on together as a `Stack`, S places each. Rates are those in ``s``, the place
+in [0, 1]; in time they are divided by powers of the duration.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -26,24 +27,167 @@ from jaxplan.model.constraints import (
     margins_of_scores,
     scores,
 )
-from jaxplan.model.limits import Kinematics, highest_derivative, values
+from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, values
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.jit import quick_jit
+from jaxplan.trajectory import options
 from jaxplan.trajectory.curve import chart_motion
-from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.problem import DiscreteProblem
+
+LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
 
 _NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
+_FEWEST_PLACES = 256  # that a kernel looks at in one call; 8 on each of 32 intervals
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """A stack of curves at S places, with D sights and Z rows of constraints.
+class Stack:
+    """Discrete problems of one kind, G of them.
 
     Attributes:
-        systems: chart, spacecraft and constraints of each; they have as many terminals, sights of each sort
-            and rows, and the same loads.
-        places: (G, S) in [0, 1].
-        curves: (G, 4, S, 3 + 2n) ``b`` and joints with three derivatives.
+        members: the problems.
+        places: (G, S).
+        rows: (G, 4, S, n) of the basis at the places.
+        wanted: (G, D, Z) rad, margins to keep.
+        free: (G, n, k) free changes of the coefficients.
+        by_time: (G, n, A) how the coefficients grow with the duration.
+        energies: (G, 4, n, n) of the curve and its first three derivatives.
+        weights: (G, 3) of the squares of rate, acceleration and jerk.
+        tube_rows: (G, M, n) of the basis at nodes with a tube, as the next two.
+        tube_values: (G, M, A).
+        tube_radius: (G, A).
+        limits: (G, Q, 3) of the platform's loads, in time.
+        joint_limits: (G, L, 2n) of the joints' rates and accelerations.
+        ranges: (G, 2n) rad, of the joints' angles.
+    """
+
+    members: list[DiscreteProblem]
+    places: np.ndarray
+    rows: np.ndarray
+    wanted: np.ndarray
+    free: np.ndarray
+    by_time: np.ndarray
+    energies: np.ndarray
+    weights: np.ndarray
+    tube_rows: np.ndarray
+    tube_values: np.ndarray
+    tube_radius: np.ndarray
+    limits: np.ndarray
+    joint_limits: np.ndarray
+    ranges: np.ndarray
+
+    @classmethod
+    def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
+        """The stack of problems of one kind."""
+        problems = [own.problem for own in members]
+        shape = len(members), len(problems[0].joint_limits), problems[0].joints.shape[1]
+
+        def all_of(name: str, owners: Sequence[Any]) -> np.ndarray:
+            return stacked([getattr(own, name) for own in owners])
+
+        names = ("places", "rows", "tube_rows", "tube_values", "tube_radius")
+        of_spaces = ("free", "by_time", "energies")
+        return cls(
+            members=list(members),
+            **{name: all_of(name, members) for name in names},
+            **{name: all_of(name, [own.space for own in members]) for name in of_spaces},
+            wanted=all_of("wanted", problems),
+            weights=np.array([own.weights for own in problems]),
+            limits=np.stack(
+                [own.share * np.stack([limit.bound for limit in own.problem.limits]) for own in members]
+            ),
+            joint_limits=np.reshape([[limit.bound for limit in own.joint_limits] for own in problems], shape),
+            ranges=np.stack([own.spacecraft.joint_limits for own in problems]),
+        )
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Columns of the constraints and of their sights by name.
+
+        Those of the rows are ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), those of the
+        sights ``carriers`` (G, D), ``turning`` (G, 2, D) and ``mounts`` (G, n).
+        """
+        problems = [own.problem for own in self.members]
+        rows = ("side", "frame", "partner", "axis")
+        found = {name: np.stack([getattr(own.cones, name) for own in problems]) for name in rows}
+        for name in ("carriers", "turning", "mounts"):
+            found[name] = np.stack([getattr(own.sights, name) for own in problems])
+        return found
+
+    @cached_property
+    def moving_axes(self) -> np.ndarray:
+        """(G, S, Z, 3) axes at the places, where some move."""
+        return np.stack([own.problem.axes(own.places) for own in self.members])
+
+    @property
+    def has_inner(self) -> bool:
+        """Whether there are rows that are not inertial."""
+        return self.members[0].problem.cones.inner
+
+    def iterates(
+        self, coefficients: np.ndarray, duration: np.ndarray, *, as_given: bool = False
+    ) -> "Iterates":
+        """Curves (G, n, A) in durations (G,) with all that is known of them.
+
+        Those of free time and rest at both ends are taken in the time needed, unless in that which is given.
+        """
+        curves = self.rows @ coefficients[:, None]
+        found = [_along(own, each) for own, each in zip(self.members, curves, strict=True)]
+        attitude, tangent, loads, body, cosines, margins = map(np.stack, zip(*found, strict=True))
+        at = Iterates(
+            stack=self,
+            coefficients=coefficients,
+            duration=duration,
+            curves=curves,
+            attitude=attitude,
+            tangent=tangent,
+            loads=loads,
+            body=body,
+            cosines=cosines,
+            margins=margins,
+            violations=np.full((len(duration), 3), -np.inf),
+            known_slopes=[None] * len(duration),
+        )
+        broken, kind = at.violations, self.members[0]
+        broken[:, ZONE] = _most(self.wanted[:, None] - margins)
+        broken[:, LIMIT] = _most(np.abs(curves[:, 0, :, 3:]) - self.ranges[:, None])
+        broken[:, TUBE] = _most(
+            np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
+        )
+        if kind.limited:
+            needed = self.needed_durations(at)
+            if kind.free_time and not (as_given or kind.problem.at_speed):
+                at = replace(at, duration=needed)
+            broken[:, LIMIT] = np.maximum(broken[:, LIMIT], needed / at.duration - 1)
+        broken[~at.finite, LIMIT] = np.inf
+        return at
+
+    def needed_durations(self, at: "Iterates") -> np.ndarray:
+        """The shortest durations (G,) in which curves keep all limits of rates and loads at the places, s."""
+        problem = self.members[0].problem
+        shares = [
+            (np.abs(at.loads[:, :, q]) / self.limits[:, None, q], limit.quantity.power)
+            for q, limit in enumerate(problem.limits)
+        ]
+        for number, limit in enumerate(problem.joint_limits):
+            power = limit.quantity.power
+            own = np.abs(at.curves[:, power, :, 3:]) / self.joint_limits[:, None, number]
+            shares.append((own, power))
+        factors = [time_factor(np.max(own, axis=(1, 2)), power) for own, power in shares]
+        return np.asarray(np.max(factors, axis=0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Iterates:
+    """Curves of a stack, G of them, with all that is known of them at their places.
+
+    Attributes:
+        stack: the problems.
+        coefficients: (G, n, A).
+        duration: (G,) s.
+        curves: (G, 4, S, A) ``b`` and joints with three derivatives.
         attitude: (G, S, 3, 3) body to inertial.
         tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
         loads: (G, S, Q, 3) of the platform.
@@ -51,10 +195,13 @@ class Motion:
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best from there to the next place, and to the place before.
+        violations: (G, 3) by kind of constraint, the largest; zero or less where none is broken.
+        known_slopes: of each curve what `load_slopes` has told, None of one that it was not asked about.
     """
 
-    systems: Sequence[System]
-    places: np.ndarray
+    stack: Stack
+    coefficients: np.ndarray
+    duration: np.ndarray
     curves: np.ndarray
     attitude: np.ndarray
     tangent: np.ndarray
@@ -62,51 +209,13 @@ class Motion:
     body: np.ndarray
     cosines: np.ndarray
     margins: np.ndarray
-    _load_slopes: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    violations: np.ndarray
+    known_slopes: list[np.ndarray | None]
 
-    def load_slopes(self, curve: int) -> np.ndarray:
-        """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
-        if curve not in self._load_slopes:
-            system = self.systems[curve]
-            turn, inertia, names = system.chart.turn, system.inertia, system.names
-            (self._load_slopes[curve],) = padded_call(
-                lambda places, own: (load_slopes(turn, places, own, inertia, names=names),),
-                self.places[curve],
-                self.curves[curve],
-            )
-        return self._load_slopes[curve]
-
-    @cached_property
-    def carriers(self) -> np.ndarray:
-        """(G, D) int, terminals that carry the sights; -1 of those fixed to the body."""
-        return np.stack([system.sights.carriers for system in self.systems])
-
-    @cached_property
-    def _turning(self) -> np.ndarray:
-        """(G, 2, D), see `Sights.turning`."""
-        return np.stack([system.sights.turning for system in self.systems])
-
-    @cached_property
-    def _rows(self) -> dict[str, np.ndarray]:
-        """Of the rows, all (G, Z) but for axes, which are (G, Z, 3) and of rows of joints ``f``."""
-        names = ("side", "frame", "partner", "axis")
-        return {name: np.stack([getattr(system.cones, name) for system in self.systems]) for name in names}
-
-    @cached_property
-    def _moving(self) -> np.ndarray:
-        """(G, S, Z, 3) axes where some move."""
-        return np.stack([one.axes(own) for one, own in zip(self.systems, self.places, strict=True)])
-
-    def _axes(self, curve: np.ndarray, place: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """(R, 3) of some rows, in body axes."""
-        moving = self.systems[0].cones.paths
-        given = self._moving[curve, place, row] if moving else self._rows["axis"][curve, row]
-        turned = np.einsum("ri,rij->rj", given, self.attitude[curve, place])
-        if not self.systems[0].cones.inner:
-            return np.asarray(turned)
-        frame = self._rows["frame"][curve, row][:, None]
-        sights = self.body[curve, place, self._rows["partner"][curve, row]]
-        return np.where(frame == INERTIAL, turned, np.where(frame == SIGHT, sights, given))
+    @property
+    def is_sound(self) -> np.ndarray:
+        """(G,) whether nothing is broken."""
+        return np.all(self.violations <= options.ROWS.broken, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
@@ -114,175 +223,205 @@ class Motion:
         kept = np.all(np.isfinite(self.loads), axis=(1, 2, 3))
         return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
-    def some(self, which: np.ndarray) -> "Motion":
-        """Some of the curves, by their numbers or as (G,) bool."""
-        numbers = np.arange(len(self.systems))[which].tolist()
-        arrays = {name: getattr(self, name)[which] for name in _ARRAYS}
-        found = replace(self, systems=[self.systems[number] for number in numbers], **arrays)
-        known = self._load_slopes
-        found._load_slopes.update({own: known[one] for own, one in enumerate(numbers) if one in known})
-        return found
 
-    def mixed(self, other: "Motion", others: np.ndarray) -> "Motion":
-        """With the curves of another stack of the same systems where `others` (G,) says so."""
-        arrays = {name: getattr(self, name).copy() for name in _ARRAYS}
-        for name, own in arrays.items():
-            own[others] = getattr(other, name)[others]
-        found = replace(self, **arrays)
-        for number, theirs in enumerate(others.tolist()):
-            known = (other if theirs else self)._load_slopes
-            if number in known:
-                found._load_slopes[number] = known[number]
-        return found
-
-    def reach(self, step: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
-
-        Args:
-            step: (g, S, 3 + 2n) change of ``b`` and joints.
-            which: (g,) numbers of the curves.
-
-        Returns:
-            (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
-        """
-        moved = np.abs(step)
-        count = (moved.shape[2] - 3) // 2
-        x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
-        platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
-        joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
-        np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
-        own = np.take_along_axis(joints, self.carriers[which][:, None], axis=2)
-        if not self.systems[0].cones.inner:
-            return (platform + own)[..., None]
-        frame, partner = self._rows["frame"][which][:, None], self._rows["partner"][which][:, None]
-        axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
-        return own[..., None] + np.where(frame == INERTIAL, platform, axes)[:, :, None]
-
-    def margin_slopes(
-        self, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
-    ) -> np.ndarray:
-        """Derivatives of some margins in ``b`` and the joints.
-
-        Args:
-            curve: (R,) number.
-            place: (R,) index of a place.
-            sight: (R,) index.
-            row: (R,) index.
-
-        Returns:
-            (R, 3 + 2n) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of
-            joints ``f``.
-        """
-        seen, axis = self.body[curve, place, sight], self._axes(curve, place, row)
-        cosine, side = self.cosines[curve, place, sight, row], self._rows["side"][curve, row]
-        factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
-        slopes = np.zeros((len(place), self.curves.shape[3]))
-        # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
-        slopes[:, :3] = np.einsum(
-            "rk,rka->ra", np.stack(cross(seen.T, axis.T), axis=1), self.tangent[curve, place]
-        )
-        self._add_turns(slopes, curve, place, sight, seen, axis)
-        if not self.systems[0].cones.inner:
-            return slopes * factor[:, None]
-        frame, partner = self._rows["frame"][curve, row], self._rows["partner"][curve, row]
-        slopes[frame != INERTIAL, :3] = 0.0
-        of = np.flatnonzero(frame == SIGHT)
-        both = slopes[of]
-        self._add_turns(both, curve[of], place[of], partner[of], axis[of], seen[of])
-        slopes[of] = both
-        slopes *= factor[:, None]
-        of = np.flatnonzero(frame == JOINTS)
-        slopes[of] = 0.0
-        for part in range(2):
-            column = 3 + part * self._terminals + sight[of]
-            slopes[of, column] = self._rows["axis"][curve[of], row[of], part]
-        return slopes
-
-    @property
-    def _terminals(self) -> int:
-        return (self.curves.shape[3] - 3) // 2
-
-    def _add_turns(
-        self,
-        slopes: np.ndarray,
-        curve: np.ndarray,
-        place: np.ndarray,
-        sight: np.ndarray,
-        seen: np.ndarray,
-        other: np.ndarray,
-    ) -> None:
-        """Add to slopes (R, 3 + 2n) how ``sight . other`` changes with the joints that turn the sight."""
-        carrier = self.carriers[curve, sight]
-        row = np.flatnonzero(carrier >= 0)
-        yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
-        mounts = np.stack([system.sights.mounts for system in self.systems])
-        azimuth = self.curves[curve, 0, place, yaw] + mounts[curve, yaw - 3]
-        turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
-        for part, change in enumerate(turns):
-            weight = self._turning[curve, part, sight]
-            slopes[row, yaw + part * self._terminals] += weight * dot(change, other[row].T)
-
-
-_ARRAYS = (
-    "places",
-    "curves",
-    "attitude",
-    "tangent",
-    "loads",
-    "body",
-    "cosines",
-    "margins",
-)
-
-
-def evaluate(systems: Sequence[System], places: np.ndarray, curves: np.ndarray) -> Motion:
-    """The motions of a stack of curves.
+def some(whole: T, which: np.ndarray) -> T:
+    """The part that belongs to some of G members, by rising number or as (G,) bool, to be read only.
 
     Args:
-        systems: chart, spacecraft and constraints of each; axes move in all of them or in none.
-        places: (G, S) in [0, 1].
-        curves: (G, 4, S, 3 + 2n) values and derivatives.
+        whole: arrays (G, ...), lists of G, or a dictionary or dataclass of such.
+        which: the members.
     """
-    found = []
-    for system, *own in zip(systems, places, curves, strict=True):
-        attitude, tangent, loads = padded_call(
-            lambda part, curve, system=system: motion_at(  # type: ignore[misc]
-                system.chart.attitude, system.chart.turn, part, curve, system.inertia, names=system.names
-            ),
-            *own,
-        )
-        found.append((attitude, tangent, loads, *_pointing(system, own[0], attitude, own[1][0, :, 3:])))
-    names = ("attitude", "tangent", "loads", "body", "cosines", "margins")
-    parts = {name: np.stack(arrays) for name, arrays in zip(names, zip(*found, strict=True), strict=True)}
-    return Motion(systems=systems, places=places, curves=curves, **parts)
+    found: Any
+    if isinstance(whole, np.ndarray):
+        found = taken(whole, which)
+    elif isinstance(whole, list):
+        found = [whole[number] for number in np.arange(len(whole))[which].tolist()]
+    elif isinstance(whole, dict):
+        found = {name: some(own, which) for name, own in whole.items()}
+    else:
+        parts = {field.name: some(getattr(whole, field.name), which) for field in fields(whole) if field.init}  # type: ignore[arg-type]
+        found = replace(whole, **parts)  # type: ignore[type-var]
+    return found
 
 
-def _pointing(
-    system: System, places: np.ndarray, attitude: np.ndarray, joints: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Sights, cosines and margins of one curve, as `Motion` has them."""
-    cones, body = system.cones, system.sights.in_body(joints)
-    inertial = system.axes(places) if cones.paths else cones.axis
-    axes = axes_in_body(cones, inertial @ attitude, body)
-    cosines = body @ np.swapaxes(axes, -1, -2)
-    values = joint_values(cones, joints) if cones.inner else None
-    margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, values)))
+def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
+    """Of two iterates of one stack, the other ones where (G,) bool says so."""
+    if np.all(others) or not np.any(others):
+        return other if np.any(others) else first
+
+    def of_both(own: Any, another: Any) -> Any:
+        if own is another:
+            return own
+        if isinstance(own, list):
+            return [b if is_other else a for a, b, is_other in zip(own, another, others, strict=True)]
+        found = own.copy()
+        found[others] = another[others]
+        return found
+
+    names = [field.name for field in fields(first)]
+    return Iterates(**{name: of_both(getattr(first, name), getattr(other, name)) for name in names})
+
+
+def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (G, ...); what all share is there but once."""
+    first = arrays[0]
+    if all(array is first for array in arrays):
+        return np.broadcast_to(first, (len(arrays), *first.shape))
+    return np.stack(arrays)
+
+
+def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Some of `stacked` arrays, by rising number or as (G,) bool, to be read only: no copy of all of them."""
+    count = int(np.sum(which)) if which.dtype == bool else len(which)
+    if count == len(array):
+        return array
+    if array.strides[0] == 0:
+        return np.broadcast_to(array[0], (count, *array.shape[1:]))
+    return array[which]
+
+
+def _most(values: np.ndarray) -> np.ndarray:
+    """(G,) the largest of values (G, ...), -inf of none."""
+    return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
+
+
+def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Attitudes, tangents, loads, sights, cosines and margins along one curve (4, S, A), see `Iterates`."""
+    problem, chart, places, joints = discrete.problem, discrete.chart, discrete.places, curve[0, :, 3:]
+    attitude, tangent, loads = _padded_call(
+        partial(motion_at, chart.attitude, chart.turn, inertia=problem.inertia, names=problem.names),
+        places,
+        curve,
+    )
+    cones, body = problem.cones, problem.sights.in_body(joints)
+    inertial = problem.axes(places) if cones.paths else cones.axis
+    cosines = body @ np.swapaxes(axes_in_body(cones, inertial @ attitude, body), -1, -2)
+    of_joints = joint_values(cones, joints) if cones.inner else None
+    margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, of_joints)))
     np.copyto(margins, np.inf, where=~cones.bound.T)
     if np.any(cones.entry != cones.group):
         # From each place to the next one entry holds at both, or between them none might.
         of_rows = np.min(margins, axis=1, initial=np.inf)
         ends = np.concatenate([of_rows[:1], of_rows, of_rows[-1:]])
         from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
-        kept = from_to[:-1] | from_to[1:]
-        np.copyto(margins, np.inf, where=~kept[:, None])
-    return body, cosines, margins
+        np.copyto(margins, np.inf, where=~(from_to[:-1] | from_to[1:])[:, None])
+    return attitude, tangent, loads, body, cosines, margins
 
 
-_FEWEST_PLACES = 256  # that a kernel looks at in one call; 8 on each of 32 intervals
+def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
+
+    Args:
+        at: the curves.
+        which: (g,) numbers of the curves.
+        step: (g, S, A) change of ``b`` and joints.
+
+    Returns:
+        (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
+    """
+    stack, moved, count = at.stack, np.abs(step), _terminals(at)
+    x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
+    platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
+    joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
+    np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
+    own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
+    if not stack.has_inner:
+        return (platform + own)[..., None]
+    frame, partner = (stack.columns[name][which][:, None] for name in ("frame", "partner"))
+    axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
+    return own[..., None] + np.where(frame == INERTIAL, platform, axes)[:, :, None]
 
 
-def padded_call(
-    kernel: Callable[[np.ndarray, np.ndarray], tuple[Array, ...]], places: np.ndarray, curves: np.ndarray
+def margin_slopes(
+    at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
+) -> np.ndarray:
+    """Derivatives of some margins in ``b`` and the joints.
+
+    Args:
+        at: the curves.
+        curve: (R,) number.
+        place: (R,) index of a place.
+        sight: (R,) index.
+        row: (R,) index of a row of the constraints.
+
+    Returns:
+        (R, A) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of joints
+        ``f``.
+    """
+    stack = at.stack
+    cones, moves = stack.columns, stack.members[0].problem.cones.paths
+    given = stack.moving_axes[curve, place, row] if moves else cones["axis"][curve, row]
+    seen, axis = at.body[curve, place, sight], np.einsum("ri,rij->rj", given, at.attitude[curve, place])
+    if stack.has_inner:
+        frame, partner = cones["frame"][curve, row], cones["partner"][curve, row]
+        partners = at.body[curve, place, partner]
+        own = np.where((frame == SIGHT)[:, None], partners, given)
+        axis = np.where((frame == INERTIAL)[:, None], axis, own)
+    cosine, side = at.cosines[curve, place, sight, row], cones["side"][curve, row]
+    factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
+    slopes = np.zeros((len(place), at.curves.shape[3]))
+    # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
+    turned = np.stack(cross(seen.T, axis.T), axis=1)
+    slopes[:, :3] = np.einsum("rk,rka->ra", turned, at.tangent[curve, place])
+    _add_turns(slopes, at, curve, place, sight, seen, axis)
+    if not stack.has_inner:
+        return slopes * factor[:, None]
+    slopes[frame != INERTIAL, :3] = 0.0
+    of = np.flatnonzero(frame == SIGHT)
+    both = slopes[of]
+    _add_turns(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
+    slopes[of] = both
+    slopes *= factor[:, None]
+    of = np.flatnonzero(frame == JOINTS)
+    slopes[of] = 0.0
+    for part in range(2):
+        slopes[of, 3 + part * (at.curves.shape[3] - 3) // 2 + sight[of]] = cones["axis"][
+            curve[of], row[of], part
+        ]
+    return slopes
+
+
+def _terminals(at: Iterates) -> int:
+    return (at.curves.shape[3] - 3) // 2
+
+
+def _add_turns(
+    slopes: np.ndarray,
+    at: Iterates,
+    curve: np.ndarray,
+    place: np.ndarray,
+    sight: np.ndarray,
+    seen: np.ndarray,
+    other: np.ndarray,
+) -> None:
+    """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
+    columns = at.stack.columns
+    carrier = columns["carriers"][curve, sight]
+    row = np.flatnonzero(carrier >= 0)
+    yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
+    azimuth = at.curves[curve, 0, place, yaw] + columns["mounts"][curve, yaw - 3]
+    turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
+    for part, change in enumerate(turns):
+        weight = columns["turning"][curve, part, sight]
+        slopes[row, yaw + part * _terminals(at)] += weight * dot(change, other[row].T)
+
+
+def load_slopes(at: Iterates, curve: int) -> np.ndarray:
+    """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
+    known = at.known_slopes[curve]
+    if known is None:
+        own = at.stack.members[curve]
+        problem = own.problem
+        kernel = partial(load_slopes_at, own.chart.turn, inertia=problem.inertia, names=problem.names)
+        (known,) = _padded_call(kernel, own.places, at.curves[curve])
+        at.known_slopes[curve] = known
+    return known
+
+
+def _padded_call(
+    kernel: Callable[[np.ndarray, np.ndarray], Array | tuple[Array, ...]],
+    places: np.ndarray,
+    curves: np.ndarray,
 ) -> list[np.ndarray]:
     """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled for few S."""
     count, curves = len(places), curves[:, :, :3]
@@ -290,7 +429,8 @@ def padded_call(
     if extra:
         places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
     with jax.enable_x64(True):
-        return [np.asarray(array)[:count] for array in kernel(places, curves)]
+        found = kernel(places, curves)
+        return [np.asarray(array)[:count] for array in (found if isinstance(found, tuple) else (found,))]
 
 
 def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:
@@ -329,7 +469,7 @@ def motion_at(
 
 
 @partial(quick_jit, static_argnames="names")
-def load_slopes(
+def load_slopes_at(
     turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
 ) -> Array:
     """Derivatives of the loads at all places."""

@@ -24,22 +24,35 @@ All is analytic in time, so a step of it along the imaginary axis tells the next
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import dot
-from jaxplan.model import limits
-from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits
+from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits, values
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.batching import grouped, in_groups
+from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.splines import derivative_matrix
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
 
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
+
+_FEW = 8  # pieces; where there are more they are short
+_POINTS = 4096  # looked at together; what is computed of them is then still in the processor's cache
+_CURVES = 16  # whose maxima are looked for together, for the same reason
+_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums; smaller last terms are next to nothing
+
+_FINE = 4  # grid intervals in theta for each point
+_NEWTON_STEPS = 12  # at most, from the grid to a maximum
+_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+
+_SMALL = 0.05  # rad^2, below which series are used
+_ZERO = 1e-300  # rad^2
+_STEP = 1e-30  # s, along the imaginary axis
+
+Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of quantities
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,24 +102,30 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 
 def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
     """`peaks` of many trajectories."""
-    limited = [timed_limits(craft) for _, craft in curves]
-    names = [tuple(limit.quantity.name for limit in platform) for platform, _ in limited]
-    platform = all_largest(platform_loads([(*own, its) for own, its in zip(curves, names, strict=True)]))
-    joints = all_largest([joint_loads(curve) for curve, _ in curves])
+    limits = [timed_limits(craft) for _, craft in curves]
+    platform = largest(
+        _platform_loads(
+            [
+                (*own, tuple(limit.quantity.name for limit in of_platform))
+                for own, (of_platform, _) in zip(curves, limits, strict=True)
+            ]
+        )
+    )
+    joints = largest([_joint_values(curve) for curve, _ in curves])
     crafts = [craft for _, craft in curves]
-    return [_shares(*own) for own in zip(crafts, limited, platform, joints, strict=True)]
+    return [_shares(*own) for own in zip(crafts, limits, platform, joints, strict=True)]
 
 
 def _shares(
     craft: Spacecraft,
-    limited: tuple[tuple[Limit, ...], tuple[Limit, ...]],
+    limits: tuple[tuple[Limit, ...], tuple[Limit, ...]],
     platform: np.ndarray,
     joints: np.ndarray,
 ) -> Peaks:
     """Peaks from the largest magnitudes of the platform's limited quantities (3 Q,) and of joints (6n,)."""
     angles, *of_joints = np.split(joints, 3)
-    largest = [*platform.reshape(-1, 3), *(of_joints[limit.quantity.power - 1] for limit in limited[1])]
-    every = [limit for group in limited for limit in group]
+    largest = [*platform.reshape(-1, 3), *(of_joints[limit.quantity.power - 1] for limit in limits[1])]
+    every = [*limits[0], *limits[1]]
     return Peaks(
         names=tuple(name for limit in every for name in limit.names),
         ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
@@ -115,97 +134,67 @@ def _shares(
     )
 
 
-_FEW = 8  # pieces; where there are more they are short
-_TOGETHER = 4096  # points; what is computed of them is then still in the processor's cache
-
-Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of quantities
-
-
-def platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
+def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
     """Loads of the platform.
 
     Args:
         asked: each with names of quantities of the platform.
 
     Returns:
-        Of each (N, G, 3 Q), at as many points of each piece as tell what is between them.
+        Of each (N, G, 3 Q), at as many Chebyshev points of each piece as tell what is between them.
     """
+
+    def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
+        return in_groups(
+            list(zip(some, points, strict=True)),
+            lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2]),
+            lambda alike: _loads_at([own for own, _ in alike], alike[0][1]),
+        )
+
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
     sizes = [curve.coefficients.shape for curve, _, _ in asked]
-    found, told = _at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
-    again = [number for number, is_told in enumerate(told) if not is_told]
-    more, _ = _at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
-    for number, values in zip(again, more, strict=True):
-        found[number] = values
+    found = at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
+    again = [number for number, own in enumerate(found) if not is_resolved(own)]
+    more = at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
+    for number, own in zip(again, more, strict=True):
+        found[number] = own
     return found
 
 
-def joint_loads(trajectory: Trajectory) -> np.ndarray:
-    """(M, G, 6n) angles, rates and accelerations of joints."""
+def _joint_values(trajectory: Trajectory) -> np.ndarray:
+    """(M, G, 6n) angles, rates and accelerations of joints at Chebyshev points of each piece."""
     coefficients = trajectory.joint_coefficients
     count, size, joints = coefficients.shape
     curves = _curves(coefficients, np.diff(trajectory.joint_breaks), size, 3)
     return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
 
 
-def _at_points(asked: Sequence[Asked], points: Sequence[int]) -> tuple[list[np.ndarray], list[bool]]:
-    """`platform_loads` at so many points of each piece, and whether these tell what is between them."""
-
-    def of_group(group: Sequence[tuple[Asked, int]]) -> list[tuple[np.ndarray, bool]]:
-        (_, _, names), each = group[0]
-        several = [own[:2] for own, _ in group]
-        ends = np.cumsum([0, *(len(curve.coefficients) for curve, _ in several)])
-        values = _of_alike(several, names, each)
-        told = are_resolved(values, ends[:-1]).tolist()
-        return [(values[slice(*own)], one) for own, one in zip(pairwise(ends.tolist()), told, strict=True)]
-
-    answers = in_groups(
-        list(zip(asked, points, strict=True)),
-        lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2]),
-        of_group,
-    )
-    return [values for values, _ in answers], [told for _, told in answers]
-
-
-def _of_alike(
-    curves: Sequence[tuple[Trajectory, Spacecraft]], names: tuple[str, ...], points: int
-) -> np.ndarray:
-    """(N, points, 3 Q) of all pieces of trajectories with polynomials of the same degree."""
-    trajectories = [curve for curve, _ in curves]
+def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
+    """Loads (N, points, 3 Q) of trajectories with polynomials of the same degree and the same names."""
+    trajectories, names = [curve for curve, _, _ in asked], asked[0][2]
     coefficients = np.concatenate([own.coefficients for own in trajectories])
     chart_rate = np.concatenate([own.chart_rate for own in trajectories])
     length = np.concatenate([np.diff(own.breaks) for own in trajectories])
     since = np.concatenate([own.breaks[:-1] - own.chart_start for own in trajectories])
-    none = np.zeros((3, 3))
-    inertia = np.concatenate(
-        [
-            np.broadcast_to(none if craft.inertia is None else craft.inertia, (len(own.coefficients), 3, 3))
-            for own, craft in curves
-        ]
-    )
-    count, block = len(length), max(1, _TOGETHER // points)
-    shares = (_chebyshev(points) + 1) / 2
-    found = np.empty((count, points, len(names), 3))
-    for first in range(0, count, block):
+    counts = [len(own.coefficients) for own in trajectories]
+    given = [np.zeros((3, 3)) if craft.inertia is None else craft.inertia for _, craft, _ in asked]
+    inertia = np.repeat(np.array(given, float), counts, axis=0)
+    shares, orders = (_chebyshev(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
+    block = max(1, _POINTS // points)
+    found = np.empty((len(length), points, len(names), 3))
+    for first in range(0, len(length), block):
         part = slice(first, first + block)
-        b = _curves(coefficients[part], length[part], points, 1 + max(highest_derivative(names), 2))
+        b = _curves(coefficients[part], length[part], points, orders)
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
-            values = _loads(
+            spin = rates(
                 np.repeat(chart_rate[part].T, points, axis=1),
                 (since[part, None] + length[part, None] * shares).reshape(-1),
-                np.ascontiguousarray(np.moveaxis(b, (1, 3), (0, 1))).reshape(b.shape[1], 3, -1),
-                np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2),
-                names,
+                np.ascontiguousarray(np.moveaxis(b, (1, 3), (0, 1))).reshape(orders, 3, -1),
             )
-        found[part] = np.moveaxis(values, 2, 0).reshape(-1, points, len(names), 3)
-    return found.reshape(count, points, -1)
-
-
-def _loads(
-    chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, inertia: np.ndarray, names: tuple[str, ...]
-) -> np.ndarray:
-    """(Q, 3, n) by name, of charts' rates (3, n), times (n,), curves (k, 3, n) and inertia (3, 3, n)."""
-    return np.asarray(limits.values(names, Kinematics(spin=rates(chart_rate, tau, b), inertia=inertia)))
+            own = np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2)
+            loads = np.asarray(values(names, Kinematics(spin=spin, inertia=own)))
+        found[part] = np.moveaxis(loads, 2, 0).reshape(-1, points, len(names), 3)
+    return np.split(found.reshape(len(length), points, -1), np.cumsum(counts)[:-1])
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
@@ -231,61 +220,35 @@ def _chebyshev(points: int) -> np.ndarray:
     return np.cos(np.pi * np.arange(points) / (points - 1))
 
 
-_FINE = 4  # grid intervals in theta for each point
-_NEWTON_STEPS = 12
-_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
-_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums
-_ELEMENTS = 200_000  # of an array that many pieces are looked at in
-
-
-def are_resolved(values: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Whether values at the Chebyshev points of pieces tell what is between the points.
+def is_resolved(values: np.ndarray) -> bool:
+    """Whether values (N, G, Q) at the Chebyshev points of pieces tell what is between the points.
 
     So they do where the last terms of the cosine sums are next to nothing; a number that is not finite counts
     as told.
-
-    Args:
-        values: (N, G, Q), pieces of one trajectory after the other.
-        first: (T,) number of the first piece of each, rising.
-
-    Returns:
-        (T,) bool.
     """
     series = np.abs(chebyshev(values.shape[1])[0] @ values)
-    last, most = (np.maximum.reduceat(part.max(axis=1), first) for part in (series[:, -2:], series))
-    return np.asarray(~np.any(last > _RESOLVED * most, axis=1))
+    last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
+    return not np.any(last > _RESOLVED * most)
 
 
-def largest(values: np.ndarray) -> np.ndarray:
-    """Largest magnitudes over all pieces, between the points as well.
+def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Largest magnitudes of quantities of many curves over all pieces, between the points as well.
 
     Args:
-        values: (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of each piece.
+        values: of each curve (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of its pieces.
 
     Returns:
-        (Q,); all NaN if a value is not finite.
+        (Q,) of each; all NaN if a value is not finite.
     """
-    return all_largest([values])[0]
+    return in_groups(
+        values, lambda own: (own.shape[1:], bool(np.isfinite(own).all())), _largest_of, most=_CURVES
+    )
 
 
-def all_largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """`largest` of many; those with as many points and quantities are looked at together, some at a time."""
-    found = [np.full(own.shape[2], np.nan) for own in values]
-    finite = [number for number, own in enumerate(values) if np.isfinite(own).all()]
-    for group in grouped(finite, lambda number: values[number].shape[1:]):
-        numbers = [finite[place] for place in group]
-        points, quantities = values[numbers[0]].shape[1:]
-        pieces = np.cumsum([len(values[number]) for number in numbers])
-        part = (pieces - 1) // max(1, _ELEMENTS // (_FINE * points * max(1, quantities)))
-        for one in np.unique(part):
-            some = [number for number, its in zip(numbers, part, strict=True) if its == one]
-            for number, own in zip(some, _largest_of([values[number] for number in some]), strict=True):
-                found[number] = own
-    return found
-
-
-def _largest_of(values: Sequence[np.ndarray]) -> np.ndarray:
-    """(T, Q) `largest` of values (N, G, Q) that are finite, with the same G and Q."""
+def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """`largest` of values (N, G, Q) with the same G and Q, all of them finite or none."""
+    if not np.isfinite(values[0]).all():
+        return [np.full(own.shape[2], np.nan) for own in values]
     to_series, to_fine = chebyshev(values[0].shape[1])
     counts = np.array([len(own) for own in values])
     series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
@@ -302,7 +265,7 @@ def _largest_of(values: Sequence[np.ndarray]) -> np.ndarray:
     piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
     followed = _follow(series[piece, quantity], place * step, step)
     np.maximum.at(highest, (owner[piece], quantity), followed)
-    return highest
+    return list(highest)
 
 
 def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
@@ -347,11 +310,6 @@ def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
     cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
     to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
     return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
-
-
-_SMALL = 0.05  # rad^2, below which series are used
-_ZERO = 1e-300  # rad^2
-_STEP = 1e-30  # s, along the imaginary axis
 
 
 def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.ndarray]:

@@ -3,26 +3,24 @@
     minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + duration_hessian (dT / T)^2 / 2 ]
 
 over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
-inverse is that of one small matrix, and the dual has one unknown a row (`dual`). Few of the rows are near: a
-program begins with those, and is solved again with rows added that its answer breaks, of those that are true
-of all steps only the worst ones at first, and without those that it leaves far behind.
+inverse is that of one small matrix, and the dual has one unknown a row (`box_qp`). Few of the rows are near:
+a program begins with those, and is solved again with rows added that its answer breaks, of those that are
+true of all steps only the worst ones at first, and without those that it leaves far behind.
 
-The slopes of a row are a product of a row of the axes and one of the basis, or a sum of a few
-(`RowJacobian`). So where each row is one product the dual's matrix ``G H^-1 G^T`` is that of the rows of the
-basis times, number by number, that of the rows of the axes.
+Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
+``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxplan.trajectory import options
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
-from jaxplan.trajectory.constraints import ConstraintBlock, Index, Step, lowest, numbers
-from jaxplan.trajectory.iterates import taken
+from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
+from jaxplan.trajectory.motion import taken
 
 Multipliers = dict[str, np.ndarray]  # by block, of every row
 
@@ -52,8 +50,7 @@ class QuadraticProgram:
     penalty: np.ndarray
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class QPSolution:
+class QPSolution(NamedTuple):
     """What the programs answer.
 
     Attributes:
@@ -65,6 +62,30 @@ class QPSolution:
     coefficients: np.ndarray
     stretch: np.ndarray
     multipliers: Multipliers
+
+
+class ActiveRows(NamedTuple):
+    """Rows of some curves of a stack, R in all, block after block.
+
+    Attributes:
+        which: (g,) numbers of the curves.
+        of_curve: of each curve the numbers of its rows, rising.
+        of_block: of each block the index of its rows.
+        slack: (R,).
+        time: (R,) coefficient of the relative change of the duration.
+        kind: (R,) int.
+        axes: (R, J, A).
+        basis: (R, J, n), with ``axes`` the slopes; products beyond those of a row are zero.
+    """
+
+    which: np.ndarray
+    of_curve: list[np.ndarray]
+    of_block: list[Index]
+    slack: np.ndarray
+    time: np.ndarray
+    kind: np.ndarray
+    axes: np.ndarray
+    basis: np.ndarray
 
 
 def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
@@ -87,34 +108,33 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
     for round_ in range(options.PROGRAM.rounds):
-        rows = ActiveRows.of(blocks, chosen, which)
-        changes, stretches, own_multipliers = solve_duals(quadratic, inverse, alone, rows)
-        step = Step(which, changes, taken(quadratic.rows, which) @ changes[:, None], stretches)
+        rows = active_rows(blocks, chosen, which)
+        changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows)
         coefficients[which], stretch[which] = changes, stretches
-        added = np.zeros(len(which), dtype=bool)
-        for block, mask, (index, number) in zip(blocks, chosen, rows.blocks, strict=True):
+        curves = taken(quadratic.rows, which) @ changes[:, None]
+        added, end = np.zeros(len(which), dtype=bool), 0
+        for block, mask, index in zip(blocks, chosen, rows.of_block, strict=True):
+            begin, end = end, end + len(index[0])
             found[block.name][which] = 0.0
-            found[block.name][index] = own_multipliers[number]
+            found[block.name][index] = y[begin:end]
             looked = block.may_bind[which]
             if not np.any(looked):
                 continue
-            own = step.some(looked)
-            slack = taken(block.slack, own.which) - block.change(own)
-            if block.time:
-                slack -= (block.time * own.stretch).reshape(-1, *[1] * (slack.ndim - 1))
-            broken = (
-                block.chosen(slack < -options.PROGRAM.broken * block.tolerance, slack, own.which)
-                & ~mask[own.which]
-            )
+            own = which[looked]
+            change = block.change(own, taken(changes, looked), taken(curves, looked))
+            slack = taken(block.slack, own) - change
+            if block.power:
+                slack += (block.power * stretches[looked]).reshape(-1, *[1] * (slack.ndim - 1))
+            broken = block.chosen(slack < -options.PROGRAM.broken * block.tolerance, slack, own) & ~mask[own]
             if block.linear and round_ < options.PROGRAM.all_at_once:
                 broken &= lowest(np.where(broken, slack, np.inf))
-            mask[own.which] = (mask[own.which] & (slack < options.PROGRAM.kept * block.tolerance)) | broken
-            added[looked] |= np.any(broken.reshape(len(own.which), -1), axis=1)
+            mask[own] = (mask[own] & (slack < options.PROGRAM.kept * block.tolerance)) | broken
+            added[looked] |= np.any(broken.reshape(len(own), -1), axis=1)
         which = which[added]
         if not len(which):
             break
     _drop_small(found, count)
-    return QPSolution(coefficients=coefficients, stretch=stretch, multipliers=found)
+    return QPSolution(coefficients, stretch, found)
 
 
 def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which: np.ndarray) -> np.ndarray:
@@ -134,18 +154,16 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
     # In a group another entry may hold now; without its multiplier the bound remains one.
     blocks = quadratic.blocks
     pushing = [(multipliers[block.name] > 0) & np.isfinite(block.slack) for block in blocks]
-    rows = ActiveRows.of(blocks, pushing, which)
-    y = np.zeros(len(rows.slack))
-    for block, (index, number) in zip(blocks, rows.blocks, strict=True):
-        y[number] = multipliers[block.name][index]
-    free = taken(quadratic.free, which)
+    rows = active_rows(blocks, pushing, which)
+    of_block = [multipliers[block.name][index] for block, index in zip(blocks, rows.of_block, strict=True)]
+    y = np.concatenate([np.zeros(0), *of_block])
+    free, gradient = taken(quadratic.free, which), quadratic.gradient[which]
     free_t = np.swapaxes(free, 1, 2)
-    gradient = quadratic.gradient[which]
     left = free_t @ (gradient + transposed_product(rows, y, gradient.shape))
     inverse = inverses(free_t @ quadratic.hessian[which] @ free)
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
-    by_slack = np.array([np.sum(part) for part in np.split(y * rows.slack, rows.ends[:-1])])
-    return np.asarray(by_slope + by_slack)
+    by_slack = y * rows.slack
+    return np.asarray(by_slope + [np.sum(by_slack[part]) for part in rows.of_curve])
 
 
 def _drop_small(multipliers: Multipliers, count: int) -> None:
@@ -157,98 +175,59 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
         own[~(own > options.PROGRAM.binding * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
 
 
-class ActiveRows(NamedTuple):
-    """Rows of some curves of a stack, those of a curve together, R in all with T products.
-
-    Attributes:
-        which: (g,) numbers of the curves.
-        ends: (g,) where the rows of each end.
-        slack: (R,).
-        time: (R,).
-        kind: (R,) int.
-        row: (T,) int, whose each product is, rising.
-        axes: (T, A).
-        basis: (T, n).
-        blocks: for each block the index of its rows, and their numbers (r,) among all.
-    """
-
-    which: np.ndarray
-    ends: np.ndarray
-    slack: np.ndarray
-    time: np.ndarray
-    kind: np.ndarray
-    row: np.ndarray
-    axes: np.ndarray
-    basis: np.ndarray
-    blocks: list[tuple[Index, np.ndarray]]
-
-    @classmethod
-    def of(
-        cls, blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
-    ) -> "ActiveRows":
-        """The rows of blocks that are chosen, bool like their slacks, for some curves."""
-        if not blocks:
-            none, nobody = np.zeros(0), np.zeros(0, int)
-            empty = np.zeros((0, 0))
-            return cls(which, np.zeros_like(which), none, none, nobody, nobody, empty, empty, [])
-        indices: list[Index] = []
-        for mask in chosen:
-            curve, *rest = numbers(mask[which])
-            indices.append((which[curve], *rest))
-        slopes = [block.slopes(index) for block, index in zip(blocks, indices, strict=True)]
-        counts = [len(index[0]) for index in indices]
-        curve = np.concatenate([index[0] for index in indices])
-        order = np.argsort(curve, kind="stable")
-        number = np.empty_like(order)
-        number[order] = np.arange(len(order))
-        parts = np.split(number, np.cumsum(counts)[:-1])
-
-        def gathered(values: Sequence[np.ndarray]) -> np.ndarray:
-            return np.concatenate(values)[order]
-
-        rows = [np.repeat(own, each.axes.shape[1]) for own, each in zip(parts, slopes, strict=True)]
-        row = np.concatenate(rows)
-        sort = np.argsort(row, kind="stable")
-        wide = [each.axes.reshape(-1, each.axes.shape[2]) for each in slopes]
-        long = [each.basis.reshape(-1, each.basis.shape[2]) for each in slopes]
-        return cls(
-            which=which,
-            ends=np.searchsorted(curve[order], which, side="right"),
-            slack=gathered([block.slack[index] for block, index in zip(blocks, indices, strict=True)]),
-            time=gathered([np.full(n, block.time) for block, n in zip(blocks, counts, strict=True)]),
-            kind=gathered([np.full(n, block.kind) for block, n in zip(blocks, counts, strict=True)]),
-            row=row[sort],
-            axes=np.concatenate(wide)[sort],
-            basis=np.concatenate(long)[sort],
-            blocks=list(zip(indices, parts, strict=True)),
-        )
+def active_rows(
+    blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
+) -> ActiveRows:
+    """The rows of blocks that are chosen, bool like their slacks, for some curves by rising number."""
+    of_block: list[Index] = []
+    for mask in chosen:
+        curve, *rest = numbers(taken(mask, which))
+        of_block.append((which[curve], *rest))
+    slopes = [block.slopes(index) for block, index in zip(blocks, of_block, strict=True)]
+    counts = np.array([len(index[0]) for index in of_block], int)
+    curve = np.concatenate([np.zeros(0, int), *(index[0] for index in of_block)])
+    order = np.argsort(curve, kind="stable")
+    ends = np.searchsorted(curve[order], which, side="right")
+    slack = [block.slack[index] for block, index in zip(blocks, of_block, strict=True)]
+    axes, basis = zip(*slopes, strict=True) if blocks else ((), ())
+    return ActiveRows(
+        which=which,
+        of_curve=np.split(order, ends[:-1]),
+        of_block=of_block,
+        slack=np.concatenate([np.zeros(0), *slack]),
+        time=np.repeat([-float(block.power) for block in blocks], counts),
+        kind=np.repeat(np.array([block.kind for block in blocks], int), counts),
+        axes=_joined(axes),
+        basis=_joined(basis),
+    )
 
 
-class DualProgram(NamedTuple):
-    """The dual of one program.
-
-    Attributes:
-        program: of the rows that are kept.
-        kept: (r,) which of its rows.
-        axes: (t, A) of their products.
-        basis: (t, k) likewise, of the free coefficients.
-        of: (t,) int, whose of the rows that are kept each product is.
-        time: (r,).
-    """
-
-    program: BoxQP
-    kept: np.ndarray
-    axes: np.ndarray
-    basis: np.ndarray
-    of: np.ndarray
-    time: np.ndarray
+def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (r, J, w) one after the other, with zeros where one has fewer products than another."""
+    parts = [part for part in parts if len(part)]
+    most = max((part.shape[1] for part in parts), default=1)
+    missing = [((0, 0), (0, most - part.shape[1]), (0, 0)) for part in parts]
+    padded = [np.pad(part, add) if add[1][1] else part for part, add in zip(parts, missing, strict=True)]
+    return np.concatenate([np.zeros((0, most, parts[0].shape[2] if parts else 0)), *padded])
 
 
-def solve_duals(
-    quadratic: QuadraticProgram,
-    inverse: np.ndarray,
-    alone: np.ndarray,
-    rows: ActiveRows,
+def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """``J^T y``: gradient of rows with multipliers (R,) in the coefficients, of the shape (g, n, A)."""
+    found = np.zeros(shape)
+    for own, part in enumerate(rows.of_curve):
+        if len(part):
+            found[own] = _gradient(multipliers[part], rows.axes[part], rows.basis[part])
+    return found
+
+
+def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """(n, A) of rows (r,) with slopes (r, J, A) and (r, J, n)."""
+    pull = y[:, None, None] * axes
+    return np.asarray(basis.reshape(-1, basis.shape[2]).T @ pull.reshape(-1, axes.shape[2]))
+
+
+def _solve_duals(
+    quadratic: QuadraticProgram, inverse: np.ndarray, alone: np.ndarray, rows: ActiveRows
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The best steps under some rows.
 
@@ -261,95 +240,63 @@ def solve_duals(
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
     """
-    begins = np.append(0, rows.ends[:-1])
-    firsts = np.searchsorted(rows.row, begins)
-    lasts = np.searchsorted(rows.row, rows.ends)
-    spans = list(zip(begins.tolist(), rows.ends.tolist(), firsts.tolist(), lasts.tolist(), strict=True))
-    duals = [
-        _dual(quadratic, curve, inverse[curve], alone[curve], rows, span)
-        for curve, span in zip(rows.which.tolist(), spans, strict=True)
-    ]
-    answers = solve_box_qps([dual.program for dual in duals])
+    duals = [_dual(quadratic, inverse, alone, rows, own) for own in range(len(rows.which))]
+    answers = solve_box_qps([dual[0] for dual in duals])
     multipliers = np.zeros(len(rows.slack))
     changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
     stretches = np.zeros(len(duals))
-    for own, (curve, span, dual, answer) in enumerate(
-        zip(rows.which.tolist(), spans, duals, answers, strict=True)
+    for own, (curve, (_, kept, axes, along, time), answer) in enumerate(
+        zip(rows.which.tolist(), duals, answers, strict=True)
     ):
-        y = answer.multipliers
-        pull = dual.basis.T @ (y[dual.of, None] * dual.axes)
-        changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ pull)
+        y = multipliers[kept] = answer.multipliers
+        changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ _gradient(y, axes, along))
         if quadratic.duration_hessian is not None:
-            stretches[own] = max(
-                float(-(1 + dual.time @ y) / quadratic.duration_hessian), options.PROGRAM.shortest_step
-            )
+            stretch = float(-(1 + time @ y) / quadratic.duration_hessian)
+            stretches[own] = max(stretch, options.PROGRAM.shortest_step)
             changes[own] += stretches[own] * quadratic.by_time[curve]
-        multipliers[span[0] + dual.kept] = y
     return changes, stretches, multipliers
 
 
-def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """``J^T y``: gradient of rows with multipliers (R,) in the coefficients, of the shape (g, n, A)."""
-    found = np.zeros(shape)
-    if len(multipliers):
-        pull = multipliers[rows.row, None] * rows.axes
-        ends = np.searchsorted(rows.row, rows.ends)
-        for own, (first, last) in enumerate(pairwise([0, *ends.tolist()])):
-            found[own] = rows.basis[first:last].T @ pull[first:last]
-    return found
-
-
 def _dual(
-    quadratic: QuadraticProgram,
-    curve: int,
-    inverse: np.ndarray,
-    alone: np.ndarray,
-    rows: ActiveRows,
-    span: tuple[int, int, int, int],
-) -> DualProgram:
-    """The dual of one curve's program; rows and products are those within the span."""
-    begin, end, first, last = span
-    axes, basis = rows.axes[first:last], rows.basis[first:last]
-    of, slack, time = rows.row[first:last] - begin, rows.slack[begin:end], rows.time[begin:end]
-    limit = quadratic.penalty[curve][rows.kind[begin:end]]
-    if end == begin:
-        none = np.zeros((0, 0)), np.zeros((0, alone.shape[1])), np.zeros((0, len(alone)))
-        return DualProgram(BoxQP(none[0], slack, limit), np.zeros(0, int), *none[1:], of, time)
+    quadratic: QuadraticProgram, inverse: np.ndarray, alone: np.ndarray, rows: ActiveRows, own: int
+) -> tuple[BoxQP, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The dual of one curve's program.
+
+    Returns:
+        The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, J, A)
+        and (r, J, k), and the coefficients (r,) of the relative change of the duration.
+    """
+    curve, kept = int(rows.which[own]), rows.of_curve[own]
+    if not len(kept):
+        none = np.zeros((0, 0)), np.zeros((0, 1, alone.shape[2])), np.zeros((0, 1, alone.shape[1]))
+        return BoxQP(none[0], rows.slack[kept], rows.slack[kept]), kept, *none[1:], rows.time[kept]
+    axes, basis = rows.axes[kept], rows.basis[kept]
+    if axes.shape[1] > 1 and not np.any(axes[:, 1:]):
+        axes, basis = axes[:, :1], basis[:, :1]
     along = basis @ quadratic.free[curve]
-    sloping = np.max(np.abs(axes), axis=1) * np.max(np.abs(along), axis=1) > options.PROGRAM.no_slope
-    kept = np.arange(end - begin) if np.all(sloping) else np.unique(of[sloping])
-    if len(kept) > options.PROGRAM.most_rows:  # those with the least slack
-        kept = np.sort(kept[np.argsort(slack[kept], kind="stable")[: options.PROGRAM.most_rows]])
-    if len(kept) < end - begin:
-        stays = np.isin(of, kept)
-        axes, basis, along = axes[stays], basis[stays], along[stays]
-        of = np.searchsorted(kept, of[stays])
-        slack, time, limit = slack[kept], time[kept], limit[kept]
-    single = len(of) == len(kept)
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        """Over the products of each row."""
-        if single:
-            return values
-        by_row = np.flatnonzero(np.append(True, of[1:] != of[:-1]))
-        return np.add.reduceat(values, by_row, axis=0)
-
-    if quadratic.duration_hessian is not None:
-        time = time + summed(np.sum((basis @ quadratic.by_time[curve]) * axes, axis=1))
-    if single:
-        matrix = (along @ inverse @ along.T) * (axes @ axes.T)
+    steep = np.max(np.abs(axes), axis=2) * np.max(np.abs(along), axis=2)
+    stays = np.flatnonzero(np.any(steep > options.PROGRAM.no_slope, axis=1))
+    if len(stays) > options.PROGRAM.most_rows:  # those with the least slack
+        order = np.argsort(rows.slack[kept[stays]], kind="stable")
+        stays = np.sort(stays[order[: options.PROGRAM.most_rows]])
+    if len(stays) < len(kept):
+        kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
+    slack, time, limit = rows.slack[kept], rows.time[kept], quadratic.penalty[curve][rows.kind[kept]]
+    if axes.shape[1] == 1:
+        matrix = (along[:, 0] @ inverse[curve] @ along[:, 0].T) * (axes[:, 0] @ axes[:, 0].T)
     else:  # of a row with four products it would take sixteen times as many numbers
-        slopes = summed(axes[:, :, None] * along[:, None, :])
-        matrix = np.tensordot(slopes @ inverse, slopes, axes=((1, 2), (1, 2)))
-    linear = summed(np.sum((along @ alone) * axes, axis=1)) - slack
+        slopes = np.swapaxes(axes, 1, 2) @ along
+        matrix = np.tensordot(slopes @ inverse[curve], slopes, axes=((1, 2), (1, 2)))
+    linear = np.sum((along @ alone[curve]) * axes, axis=(1, 2)) - slack
     if quadratic.duration_hessian is not None:
+        time = time + np.sum((basis @ quadratic.by_time[curve]) * axes, axis=(1, 2))
         matrix += np.outer(time, time) / quadratic.duration_hessian
         linear -= time / quadratic.duration_hessian
-    return DualProgram(BoxQP(matrix, linear, limit), kept, axes, along, of, time)
+    return BoxQP(matrix, linear, limit), kept, axes, along, time
 
 
 def inverses(matrices: np.ndarray) -> np.ndarray:
-    """Of square matrices (G, n, n); NaN where there is none."""
+    """Inverses of square matrices (G, n, n); NaN where there is none."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:  # of one: the others have theirs

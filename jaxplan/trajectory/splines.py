@@ -1,31 +1,34 @@
-"""Curves of step 3: Legendre polynomials of the paper's segments, splines of degree 5 of the global fit.
+"""Polynomials in the Legendre basis, and splines of degree 5: values, derivatives, energies and ends.
 
-Legendre polynomials ``P_0 .. P_l`` on [-1, 1]: values, derivatives and energies.
+**A polynomial** on [-1, 1] is ``c^T P(x)`` with the Legendre polynomials ``P = P_0 .. P_l`` and ``l + 1``
+coefficients, as in equations (17) and (26). Its derivative has the coefficients ``D c``; so derivatives of
+any order need no formula beyond that of the values. On [-1, 1] the quadratic programs are well conditioned;
+in raw seconds they would lose all digits.
 
-A curve is ``c^T P(x)`` with ``l + 1`` coefficients, as in equations (17) and (26). Its derivative is again
-such a curve, with the coefficients ``D c``; so derivatives of any order need no formula beyond that of the
-values. On [-1, 1] the quadratic programs are well conditioned; in raw seconds they would lose all digits.
+**A spline** on given breaks is ``z(s) = sum_i N_i(s) c_i`` on [0, 1] with the B-splines ``N_i`` of degree 5
+and simple knots, so it has four continuous derivatives. A derivative is a spline of one degree less, whose
+coefficients are differences of those of the curve; all its values lie between the least and the largest of
+them, which turns a limit at every instant into as many linear rows.
 
-Splines of degree 5 on given breaks: values, derivatives, energies and pieces.
-
-A curve is ``z(s) = sum_i N_i(s) c_i`` on [0, 1] with the B-splines ``N_i`` of degree 5 and simple knots, so
-it has four continuous derivatives. A derivative is a spline of one degree less, whose coefficients are
-differences of those of the curve; all its values lie between the least and the largest of them, which turns
-a limit at every instant into as many linear rows.
-
-The curves that a fit may choose from have given ends, and perhaps pass given nodes. Their coefficients are
-``c = F x + f + T g`` with the free ``x``; ``F`` is the same for all axes, ``g`` stands for the rates at the
-ends, which in ``s`` grow with the duration ``T``.
+**A curve space** is what a fit may choose from: splines with given ends, which perhaps pass given nodes.
+Their coefficients are ``c = F x + f + T g`` with the free ``x``; ``F`` is the same for all axes, ``g`` stands
+for the rates at the ends, which in ``s`` grow with the duration ``T``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
+from typing import Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+
+DEGREE = 5  # of the splines
+SMOOTHNESS = DEGREE - 1  # continuous derivatives of a spline
+_DERIVATIVES = 4  # the curve itself and three more
 
 
 def legendre(x: ArrayLike, order: int) -> Array:
@@ -116,11 +119,6 @@ def end_derivatives(order: int) -> np.ndarray:
     rows = np.stack([at_end * np.stack([-signs, signs]), at_end])
     rows.flags.writeable = False
     return rows
-
-
-DEGREE = 5
-SMOOTHNESS = DEGREE - 1
-_DERIVATIVES = 4  # the curve itself and three more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -298,7 +296,7 @@ def _legendre_fit() -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveSpace:
-    """Splines with given ends.
+    """Splines with given ends, which perhaps pass given nodes.
 
     Attributes:
         basis: of the splines.
@@ -307,7 +305,6 @@ class CurveSpace:
         of_rates: (n, 2) what takes the rates at the ends to ``g``.
         fixed: (n, A) ``f``.
         by_time: (n, A) 1/s, ``g``.
-        energies: (4, n, n) of the basis.
     """
 
     basis: Basis
@@ -316,19 +313,41 @@ class CurveSpace:
     of_rates: np.ndarray
     fixed: np.ndarray
     by_time: np.ndarray
-    energies: np.ndarray
+
+    @property
+    def energies(self) -> np.ndarray:
+        """(4, n, n) of the basis."""
+        return self.basis.energies
 
     @classmethod
-    def of(cls, basis: Basis, values: np.ndarray, rates: np.ndarray, *, rest: bool) -> "CurveSpace":
-        """All splines with given ends.
+    def of(
+        cls,
+        basis: Basis,
+        ends: np.ndarray,
+        rates: np.ndarray,
+        rest: bool,
+        places: Sequence[float] | np.ndarray = (),
+        nodes: Sequence[float] | np.ndarray = (),
+    ) -> Self:
+        """The space of all splines with given ends and nodes.
 
         Args:
             basis: of the splines.
-            values: (2, A) rad, in the chart.
+            ends: (2, A) rad, in the chart.
             rates: (2, A) rad/s.
             rest: whether accelerations are zero at both ends; else they are free.
+            places: (m,) in (0, 1) of nodes; on no interval more than the splines have freedom there.
+            nodes: (m, A) rad, which are passed exactly.
         """
-        free, of_values, of_rates = basis.ends(rest)
+        (free, of_values, of_rates), values = basis.ends(rest), ends
+        count = len(places)
+        if count:
+            rows = basis.rows(np.asarray(places), 1)[0]
+            q, r = np.linalg.qr((rows @ free).T, mode="complete")
+            lift = free @ np.linalg.solve(r[:count], q[:, :count].T).T  # from what is missing at the nodes
+            free, values = free @ q[:, count:], np.concatenate([ends, nodes])
+            of_values = np.concatenate([of_values - lift @ (rows @ of_values), lift], axis=1)
+            of_rates = of_rates - lift @ (rows @ of_rates)
         return cls(
             basis=basis,
             free=free,
@@ -336,29 +355,6 @@ class CurveSpace:
             of_rates=of_rates,
             fixed=of_values @ values,
             by_time=of_rates @ rates,
-            energies=basis.energies,
-        )
-
-    def through(self, places: np.ndarray, values: np.ndarray) -> "CurveSpace":
-        """Those of them that pass nodes exactly.
-
-        Args:
-            places: (m,) in (0, 1); on no interval more nodes than the splines have freedom there.
-            values: (m, A) rad.
-        """
-        rows = self.basis.rows(places, 1)[0]
-        q, r = np.linalg.qr((rows @ self.free).T, mode="complete")
-        count = len(places)
-        own, rest = q[:, :count], q[:, count:]
-        lift = self.free @ np.linalg.solve(r[:count], own.T).T  # from what is missing at the nodes
-        return CurveSpace(
-            basis=self.basis,
-            free=self.free @ rest,
-            of_values=np.concatenate([self.of_values - lift @ (rows @ self.of_values), lift], axis=1),
-            of_rates=self.of_rates - lift @ (rows @ self.of_rates),
-            fixed=self.fixed + lift @ (values - rows @ self.fixed),
-            by_time=self.by_time - lift @ (rows @ self.by_time),
-            energies=self.energies,
         )
 
 
@@ -371,8 +367,7 @@ def weighted(energies: np.ndarray, duration: np.ndarray, weights: np.ndarray) ->
         weights: (G, 3) of the squares of rate, acceleration and jerk.
     """
     factors = weights * duration[:, None] ** -np.array([1.0, 3.0, 5.0])
-    _, *parts = np.moveaxis(energies, 1, 0)
     rate, acceleration, jerk = (
-        factor[:, None, None] * part for factor, part in zip(factors.T, parts, strict=True)
+        factors[:, number, None, None] * energies[:, 1 + number] for number in range(3)
     )
     return np.asarray(rate + acceleration + jerk)

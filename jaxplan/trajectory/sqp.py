@@ -8,18 +8,22 @@ damped. Alike problems are worked on together, each until it is done.
 """
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory import options
-from jaxplan.trajectory.constraints import constraint_blocks
-from jaxplan.trajectory.iterates import LIMIT, TUBE, ZONE, Iterates, SQPSolution, Stack
+from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
+from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, mixed, some
 from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
+
+# Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
+_PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
+_PENALTIES_OF_FREE_TIME = {LIMIT: 1e1, ZONE: 2e1, TUBE: 1e1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +48,26 @@ class InitialGuess:
     ftol: float = field(default_factory=lambda: options.SQP.ftol)
 
 
+class SQPSolution(NamedTuple):
+    """A curve with its duration, and what is known of it.
+
+    Attributes:
+        coefficients: (n, A).
+        duration: s.
+        margins: (S, D, Z) rad, as `Iterates` has them.
+        violations: (3,) by kind of constraint, the largest; zero or less where none is broken.
+        finite: whether all numbers are.
+        steps: how many were taken, or tried, from the curve that it began with.
+    """
+
+    coefficients: np.ndarray
+    duration: float
+    margins: np.ndarray
+    violations: np.ndarray
+    finite: bool
+    steps: int
+
+
 def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Step from curves to the best ones near them.
 
@@ -56,72 +80,30 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=options.SQP.together)
 
 
-def penalties(free_time: bool) -> np.ndarray:
-    """Penalties by kind of row, larger than any multiplier of a problem that has a solution."""
-    table = {LIMIT: 1e1, ZONE: 2e1, TUBE: 1e1} if free_time else {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
-    return np.array([table[kind] for kind in range(len(table))])
-
-
-class Objective:
-    """Energy, or duration with a little of the energy, both as shares of the first curve's, of a stack."""
-
-    def __init__(self, stack: Stack, start: Iterates) -> None:
-        self._stack, self._duration = stack, start.duration
-        self.share = np.ones(len(start.duration))
-        self.share = self.energy(start)
-
-    @property
-    def _free_time(self) -> bool:
-        return self._stack.members[0].free_time
-
-    def some(self, stack: Stack, which: np.ndarray) -> "Objective":
-        """The objective of some members, (G,) bool, whose stack is given."""
-        found = copy(self)
-        found._stack, found._duration, found.share = stack, self._duration[which], self.share[which]
-        return found
-
-    def _form(self, duration: np.ndarray) -> np.ndarray:
-        """(G, n, n), `weighted` as shares of the first curves'."""
-        form = weighted(self._stack.energies, duration, self._stack.weights)
-        return np.asarray(form / self.share[:, None, None])
-
-    def energy(self, at: Iterates) -> np.ndarray:
-        """Energies (G,) as shares of the first curves'."""
-        product = at.coefficients * (self._form(at.duration) @ at.coefficients)
-        return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
-
-    def merit(self, at: Iterates, penalty: np.ndarray) -> np.ndarray:
-        """Objectives and penalties (G, 3) by kind of row: (G,)."""
-        value = self.energy(at)
-        if self._free_time:
-            value = options.SQP.energy_weight * value + at.duration / self._duration
-        broken = penalty * np.maximum(at.violations, 0.0)
-        return np.asarray(value + (broken[:, LIMIT] + broken[:, ZONE] + broken[:, TUBE]))
-
-    def program(self, at: Iterates, damping: np.ndarray, penalty: np.ndarray) -> QuadraticProgram:
-        """The programs at curves, where the duration counts as a share of its own."""
-        stack = self._stack
-        form = self._form(at.duration) * (options.SQP.energy_weight if self._free_time else 1.0)
-        return QuadraticProgram(
-            free=stack.free,
-            by_time=at.duration[:, None, None] * stack.by_time,
-            hessian=form + damping[:, None, None] * stack.energies[:, 0],
-            gradient=form @ at.coefficients,
-            duration_hessian=options.SQP.duration_hessian if self._free_time else None,
-            rows=stack.rows,
-            blocks=list(constraint_blocks(stack, at)),
-            penalty=penalty,
-        )
-
-
 @dataclass(kw_only=True, eq=False)
 class SQPState:
-    """The members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...)."""
+    """The members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...).
 
-    stack: Stack
-    objective: Objective
+    Attributes:
+        at: the curves.
+        number: of each among those that began together.
+        share: energies of the first curves, of which energies are shares.
+        first_duration: s, of the first curves.
+        target_duration: see `InitialGuess`.
+        ftol: likewise.
+        penalty: (G, 3) by kind of constraint.
+        value: merits of the curves.
+        damping: of the next step.
+        failed: steps in a row that did not lower the merit.
+        penalty_updates: how often penalties grew.
+        falling: whether the last step made the duration much shorter.
+        multipliers: of the last program.
+    """
+
     at: Iterates
     number: np.ndarray
+    share: np.ndarray
+    first_duration: np.ndarray
     target_duration: np.ndarray
     ftol: np.ndarray
     penalty: np.ndarray
@@ -131,6 +113,7 @@ class SQPState:
     penalty_updates: np.ndarray
     falling: np.ndarray
     multipliers: Multipliers
+    _blocks: tuple[Iterates, list[ConstraintBlock]] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
@@ -140,74 +123,99 @@ class SQPState:
             np.stack([begin.coefficients for begin in begins]),
             np.array([begin.duration for begin in begins]),
         )
-        objective = Objective(stack, at)
-        penalty = np.tile(penalties(stack.members[0].free_time), (count, 1))
-        return cls(
-            stack=stack,
-            objective=objective,
+        table = _PENALTIES_OF_FREE_TIME if stack.members[0].free_time else _PENALTIES
+        state = cls(
             at=at,
             number=np.arange(count),
+            share=np.ones(count),
+            first_duration=at.duration,
             target_duration=np.array([begin.target_duration for begin in begins]),
             ftol=np.array([begin.ftol for begin in begins]),
-            penalty=penalty,
-            value=objective.merit(at, penalty),
+            penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
+            value=np.zeros(count),
             damping=np.zeros(count),
             failed=np.zeros(count, dtype=int),
             penalty_updates=np.zeros(count, dtype=int),
             falling=np.zeros(count, dtype=bool),
             multipliers={},
         )
+        state.share = state.energy(at)
+        state.value = state.merit(at)
+        return state
 
-    def some(self, which: np.ndarray) -> "SQPState":
-        """Those of (G,) bool."""
-        stack = self.stack.some(which)
-        names = (
-            "number",
-            "target_duration",
-            "ftol",
-            "penalty",
-            "value",
-            "damping",
-            "failed",
-            "penalty_updates",
-            "falling",
+    @property
+    def stack(self) -> Stack:
+        """The problems."""
+        return self.at.stack
+
+    @property
+    def _free_time(self) -> bool:
+        return self.stack.members[0].free_time
+
+    def _form(self, duration: np.ndarray) -> np.ndarray:
+        """(G, n, n), `weighted` as shares of the first curves'."""
+        form = weighted(self.stack.energies, duration, self.stack.weights)
+        return np.asarray(form / self.share[:, None, None])
+
+    def energy(self, at: Iterates) -> np.ndarray:
+        """Energies (G,) of curves, as shares of the first curves'."""
+        product = at.coefficients * (self._form(at.duration) @ at.coefficients)
+        return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
+
+    def merit(self, at: Iterates) -> np.ndarray:
+        """Objectives and penalties of curves (G,)."""
+        value = self.energy(at)
+        if self._free_time:
+            value = options.SQP.energy_weight * value + at.duration / self.first_duration
+        return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
+
+    def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
+        """The programs at curves, where the duration counts as a share of its own."""
+        stack = self.stack
+        form = self._form(at.duration) * (options.SQP.energy_weight if self._free_time else 1.0)
+        return QuadraticProgram(
+            free=stack.free,
+            by_time=at.duration[:, None, None] * stack.by_time,
+            hessian=form + damping[:, None, None] * stack.energies[:, 0],
+            gradient=form @ at.coefficients,
+            duration_hessian=options.SQP.duration_hessian if self._free_time else None,
+            rows=stack.rows,
+            blocks=self._blocks_at(at),
+            penalty=self.penalty,
         )
-        return SQPState(
-            stack=stack,
-            objective=self.objective.some(stack, which),
-            at=self.at.some(which),
-            multipliers={name: own[which] for name, own in self.multipliers.items()},
-            **{name: getattr(self, name)[which] for name in names},
-        )
+
+    def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
+        """The constraints at curves, made once for the program of a step and for what it promises."""
+        if self._blocks is None or self._blocks[0] is not at:
+            self._blocks = at, list(constraint_blocks(at))
+        return self._blocks[1]
 
     def step(self) -> np.ndarray:
-        """One step of each; which of them (G,) are done."""
-        free_time = self.stack.members[0].free_time
-        quadratic = self.objective.program(self.at, self.damping, self.penalty)
-        proposal = solve(quadratic, self.multipliers)
+        """Take a step of each; which of them (G,) are done."""
+        own = options.SQP
+        proposal = solve(self.program(self.at, self.damping), self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
-        value = self.objective.merit(ahead, self.penalty)
-        close = np.abs(self.value - value) <= np.minimum(options.SQP.settled, self.ftol) * self.value
-        gained = self.objective.energy(self.at) - self.objective.energy(ahead)
+        value = self.merit(ahead)
+        close = np.abs(self.value - value) <= np.minimum(own.settled, self.ftol) * self.value
+        gained = self.energy(self.at) - self.energy(ahead)
         little = self.at.is_sound & (gained <= self.ftol * self.value)
         better = value < self.value
-        self.falling = better & (ahead.duration <= (1 - options.SQP.falling) * self.at.duration)
-        self.at = Iterates.chosen(self.at, ahead, better)
+        self.falling = better & (ahead.duration <= (1 - own.falling) * self.at.duration)
+        self.at = mixed(self.at, ahead, better)
         self.value = np.where(better, value, self.value)
-        calmer = np.where(self.damping > options.SQP.no_damping, self.damping / options.SQP.damping, 0.0)
-        wilder = np.maximum(options.SQP.damping * self.damping, options.SQP.first_damping)
+        calmer = np.where(self.damping > own.no_damping, self.damping / own.damping, 0.0)
+        wilder = np.maximum(own.damping * self.damping, own.first_damping)
         self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
         self.failed = np.where(better, 0, self.failed + 1)
-        short = better & (self.at.duration <= self.target_duration)
-        done = short | (close & (self.at.is_sound | (self.penalty_updates == options.SQP.penalty_updates)))
-        if not free_time:
+        dearest = self.penalty_updates == own.penalty_updates
+        done = better & (self.at.duration <= self.target_duration)
+        done |= close & (self.at.is_sound | dearest)
+        if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            done |= (self.failed == options.SQP.most_failed) & (
-                self.penalty_updates == options.SQP.penalty_updates
-            )
+            done |= (self.failed == own.most_failed) & dearest
             self._stop(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done
@@ -216,10 +224,9 @@ class SQPState:
         """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
         which = np.flatnonzero(asked & ~done)
         if len(which):
-            quadratic = self.objective.program(self.at, np.zeros(len(done)), self.penalty)
-            done[which] = (
-                decrease_bound(quadratic, self.multipliers, which) <= self.ftol[which] * self.value[which]
-            )
+            quadratic = self.program(self.at, np.zeros(len(done)))
+            promised = decrease_bound(quadratic, self.multipliers, which)
+            done[which] = promised <= self.ftol[which] * self.value[which]
 
     def _increase_penalty(self, which: np.ndarray) -> None:
         """Increase the penalties of broken rows, for those of (G,) bool."""
@@ -227,24 +234,36 @@ class SQPState:
             return
         self.penalty_updates[which] += 1
         self.penalty[which] *= options.SQP.penalty_growth
-        self.value = np.where(which, self.objective.merit(self.at, self.penalty), self.value)
+        self.value = np.where(which, self.merit(self.at), self.value)
         self.damping[which] = 0.0
+
+    def solution(self, member: int, steps: int) -> SQPSolution:
+        """The curve of one member, after so many steps."""
+        at = self.at
+        return SQPSolution(
+            coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
+            duration=float(at.duration[member]),
+            margins=at.margins[member].copy(),
+            violations=at.violations[member].copy(),
+            finite=bool(at.finite[member]),
+            steps=steps,
+        )
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """The best curves near first ones, of alike problems."""
-    search = SQPState.of(begins)
-    answers: dict[int, SQPSolution] = {}
-    done = ~(search.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
+    state = SQPState.of(begins)
+    solutions: dict[int, SQPSolution] = {}
+    done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
     for steps in range(options.SQP.most_steps + 1):
         if steps > 0:
-            done = search.step()
+            done = state.step()
             if steps >= options.SQP.enough_steps:
-                done |= ~search.falling | (steps == options.SQP.most_steps)
-        for own in np.flatnonzero(done).tolist():
-            answers[int(search.number[own])] = search.at.one(own, steps)
+                done |= ~state.falling | (steps == options.SQP.most_steps)
+        for member in np.flatnonzero(done).tolist():
+            solutions[int(state.number[member])] = state.solution(member, steps)
         if np.all(done):
             break
         if np.any(done):
-            search = search.some(~done)
-    return [answers[number] for number in range(len(begins))]
+            state = some(state, ~done)
+    return [solutions[number] for number in range(len(begins))]

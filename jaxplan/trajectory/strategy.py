@@ -11,30 +11,37 @@ is tried on which ladder, and what is made of the best attempt, depends on the d
 Where a limit, a zone or the tube is broken more intervals are tried, then a wider tube, then none.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from jaxplan.model.scenario import MINIMUM, STRETCHED
+from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import options, schedule
-from jaxplan.trajectory.attempts import (
-    Attempt,
-    Ladder,
-    make_attempts,
-    rungs,
-)
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked
-from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
+from jaxplan.trajectory.active_set import FitRecord
+from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, needed_words, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
-from jaxplan.trajectory.problem import AttemptRequest, FitProblem
-from jaxplan.trajectory.schedule import TrapezoidalProfile
+from jaxplan.trajectory.problem import FitProblem, Timing
+from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
+from jaxplan.trajectory.sqp import InitialGuess
 
+Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
+Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
+
+
+def _asked(problem: FitProblem) -> float:
+    return problem.radius
+
+
+def _no_tube(_: FitProblem) -> float:
+    return np.inf
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
@@ -60,14 +67,13 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
+    begun = dict(enumerate(map(_begin, queries)))
+    fits = {n: one for n, one in begun.items() if isinstance(one, Fit)}
+    moving = {n: one for n, one in begun.items() if not isinstance(one, Fit)}
     strategy = Strategy(Seconds(len(queries)) if seconds is None else seconds)
-    begun = [_begin(query) for query in queries]
-    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
-    numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
-    fits = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
-    for number, found in strategy.fits(problems).items():
-        fits[number] = found.at_given_nodes(numbers[number])
-    return [fits[number] for number in range(len(queries))]
+    for n, found in strategy.fits({n: problem for n, (problem, _) in moving.items()}).items():
+        fits[n] = found.at_given_nodes(moving[n][1])
+    return [fits[n] for n in begun]
 
 
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
@@ -118,275 +124,225 @@ class Strategy:
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
-    def fits(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
+    def fits(self, problems: Problems) -> dict[int, Fit]:
         """The fits in the durations that the settings ask for.
 
         What keeps everything with accelerations of zero at both ends does so where they are free. So a motion
         with free ones is never longer, nor is none found where there is one with zero.
         """
-        timed = {
-            n: problem for n, problem in problems.items() if not isinstance(problem.settings.duration, str)
-        }
-        others = {n: problem for n, problem in problems.items() if n not in timed}
+        timed = {n: one for n, one in problems.items() if not isinstance(one.settings.duration, str)}
+        others = {n: one for n, one in problems.items() if n not in timed}
         return self._in_given_time(timed) | self._in_least_time(others)
 
-    def _in_given_time(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
+    def _in_given_time(self, problems: Problems) -> dict[int, Fit]:
         fits = self.timed(problems)
-        again = {
-            n: problem.resting
-            for n, problem in problems.items()
-            if not problem.rests and fits[n].status is not Status.OK
-        }
-        for n, other in self.timed(again).items():
-            fits[n] = better(fits[n], other)
+        failed = {n: one for n, one in problems.items() if fits[n].status is not Status.OK and not one.rests}
+        for n, other in self.timed({n: one.resting for n, one in failed.items()}).items():
+            fits[n] = _better(fits[n], other)
         return fits
 
-    def _in_least_time(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
-        radii = {
-            n: problem.radius(free_time=problem.settings.duration == MINIMUM)
-            for n, problem in problems.items()
-        }
-        resting = {n: problem.resting for n, problem in problems.items()}
-        best = self._quickest(resting, radii)
-        fits = self._within_limits(resting, best, radii)
-        free = {n: problem for n, problem in problems.items() if not problem.rests}
+    def _in_least_time(self, problems: Problems) -> dict[int, Fit]:
+        best = self._quickest({n: one.resting for n, one in problems.items()})
+        fits = self._within_limits(best)
+        free = {n: one for n, one in problems.items() if not one.rests}
         shortened = {
-            n: attempt
-            for n, problem in free.items()
-            if (attempt := best[n]) is not None and not _stretches(problem) and fits[n].status is Status.OK
+            n: own
+            for n, one in free.items()
+            if (own := best[n]) is not None and not _stretches(one) and fits[n].status is Status.OK
         }
-        found = self._released({n: (problems[n], attempt) for n, attempt in shortened.items()})
-        found |= self._quickest({n: problem for n, problem in free.items() if n not in shortened}, radii)
-        for n, other in self._within_limits(free, found, radii).items():
-            fits[n] = better(other, fits[n])
+        found = self._released(free, shortened)
+        found |= self._quickest({n: one for n, one in free.items() if n not in shortened})
+        for n, other in self._within_limits(found).items():
+            fits[n] = _better(other, fits[n])
         return fits
 
-    def timed(self, problems: dict[int, FitProblem]) -> dict[int, Fit]:
+    def timed(self, problems: Problems) -> dict[int, Fit]:
         """Fits in given durations."""
-        durations = {n: float(problem.settings.duration) for n, problem in problems.items()}
-        radii = {n: problem.radius(free_time=False) for n, problem in problems.items()}
-        possible = {n: problem for n, problem in problems.items() if durations[n] >= problem.bound}
-        attempts = dict.fromkeys(problems) | self._in_time(possible, durations, radii)
-        fits = {
-            n: success(problems[n], attempt, radii[n])
-            for n, attempt in attempts.items()
-            if attempt is not None and attempt.peaks.stretch <= 1
-        }
+        durations = {n: float(one.settings.duration) for n, one in problems.items()}
+        possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
+        attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
+        fits = {n: _success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
         # The shortest motion says whether there is one at all, and what to ask for.
-        left = {n: problem for n, problem in problems.items() if n not in fits}
-        best = self.shortest(left, dict.fromkeys(left, np.inf))
-        fits |= {n: beyond_charts() for n, own in best.items() if own is None}
+        left = {n: one for n, one in problems.items() if n not in fits}
+        best = self.shortest(left, _no_tube)
+        fits |= {n: _beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
-        needed = self._needed({n: left[n] for n in quickest}, quickest, durations)
-        for n, own in quickest.items():
-            problem, duration, enough = left[n], durations[n], needed[n]
-            if (
-                not problem.at_speed and enough is not None and enough <= duration
-            ):  # slowing it keeps all limits
-                fits[n] = success(problem, time_scaled(problem, own, duration), radii[n])
+        for n, needed in self._needed(quickest, durations).items():
+            duration, kept = durations[n], needed is not None and needed <= durations[n]
+            if kept and not left[n].at_speed:
+                fits[n] = _success(_time_scaled(quickest[n], duration))
             else:
-                fits[n] = limits_too_tight(
-                    problem, attempts[n] or time_scaled(problem, own, duration), duration, enough
-                )
+                closest = attempts[n] or _time_scaled(quickest[n], duration)
+                fits[n] = _limits_too_tight(closest, duration, needed)
         return fits
 
-    def _needed(
-        self, problems: dict[int, FitProblem], quickest: dict[int, Attempt], durations: dict[int, float]
-    ) -> dict[int, float | None]:
+    def _needed(self, quickest: dict[int, Attempt], durations: dict[int, float]) -> dict[int, float | None]:
         """Durations in which all limits are kept, from the shortest motions; None where none is found."""
-        found: dict[int, float | None] = {
-            n: own.needed * SAFETY if own.sound else None for n, own in quickest.items()
-        }
-        open_ = {n: problem for n, problem in problems.items() if problem.at_speed}
+        found = {n: own.needed * SAFETY if own.sound else None for n, own in quickest.items()}
+        open_ = {n: own.problem for n, own in quickest.items() if own.problem.at_speed}
         found |= dict.fromkeys(open_)
         longer = {
-            n: max(
-                options.STRATEGY.begin * quickest[n].trajectory.duration,
-                options.STRATEGY.longer * durations[n],
-            )
-            for n in open_
+            n: max(options.STRATEGY.begin * own.trajectory.duration, options.STRATEGY.longer * durations[n])
+            for n, own in quickest.items()
         }
         for look in range(options.STRATEGY.looks):
-            attempts = self._in_time(open_, longer, dict.fromkeys(open_, np.inf))
+            attempts = self._in_time(open_, longer, _no_tube)
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
-            open_ = {n: problem for n, problem in open_.items() if found[n] is None}
+            open_ = {n: one for n, one in open_.items() if found[n] is None}
             longer = {n: longer[n] * options.STRATEGY.longer ** (2**look) for n in open_}
         return found
 
-    def _in_time(
-        self, problems: dict[int, FitProblem], durations: dict[int, float], radii: dict[int, float]
-    ) -> Attempts:
+    def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
         """The first sound attempts within all limits, or the ones nearest to it, in given durations."""
         ladders = {}
         for n, problem in problems.items():
-            full_speed = problem.quickest()
-            hurry = durations[n] / full_speed.duration
+            hurry = durations[n] / problem.quickest.duration
             ladders[n] = Ladder(
-                problem,
-                TrapezoidalProfile.within(durations[n], full_speed.length, problem.rise),
-                rungs(radii[n], in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
+                problem=problem,
+                profile=TrapezoidalProfile.within(durations[n], problem.quickest.length, problem.rise),
+                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
                 duration=durations[n],
+                timing="given",
                 graded=hurry < options.STRATEGY.leisure,
-                limited=True,
-                free_time=False,
                 tighter=options.STRATEGY.tighter,
             )
         return self._climb(ladders)
 
-    def _along(self, problems: dict[int, FitProblem], radii: dict[int, float], *, shortest: bool) -> Attempts:
+    def _along(self, problems: Problems, timing: Timing, radius: Radius = _asked) -> Attempts:
         """The first sound attempts at the quickest pace, or the ones nearest to it.
 
         Args:
             problems: what is fitted.
-            radii: rad, of the tubes.
-            shortest: whether the shortest motion within all limits is looked for; else one without limits, to
-                be stretched to them.
+            timing: of the motions, stretched or shortest.
+            radius: rad, of the tube of each.
         """
-        profiles = {n: problem.quickest() for n, problem in problems.items()}
         return self._climb(
             {
                 n: Ladder(
-                    problem,
-                    profiles[n],
-                    rungs(radii[n]),
-                    duration=options.STRATEGY.begin * profiles[n].duration,
-                    limited=shortest,
-                    free_time=shortest,
+                    problem=problem,
+                    profile=problem.quickest,
+                    rungs=rungs(radius(problem)),
+                    duration=options.STRATEGY.begin * problem.quickest.duration,
+                    timing=timing,
                 )
                 for n, problem in problems.items()
             }
         )
 
-    def _quickest(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
+    def _quickest(self, problems: Problems) -> Attempts:
         """Motions to be stretched to their limits, or the shortest ones, as the settings ask."""
-        stretching = {n: problem for n, problem in problems.items() if _stretches(problem)}
-        others = {n: problem for n, problem in problems.items() if n not in stretching}
-        return self.stretched(stretching, radii) | self.shortest(others, radii)
+        stretching = {n: one for n, one in problems.items() if _stretches(one)}
+        others = {n: one for n, one in problems.items() if n not in stretching}
+        return self.stretched(stretching) | self.shortest(others)
 
-    def stretched(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
+    def stretched(self, problems: Problems) -> Attempts:
         """Motions without limits, to be stretched to them."""
-        best = self._along(problems, radii, shortest=False)
+        best = self._along(problems, "stretched")
         slow = {
-            n: problem
-            for n, problem in problems.items()
+            n: one
+            for n, one in problems.items()
             if (own := best[n]) is not None
             and own.sound
-            and own.needed > options.STRATEGY.slow * problem.bound
-            and problem.settings.node_tube is None
+            and own.needed > options.STRATEGY.slow * one.bound
+            and one.settings.node_tube is None
         }
-        guided = self._along(slow, dict.fromkeys(slow, np.inf), shortest=False)
-        return best | _quicker(guided, best)
+        return best | _quicker(self._along(slow, "stretched", _no_tube), best)
 
-    def shortest(self, problems: dict[int, FitProblem], radii: dict[int, float]) -> Attempts:
+    def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
         Where one from rest to rest is far above the bound, perhaps one without limits, stretched.
         """
-        best = self._along(problems, radii, shortest=True)
+        best = self._along(problems, "shortest", radius)
         slow = {
-            n: problem
-            for n, problem in problems.items()
+            n: one
+            for n, one in problems.items()
             if (own := best[n]) is not None
-            and not problem.at_speed
-            and not (own.sound and own.needed <= options.STRATEGY.detour * problem.bound)
+            and not one.at_speed
+            and not (own.sound and own.needed <= options.STRATEGY.detour * one.bound)
         }
-        tubes = {n: min(radii[n], problem.radius(free_time=False)) for n, problem in slow.items()}
-        return best | _quicker(self._along(slow, tubes, shortest=False), best)
+        return best | _quicker(self._along(slow, "stretched", lambda one: one.width), best)
 
-    def _released(self, given: dict[int, tuple[FitProblem, Attempt]]) -> Attempts:
+    def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """What shortest motions with accelerations of zero at both ends become once they are free.
 
         Found from the path itself the one with free ones may be the longer one: it begins farther away, since
         close to a path such accelerations are large, and may end in another local minimum.
         """
-        return self._attempts(
-            {
-                n: AttemptRequest(
-                    problem=problem,
-                    mesh=attempt.request.mesh,
-                    duration=attempt.solution.duration,
-                    limited=True,
-                    free_time=True,
-                    begin=attempt.solution.coefficients,
-                )
-                for n, (problem, attempt) in given.items()
-            }
-        )
 
-    def _within_limits(
-        self, problems: dict[int, FitProblem], attempts: Attempts, radii: dict[int, float]
-    ) -> dict[int, Fit]:
+        def begin(n: int) -> InitialGuess | None:
+            mesh, own = shortened[n].discrete.mesh, shortened[n].solution
+            return first_curve(problems[n], mesh, own.duration, "shortest", coefficients=own.coefficients)
+
+        return self._attempts(shortened, begin)
+
+    def _within_limits(self, attempts: Attempts) -> dict[int, Fit]:
         """Fits from motions in just the time that their limits allow."""
+        fits = {n: _beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
-        best |= self._slowed({n: problems[n] for n in best if problems[n].at_speed}, best)
-        fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
+        best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
         for n, own in best.items():
-            problem = problems[n]
-            if not problem.at_speed:
-                fits[n] = success(problem, own, radii[n], stretch=True)
+            if not own.problem.at_speed:
+                fits[n] = _success(own, stretch=True)
             elif own.peaks.stretch <= 1:
-                fits[n] = success(problem, own, radii[n])
+                fits[n] = _success(own)
             else:
-                fits[n] = limits_too_tight(problem, own, own.trajectory.duration, None)
+                fits[n] = _limits_too_tight(own, own.trajectory.duration, None)
         return fits
 
-    def _slowed(self, problems: dict[int, FitProblem], attempts: dict[int, Attempt]) -> dict[int, Attempt]:
+    def _slowed(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
         """Motions with rates at the ends in so much more time that they keep all limits.
 
         Scaling the time would change these rates: the curve is fitted again where it is too quick.
         """
-        best = {n: attempts[n] for n in problems}
+        best, open_ = dict(attempts), list(attempts)
         durations = {n: own.trajectory.duration for n, own in best.items()}
-        open_ = dict(problems)
+
+        def begin(n: int, look: int) -> InitialGuess | None:
+            problem, stretch = best[n].problem, best[n].peaks.stretch
+            least, most = options.STRATEGY.tighter
+            tighter = min(least + 2 * max(0.0, stretch - 1), most)
+            # Tighter limits alone take longer by as much.
+            longer = float(np.clip(stretch, 1 + tighter, options.STRATEGY.most_longer))
+            durations[n] *= longer ** (2**look)
+            mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
+            return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
+
         for look in range(options.STRATEGY.looks):
-            open_ = {
-                n: problem
-                for n, problem in open_.items()
-                if not (best[n].peaks.stretch <= 1 and best[n].sound)
-            }
-            requests = {}
-            for n, problem in open_.items():
-                stretch = best[n].peaks.stretch
-                tighter = min(
-                    options.STRATEGY.tighter[0] + 2 * max(0.0, stretch - 1), options.STRATEGY.tighter[1]
-                )
-                # Tighter limits alone take longer by as much.
-                durations[n] *= float(np.clip(stretch, 1 + tighter, options.STRATEGY.most_longer)) ** (
-                    2**look
-                )
-                requests[n] = AttemptRequest(
-                    problem=problem,
-                    mesh=problem.mesh(problem.quickest(), best[n].radius, 1, graded=True),
-                    duration=durations[n],
-                    limited=True,
-                    free_time=False,
-                    tighter=tighter,
-                )
-            made = {n: own for n, own in self._attempts(requests).items() if own is not None}
-            best |= made
-            open_ = {n: problems[n] for n in made}
+            open_ = [n for n in open_ if not (best[n].peaks.stretch <= 1 and best[n].sound)]
+            made = self._attempts(open_, partial(begin, look=look))
+            open_ = [n for n, own in made.items() if own is not None]
+            best.update({n: own for n, own in made.items() if own is not None})
         return best
 
     def _climb(self, ladders: dict[int, Ladder]) -> Attempts:
         """The best attempts on ladders; the next ones of all are made together."""
-        requests = {n: request for n, own in ladders.items() if (request := own.next_request())}
-        while requests:
-            for n, made in self._attempts(requests).items():
+
+        def begin(n: int) -> InitialGuess | None:
+            return ladders[n].first_curve()
+
+        open_ = list(ladders)
+        while open_:
+            for n, made in self._attempts(open_, begin).items():
                 ladders[n].accept(made)
-            requests = {n: request for n in requests if (request := ladders[n].next_request())}
+            open_ = [n for n in open_ if ladders[n].rungs]
         return {n: own.best for n, own in ladders.items()}
 
-    def _attempts(self, requests: dict[int, AttemptRequest]) -> Attempts:
-        with self.seconds.shared(list(requests)):
-            return dict(zip(requests, make_attempts(list(requests.values())), strict=True))
+    def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
+        """Attempts of some fits, from what tells the first curve of each."""
+        numbers = list(which)
+        if not numbers:
+            return {}
+        with self.seconds.shared(numbers):
+            return dict(zip(numbers, make_attempts([begin(n) for n in numbers]), strict=True))
 
 
-def time_scaled(problem: FitProblem, attempt: Attempt, duration: float) -> Attempt:
+def _time_scaled(attempt: Attempt, duration: float) -> Attempt:
     """The same motion in another duration."""
     curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
     for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
         breaks[-1] = duration  # to the last bit
-    return replace(attempt, trajectory=curve, peaks=peaks(curve, problem.spacecraft))
+    return replace(attempt, trajectory=curve, peaks=peaks(curve, attempt.problem.spacecraft))
 
 
 def _stretches(problem: FitProblem) -> bool:
@@ -396,11 +352,71 @@ def _stretches(problem: FitProblem) -> bool:
 
 def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
     """Those of the other attempts that are sound and quicker than the first ones, once these keep limits."""
-    found: Attempts = {}
-    for n, other in others.items():
-        own = attempts[n]
+
+    def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
         if other is None or own is None or not other.sound:
-            continue
-        if not own.sound or other.needed < own.needed:
-            found[n] = other
-    return found
+            return False
+        return not own.sound or other.needed < own.needed
+
+    return {n: other for n, other in others.items() if is_quicker(other, attempts[n])}
+
+
+def _better(fit: Fit, other: Fit) -> Fit:
+    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
+
+    def key(one: Fit) -> tuple[bool, bool, float]:
+        found, curve = one.status is Status.OK, one.trajectory
+        time = curve.duration if found and curve is not None else one.needed_duration
+        return not found, curve is None, np.inf if time is None else time
+
+    return min(fit, other, key=key)
+
+
+def _success(attempt: Attempt, *, stretch: bool = False) -> Fit:
+    """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
+    curve, problem = attempt.trajectory, attempt.problem
+    if stretch:
+        curve = curve.scaled(attempt.peaks.stretch * SAFETY)
+    broken = None
+    if attempt.breach is not None:
+        device, depth = attempt.breach
+        broken = f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg", "a larger search.clearance_deg"
+    elif not attempt.peaks.in_range:
+        broken = "a joint leaves its range", "start and goal farther inside, or lower joint rates there"
+    if broken is not None:
+        message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
+        return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
+    nearest = attempt.peaks.names[attempt.peaks.binding]
+    share = excess(curve.duration, problem.bound)
+    above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
+    message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
+    if attempt.radius > problem.radius:
+        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
+        how = wide if np.isfinite(attempt.radius) else "only a first guess"
+        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
+        message = f"{message}; {note}"
+    origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
+    return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
+
+
+def _limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
+    """The fit that breaks a limit, and in what time it would not."""
+    problem, enough = closest.problem, None
+    if needed is not None:
+        enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
+    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
+    return Fit(
+        trajectory=closest.trajectory,
+        status=Status.LIMITS_TOO_TIGHT,
+        message=too_tight(duration, closest.peaks, enough, else_try),
+        needed_duration=needed,
+    )
+
+
+def _beyond_charts() -> Fit:
+    """The fit of a path that no chart holds."""
+    message = (
+        f"the nodes lie more than {np.rad2deg(options.CHART.reach):.0f} deg off the steady rotation "
+        'from start to goal: set trajectory.method to "paper"'
+    )
+    return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)

@@ -128,8 +128,8 @@ def test_fits_agree_in_stacks_of_few(queries, monkeypatch):
     """Stacks are split where they are large, which here they are not."""
     given = [*asked(queries, "global", 80.0), *asked(queries, "paper", 80.0)]
     expected = fit_batch(given)
-    monkeypatch.setattr(options, "SQP", replace(options.SQP, together=4))
-    monkeypatch.setattr(options, "BOX_QP", replace(options.BOX_QP, together=3))
+    monkeypatch.setattr(options.SQP, "together", 4)
+    monkeypatch.setattr(options.BOX_QP, "together", 3)
     for one, other in zip(fit_batch(given), expected, strict=True):
         expect_to_agree(one, other)
 

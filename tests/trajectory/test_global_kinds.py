@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 from builders import make_spacecraft
+from fits import problem_of, stack_at
 from held_plans import metric
 from kinds import Row, least_margins, pair_margins_of, row_values, seen_by, table
 from node_paths import wandering
@@ -20,13 +21,11 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
-from jaxplan.trajectory.attempts import _breach
-from jaxplan.trajectory.chart import fitting
-from jaxplan.trajectory.constraints import MarginBlock, Step
+from jaxplan.trajectory.attempts import Attempt
+from jaxplan.trajectory.constraints import MarginBlock
 from jaxplan.trajectory.derivative import refit
 from jaxplan.trajectory.measures import least_margin
-from jaxplan.trajectory.motion import evaluate
-from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.motion import margin_reach, margin_slopes
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import Basis
 
@@ -243,7 +242,7 @@ def told():
 
 
 def shifted(rows, share):
-    """ActiveRows and spacecraft, all of whose angles and directions are moved by a share of some step."""
+    """Rows and spacecraft, all of whose angles and directions are moved by a share of some step."""
     rng = np.random.default_rng(4)
 
     def turned(vectors):
@@ -320,7 +319,7 @@ def unit(*shape):
 
 
 def random_problem(mount):
-    """ActiveRows of all kinds that bind all sights they may, about a chart of its own."""
+    """Rows of all kinds that bind all sights they may, about a chart of its own."""
     craft = make_spacecraft(2, 1)
     craft = replace(craft, terminals=(craft.terminals[0], replace(craft.terminals[1], mount=mount)))
     rows = []
@@ -332,23 +331,23 @@ def random_problem(mount):
         row = Row(frame=frame, axis=axis, partner=partner, side=side, bound=bound, half_angle=half_angle)
         rows.append([[row]])
     cones = table(rows, 3, body=unit(1), carrier=RNG.permutation(2), carried=unit(2))
-    nodes = wandering(5, 2, seed=1, step=0.4)
-    return System(chart=fitting(nodes.attitudes, np.linspace(0, 1, 6))[0], spacecraft=craft, cones=cones)
+    return problem_of(wandering(5, 2, seed=1, step=0.4), craft, cones)
 
 
 PROBLEMS = [random_problem(0.5), random_problem(-2.0)]
+STACK = stack_at(PROBLEMS, PLACES)
 CURVES = RNG.normal(size=(2, 4, len(PLACES), 7))
 
 
-def motion(curves):
-    return evaluate(PROBLEMS, np.stack([PLACES, PLACES]), curves)
+def motion(curves, stack=STACK):
+    return stack.iterates(curves.reshape(2, -1, 7), np.ones(2))
 
 
 def test_margins_of_a_stack_are_those_of_rotations():
     own = motion(CURVES)
-    for number, system in enumerate(PROBLEMS):
+    for number, problem in enumerate(PROBLEMS):
         margins = pair_margins_of(
-            system.spacecraft, system.cones, own.attitude[number], CURVES[number, 0, :, 3:]
+            problem.spacecraft, problem.cones, own.attitude[number], CURVES[number, 0, :, 3:]
         )
         np.testing.assert_allclose(own.margins[number], margins, atol=1e-12)
 
@@ -360,7 +359,7 @@ def test_of_a_constraint_only_the_rows_of_its_best_entries_to_both_places_beside
         bound = np.isin(np.arange(6), (0, 3))
         cones = [replace(one.cones, bound=one.cones.bound & bound, **changes) for one in PROBLEMS]
         own = [replace(one, cones=rows) for one, rows in zip(PROBLEMS, cones, strict=True)]
-        return evaluate(own, np.stack([PLACES, PLACES]), CURVES).margins
+        return motion(CURVES, stack_at(own, PLACES)).margins
 
     every, found = looked_at(), looked_at(entry=entry, group=group, nested=True)
     of_rows = every.min(axis=2)
@@ -380,7 +379,7 @@ def test_of_a_constraint_only_the_rows_of_its_best_entries_to_both_places_beside
 def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():
     own, step = motion(CURVES), 1e-6
     index = np.nonzero(np.isfinite(own.margins))
-    slopes = own.margin_slopes(*index)
+    slopes = margin_slopes(own, *index)
     for axis in range(7):
         change = np.zeros_like(CURVES)
         change[:, 0, :, axis] = step
@@ -391,11 +390,11 @@ def test_slopes_of_margins_are_those_of_differences_for_every_kind_of_row():
 def test_no_step_changes_a_margin_by_more_than_its_reach_and_what_cannot_move_has_none():
     own, which = motion(CURVES), np.array([1])
     index = np.nonzero(np.isfinite(own.margins[which]))
-    slopes = own.margin_slopes(index[0] + 1, *index[1:])
+    slopes = margin_slopes(own, index[0] + 1, *index[1:])
     closest = np.zeros(len(KINDS))
     for _ in range(50):
         step = RNG.normal(size=(1, len(PLACES), 7)) * RNG.integers(0, 2, 7)
-        reach = own.reach(step, which)[index]
+        reach = margin_reach(own, which, step)[index]
         change = np.abs(np.einsum("ra,ra->r", slopes, step[0, index[1]]))
         assert np.all(change <= reach * (1 + 1e-12))
         shares = np.divide(change, reach, out=np.zeros_like(change), where=reach > 0)
@@ -404,20 +403,21 @@ def test_no_step_changes_a_margin_by_more_than_its_reach_and_what_cannot_move_ha
     step = np.zeros((1, len(PLACES), 7))
     step[..., :3] = 1.0
     frames = np.array([frame for frame, _, _ in KINDS])
-    np.testing.assert_array_equal(np.any(own.reach(step, which)[0] > 0, axis=(0, 1)), frames == INERTIAL)
+    np.testing.assert_array_equal(
+        np.any(margin_reach(own, which, step)[0] > 0, axis=(0, 1)), frames == INERTIAL
+    )
 
 
 def test_rows_that_a_step_may_reach_lose_what_their_slopes_say():
     rows = BASIS.rows(PLACES)
     coefficients, change = RNG.normal(size=(2, BASIS.size, 7))
-    curves = np.stack([rows @ coefficients[::-1], rows @ coefficients])
-    own = motion(curves)
-    zones = MarginBlock(own, np.stack([rows, rows]), own.margins - 0.01)
-    step = Step(np.array([1]), 0.05 * change[None], 0.05 * (rows @ change)[None], np.zeros(1))
-    lessened, bound = zones.change(step)[0], np.isfinite(own.margins[1])
-    index = np.nonzero(bound)
-    every = (np.ones_like(index[0]), *index)
-    by_slopes = np.einsum("ran,na->r", zones.slopes(every).full, step.coefficients[0])
+    stack = stack_at(PROBLEMS, PLACES, rows)
+    at = stack.iterates(np.stack([coefficients[::-1], coefficients]), np.ones(2))
+    zones, change = MarginBlock(at=at, slack=at.margins - 0.01), 0.05 * change
+    lessened = zones.change(np.array([1]), change[None], (rows @ change)[None])[0]
+    index = np.nonzero(np.isfinite(at.margins[1]))
+    axes, basis = zones.slopes((np.ones_like(index[0]), *index))
+    by_slopes = np.einsum("rja,rjn,na->r", axes, basis, change)
     looked = lessened[index] != 0
     assert 0.1 < looked.mean() < 0.9
     np.testing.assert_allclose(lessened[index][looked], by_slopes[looked], rtol=1e-9)
@@ -427,13 +427,18 @@ def test_rows_that_a_step_may_reach_lose_what_their_slopes_say():
 
 def test_what_breaks_a_row_goes_by_the_name_of_what_it_is_fixed_to():
     rows = fits()["all"][0]
-    problem = SimpleNamespace(spacecraft=CRAFT, cones=rows)
+    discrete = SimpleNamespace(problem=SimpleNamespace(spacecraft=CRAFT, cones=rows))
+
+    def breach(margins):
+        solution = SimpleNamespace(margins=margins)
+        return Attempt(discrete=discrete, solution=solution, trajectory=None, peaks=None).breach
+
     called = []
     for sight in range(8):
         margins = np.full((5, 8, len(rows.axis)), 0.1)
-        assert _breach(margins, problem) is None
+        assert breach(margins) is None
         margins[3, sight, 1] = -0.2
-        name, depth = _breach(margins, problem)
+        name, depth = breach(margins)
         called.append(name)
         assert depth == 0.2
     assert called == ["terminal-1", "terminal-2", "camera-1", "the body", *["terminal-2"] * 4]

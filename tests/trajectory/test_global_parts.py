@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from builders import make_spacecraft
+from fits import problem_of, stack_at
 from node_paths import load, turning, wandering
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
@@ -14,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.chart import farthest, fitting
-from jaxplan.trajectory.motion import evaluate
-from jaxplan.trajectory.problem import System
-from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, shortest_time
+from jaxplan.trajectory.motion import load_slopes, margin_slopes
+from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, edge_turns, shortest_time
 from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, weighted
 
 RNG = np.random.default_rng(3)
@@ -115,8 +115,8 @@ def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
     basis, duration = Basis.on(UNEVEN), 17.0
     values, rates = rng.normal(size=(2, 4)), rng.normal(size=(2, 4))
     places, nodes = np.array([0.11, 0.42, 0.5, 0.93]), rng.normal(size=(4, 4))
-    space = CurveSpace.of(basis, values, rates, rest=rest)
-    for one in (space, space.through(places, nodes)):
+    space = CurveSpace.of(basis, values, rates, rest)
+    for one in (space, CurveSpace.of(basis, values, rates, rest, places, nodes)):
         coefficients = one.fixed + duration * one.by_time + one.free @ rng.normal(size=(one.free.shape[1], 4))
         at_ends = basis.rows(np.array([0.0, 1.0])) @ coefficients
         np.testing.assert_allclose(at_ends[0], values, atol=1e-12)
@@ -133,7 +133,7 @@ def test_all_curves_of_a_space_meet_its_ends_and_pass_its_nodes(rest):
 def test_the_energy_is_the_weighted_integral_of_squares_over_time():
     rng = np.random.default_rng(6)
     basis, duration, weights = Basis.on(UNEVEN), 17.0, (0.7, 30.0, 900.0)
-    space = CurveSpace.of(basis, np.zeros((2, 1)), np.zeros((2, 1)), rest=True)
+    space = CurveSpace.of(basis, np.zeros((2, 1)), np.zeros((2, 1)), True)
     coefficients = rng.normal(size=basis.size)
     nodes, shares = np.polynomial.legendre.leggauss(12)
     half = np.diff(UNEVEN)[:, None] / 2
@@ -151,7 +151,7 @@ TURNS += [list(range(0, 331, 30)), [0, 100, 200, 100, 0]]
 @pytest.mark.parametrize("path", [turning(t, (1, 2, -1)) for t in TURNS] + [load("astar_c3"), load("rrt_c2")])
 def test_coordinates_in_the_chart_give_the_attitudes_back(path):
     places = np.linspace(0, 1, path.edges + 1)
-    chart, b = fitting(path.attitudes, places)
+    chart, b = fitting(path.attitudes, edge_turns(path.attitudes), places)
     half = Rotation.from_rotvec(places[:, None] * chart.turn / 2)
     eta = Rotation.from_rotvec(b - places[:, None] * chart.turn)
     again = (Rotation.from_matrix(chart.attitude) * half * eta * half).as_matrix()
@@ -177,20 +177,18 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
         craft = replace(craft, inertia=FULL, torque_limit=0.1, wheel_momentum_limit=np.array([1.0, 2.0, 3.0]))
     if jerky:
         craft = replace(craft, jerk_limit=0.1)
-    path = wandering(5, 3, seed=1, step=0.4)
-    chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
     zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
-    system = System(chart=chart, spacecraft=craft, cones=zones)
-    places, curves = np.linspace(0.1, 0.9, 4), rng.normal(size=(4, 4, 9))
-    curves = np.stack([rng.normal(size=curves.shape), curves])  # the second of two is looked at
+    problem = problem_of(wandering(5, 3, seed=1, step=0.4), craft, zones)
+    stack = stack_at([problem, problem], np.linspace(0.1, 0.9, 4))
+    curves = rng.normal(size=(2, 4, 4, 9))  # the second of two is looked at
 
     def both(curves):
-        return evaluate([system, system], np.stack([places, places]), curves)
+        return stack.iterates(curves.reshape(2, 16, 9), np.ones(2))
 
-    motion, step = both(curves), 1e-5
-    assert len(system.names) == motion.loads.shape[2] == 2 + 2 * dynamic + jerky
-    index = np.nonzero(np.isfinite(motion.margins))
-    slopes = motion.margin_slopes(*index)
+    at, step = both(curves), 1e-5
+    assert len(problem.names) == at.loads.shape[2] == 2 + 2 * dynamic + jerky
+    index = np.nonzero(np.isfinite(at.margins))
+    slopes, of_loads = margin_slopes(at, *index), load_slopes(at, 1)
     for axis in range(9):
         for d in range(4):
             change = np.zeros_like(curves)
@@ -198,7 +196,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
             ahead, behind = (both(curves + sign * change) for sign in (1, -1))
             if axis < 3:
                 found = (ahead.loads - behind.loads)[1] / (2 * step)
-                np.testing.assert_allclose(motion.load_slopes(1)[..., d, axis], found, atol=1e-6, rtol=1e-6)
+                np.testing.assert_allclose(of_loads[..., d, axis], found, atol=1e-6, rtol=1e-6)
             if d == 0:
                 found = (ahead.margins[index] - behind.margins[index]) / (2 * step)
                 np.testing.assert_allclose(slopes[:, axis], found, atol=1e-7)

@@ -38,7 +38,7 @@ def searches():
 
 def program(search):
     """Objectives, rows and their program's answer at the curves of a search."""
-    quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+    quadratic = search.program(search.at, np.zeros(len(search.value)))
     return quadratic, solve(quadratic, search.multipliers)
 
 
@@ -55,7 +55,7 @@ def test_a_programs_own_multipliers_promise_what_it_does(searches):
         every = np.arange(len(search.value))
         promise = decrease_bound(quadratic, proposal.multipliers, every)
         done = lowered(quadratic, proposal.coefficients)
-        # ActiveRows that are broken for their penalty, or by next to nothing, pay as well.
+        # Rows that are broken for their penalty, or by next to nothing, pay as well.
         sound = search.at.is_sound
         assert np.all(promise >= done - 1e-9 * search.value)
         np.testing.assert_allclose(promise[sound], done[sound], rtol=1e-4, atol=1e-6)
@@ -80,12 +80,12 @@ def test_where_the_last_multipliers_promise_little_the_next_program_does_little(
     stopped = 0
     for search in searches:
         _, proposal = program(search)
-        quadratic = search.objective.program(search.at, np.zeros(len(search.value)), search.penalty)
+        quadratic = search.program(search.at, np.zeros(len(search.value)))
         before = decrease_bound(quadratic, search.multipliers, np.arange(len(search.value)))
-        after = search.objective.energy(search.at) - lowered(quadratic, proposal.coefficients)
+        after = search.energy(search.at) - lowered(quadratic, proposal.coefficients)
         stops = search.at.is_sound & (before <= 1e-3 * search.value)
         stopped += np.sum(stops)
-        assert np.all(after[stops] >= (1 - 1e-3) * search.objective.energy(search.at)[stops] - 1e-9)
+        assert np.all(after[stops] >= (1 - 1e-3) * search.energy(search.at)[stops] - 1e-9)
     assert stopped > 10
 
 
@@ -103,7 +103,7 @@ def test_the_less_a_step_must_be_worth_the_nearer_a_fit_ends_to_its_optimum(sear
             ends[ftol] = np.stack([solution.coefficients for solution in sqp.improve(begins)])
         rough, exact = (search.stack.iterates(ends[ftol], search.at.duration) for ftol in (1e-3, 1e-6))
         clean = rough.is_sound & exact.is_sound
-        more = search.objective.energy(rough) - search.objective.energy(exact)
+        more = search.energy(rough) - search.energy(exact)
         assert np.all(more[clean] >= -1e-6 * search.value[clean])
         nearer += np.sum(more[clean] > 1e-6 * search.value[clean])
     assert nearer > 5

@@ -1,24 +1,15 @@
-"""ActiveRows of the method "global": the room that they tell of, and how a step and time change it."""
+"""Rows of the method "global": the room that they tell of, and how a step and time change it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from builders import make_spacecraft
+from fits import problem_of, stack_at
 from node_paths import wandering
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.chart import fitting
-from jaxplan.trajectory.constraints import (
-    JointDerivativeBlock,
-    JointRangeBlock,
-    LoadBlock,
-    MarginBlock,
-    Step,
-    TubeBlock,
-)
-from jaxplan.trajectory.motion import evaluate
-from jaxplan.trajectory.problem import System
+from jaxplan.trajectory.constraints import LinearBlock, LoadBlock, MarginBlock
 from jaxplan.trajectory.splines import Basis
 
 RNG = np.random.default_rng(8)
@@ -30,7 +21,13 @@ STEP = 1e-5
 
 def step(which, change):
     """A change (n, A) of one of two curves."""
-    return Step(np.array([which]), change[None], (ROWS @ change)[None], np.zeros(1))
+    return np.array([which]), change[None], (ROWS @ change)[None]
+
+
+def by_slopes(block, index, change):
+    """By how much a change (n, A) lessens the slack of some rows."""
+    axes, basis = block.slopes(index)
+    return np.einsum("rja,rjn,na->r", axes, basis, change)
 
 
 def two(arrays):
@@ -50,14 +47,14 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
     both = np.stack([other, coefficients])
 
     def block(c):
+        power = {"rates": 1, "accelerations": 2}.get(sort, 0)
+        of_sort = {"matrix": two(basis.differences[power]), "scale": two(1 / limits) / [[2], [1]]}
         if sort == "tube":
-            return TubeBlock(c, two(rows), two(nodes) + np.array([[[1]], [[0]]]), two(radius) * [[2], [1]])
+            centre = two(nodes) + np.array([[[1]], [[0]]])
+            of_sort = {"matrix": two(rows), "centre": centre, "scale": two(1 / radius) / [[2], [1]]}
         if sort == "ranges":
-            return JointRangeBlock(c, two(limits) * [[2], [1]])
-        power = 1 if sort == "rates" else 2
-        return JointDerivativeBlock(
-            c, sort, power, two(basis.differences[power]), two(1 / limits) * [[2], [1]]
-        )
+            of_sort |= {"scale": np.ones((2, 2)), "bound": (two(limits) * [[2], [1]])[:, None, None]}
+        return LinearBlock(name=sort, power=power, tolerance=0.1, coefficients=c, **of_sort)
 
     def room(c):
         """By how much values may grow, and fall, before they are at a bound."""
@@ -70,16 +67,14 @@ def test_linear_rows_are_the_room_that_a_curve_leaves_and_how_a_step_lessens_it(
         return np.stack([1 - shares, 1 + shares])
 
     own = block(both)
-    assert own.time == {"rates": -1.0, "accelerations": -2.0}.get(sort, 0.0)
-    lessened = own.change(step(1, change))
+    lessened = own.change(*step(1, change))
     assert np.allclose(own.slack[1], room(coefficients), rtol=0, atol=1e-12)
     assert np.allclose(own.slack[1] - lessened[0], room(coefficients + change), rtol=0, atol=1e-12)
     index = every(1, own.slack.shape[1:])
-    by_slopes = np.einsum("ran,na->r", own.slopes(index).full, change)
-    assert np.allclose(by_slopes, lessened[0][index[1:]], rtol=0, atol=1e-12)
+    assert np.allclose(by_slopes(own, index, change), lessened[0][index[1:]], rtol=0, atol=1e-12)
 
 
-def system():
+def stack():
     """Three terminals and a camera among zones, with limits of everything."""
     craft = replace(
         make_spacecraft(3, 1),
@@ -88,25 +83,26 @@ def system():
         wheel_momentum_limit=np.array([1.0, 2.0, 3.0]),
         jerk_limit=0.1,
     )
-    path = wandering(5, 3, seed=1, step=0.4)
-    chart, _ = fitting(path.attitudes, np.linspace(0, 1, 6))
     axes = RNG.normal(size=(4, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     out, inside = (
         [kind(name=f"{i}", direction=axes[i], half_angle=1.0, devices=craft.device_names) for i in numbers]
         for kind, numbers in ((KeepOut, (0, 1)), (KeepIn, (2, 3)))
     )
-    return System(chart=chart, spacecraft=craft, cones=tabulate(out, inside, craft.device_names))
+    cones = tabulate(out, inside, craft.device_names)
+    problem = problem_of(wandering(5, 3, seed=1, step=0.4), craft, cones)
+    return stack_at([problem, problem], PLACES, ROWS)
 
 
-PROBLEM = system()
+STACK = stack()
+PROBLEM = STACK.members[0].problem
 COEFFICIENTS, CHANGE = RNG.normal(size=(2, BASIS.size, 9))
 
 
 def motion(coefficients):
     """Of two curves, the second with these coefficients."""
     both = np.stack([coefficients[::-1], coefficients])
-    return evaluate([PROBLEM, PROBLEM], two(PLACES), ROWS @ both[:, None])
+    return STACK.iterates(both, np.ones(2))
 
 
 def every(curve, shape):
@@ -122,24 +118,29 @@ def differences(room, change=CHANGE):
 
 @pytest.mark.parametrize("load", range(5))
 def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
-    name, power, limit = PROBLEM.names[load], int(PROBLEM.powers[load]), np.array([0.7, 1.3, 2.0])
+    quantity, limit = PROBLEM.limits[load].quantity, np.array([0.7, 1.3, 2.0])
 
     def room(coefficients):
         shares = motion(coefficients).loads[1, :, load] / limit
         return np.stack([1 - shares, 1 + shares], axis=1)
 
-    own = LoadBlock(name, power, motion(COEFFICIENTS), load, two(1 / limit) * [[2], [1]], two(ROWS))
+    own = LoadBlock(
+        name=quantity.name,
+        power=quantity.power,
+        load=load,
+        at=motion(COEFFICIENTS),
+        scale=two(1 / limit) * [[2], [1]],
+    )
     np.testing.assert_allclose(own.slack[1], room(COEFFICIENTS), rtol=1e-12)
-    lessened = own.change(step(1, CHANGE))[0]
+    lessened = own.change(*step(1, CHANGE))[0]
     found = differences(room)
     np.testing.assert_allclose(lessened, found, atol=1e-6 * np.abs(found).max())
     index = every(1, lessened.shape)
-    by_slopes = np.einsum("ran,na->r", own.slopes(index).full, CHANGE)
-    np.testing.assert_allclose(by_slopes, lessened[index[1:]], rtol=1e-9)
+    np.testing.assert_allclose(by_slopes(own, index, CHANGE), lessened[index[1:]], rtol=1e-9)
     # At the limit the share falls with the power of the duration.
-    longer = replace(own, scale=own.scale / (1 + STEP) ** power)
+    longer = replace(own, scale=own.scale / (1 + STEP) ** quantity.power)
     gained = (longer.slack - own.slack) / STEP / (1 - own.slack)
-    np.testing.assert_allclose(-own.time, gained, rtol=1e-3)
+    np.testing.assert_allclose(own.power, gained, rtol=1e-3)
     # Of two curves one is far from its limit all along.
     assert np.all(own.may_bind)
     far = replace(own, scale=own.scale * np.array([[0.4 / np.abs(1 - own.slack[0]).max()], [1]]))
@@ -153,29 +154,29 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
         margins = motion(coefficients).margins
         return np.where(np.isfinite(margins), margins, 9.0) - wanted  # 9 where a zone does not bind
 
-    own = MarginBlock(motion(COEFFICIENTS), two(ROWS), room(COEFFICIENTS))
+    own = MarginBlock(at=motion(COEFFICIENTS), slack=room(COEFFICIENTS))
     # Of all axes, of each joint alone, and next to nothing.
     for change in (
         0.1 * CHANGE,
         *(CHANGE * (np.arange(9) == axis) for axis in range(3, 9)),
         1e-7 * CHANGE,
     ):
-        lessened, found = own.change(step(1, change))[0], differences(room, change)[1]
+        lessened, found = own.change(*step(1, change))[0], differences(room, change)[1]
         looked = lessened != 0
         assert 0.01 < looked.mean() < 0.9
         np.testing.assert_allclose(lessened[looked], found[looked], rtol=1e-5, atol=1e-7)
         assert np.all(own.slack[1] >= found + own.tolerance, where=~looked & (found != 0))
         index = np.nonzero(looked)
-        by_slopes = np.einsum("ran,na->r", own.slopes((np.ones_like(index[0]), *index)).full, change)
-        np.testing.assert_allclose(by_slopes, lessened[looked], rtol=1e-9)
+        found = by_slopes(own, (np.ones_like(index[0]), *index), change)
+        np.testing.assert_allclose(found, lessened[looked], rtol=1e-9)
     unbound = replace(own, slack=own.slack * np.array([1, np.inf])[:, None, None, None])
     np.testing.assert_array_equal(unbound.may_bind, [True, False])
-    assert own.time == 0.0  # an angle does not change with time
+    assert own.power == 0  # an angle does not change with time
 
 
 def test_of_places_next_to_each_other_one_in_four_is_held_and_the_last_and_those_with_the_least_room():
     room = RNG.normal(size=(23, 2, 3))
-    own = LoadBlock("rate", 1, motion(COEFFICIENTS), 0, np.ones((2, 3)), two(ROWS))
+    own = LoadBlock(name="rate", power=1, load=0, at=motion(COEFFICIENTS), scale=np.ones((2, 3)))
     chosen = own.chosen(np.ones((1, *room.shape), dtype=bool), room[None], np.array([1]))[0]
     for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
         least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]

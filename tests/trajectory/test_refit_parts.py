@@ -63,27 +63,28 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
         np.testing.assert_allclose(own, other, rtol=1e-12, atol=1e-12)  # the pace is that of the fit
     np.testing.assert_allclose(inputs.moved, 0, atol=1e-12)
     np.testing.assert_allclose(inputs.duration, duration, rtol=1e-12)
-    system, space, places = discrete.system, discrete.space, origin.attempt.request.mesh.places
-    chart, count = system.chart, len(places)
+    space, places = discrete.space, discrete.mesh.places
+    chart, count = discrete.chart, len(places)
     expected = {
         "attitude": chart.attitude,
         "turn": chart.turn,
-        "limits": system.limits,
-        "wanted": discrete.wanted,
-        "inertia": system.inertia,
+        "limits": discrete.share * np.stack([limit.bound for limit in problem.limits]),
+        "wanted": problem.wanted,
+        "inertia": problem.inertia,
     }
     for part, own in expected.items():
         np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
-    assert inputs.load_powers == tuple(system.powers)
+    assert inputs.load_powers == tuple(limit.quantity.power for limit in problem.limits)
     np.testing.assert_allclose(offset, space.fixed + duration * space.by_time, rtol=1e-11, atol=1e-13)
-    nodes = np.concatenate([chart.coordinates(problem.attitudes, places), problem.joints], axis=1)
+    nodes = np.concatenate(
+        [chart.coordinates(problem.attitudes, problem.turns, places), problem.joints], axis=1
+    )
     np.testing.assert_allclose(inputs.nodes[:count], nodes, atol=1e-12)
-    energy = weighted(space.energies[None], np.array([duration]), np.array([discrete.weights]))[0]
+    energy = weighted(space.energies[None], np.array([duration]), np.array([problem.weights]))[0]
     np.testing.assert_allclose(energy_form / energy_form.max(), energy / energy.max(), atol=1e-13)
     rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
-    radius = (
-        [] if discrete.tube is None else discrete.tube.radius
-    )  # there is none where nodes are passed exactly
+    # There is no tube where nodes are passed exactly.
+    radius = discrete.tube_radius if len(discrete.tube_rows) else []
     scales = np.concatenate([*rates, craft.joint_limits, radius])
     found = inputs.scales * duration**inputs.powers
     np.testing.assert_allclose(found[: len(scales)], scales, rtol=1e-12)

@@ -185,9 +185,13 @@ def smooth(x: np.ndarray, k: int) -> np.ndarray:
     return np.stack([np.sin(5 * x + k), x**7 - 0.3 * k, np.exp(x) * np.cos(9 * x), np.zeros_like(x)], axis=-1)
 
 
+def largest(values: np.ndarray) -> np.ndarray:
+    return peaks.largest([values])[0]
+
+
 def test_peaks_between_the_points_are_found():
     x = np.cos(np.pi * np.arange(65) / 64)
-    found = peaks.largest(np.stack([smooth(x, k) for k in range(3)]))
+    found = largest(np.stack([smooth(x, k) for k in range(3)]))
     grid = np.linspace(-1, 1, 2001)
     for quantity in range(4):
         best = 0.0
@@ -214,7 +218,7 @@ def test_of_two_pieces_whose_peaks_are_all_but_equal_the_higher_one_is_found():
     series /= np.abs(np.cos(np.outer(theta, k)) @ series).max(axis=1, keepdims=True)
     series[rng.integers(0, 2, 200), :, np.arange(200)] *= 1 + 1e-4
     values = np.cos(np.pi * np.outer(k, k) / 12) @ series
-    np.testing.assert_allclose(peaks.largest(values), 1 + 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(largest(values), 1 + 1e-4, rtol=1e-6)
 
 
 def test_points_that_do_not_tell_what_is_between_them_are_found():
@@ -222,12 +226,12 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
         x = np.cos(np.pi * np.arange(points) / (points - 1))
         return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
 
-    of_two = np.concatenate([values(13, 0.5), values(13, 9.0)])
-    np.testing.assert_array_equal(peaks.are_resolved(of_two, np.array([0, 3])), [True, False])
+    assert peaks.is_resolved(values(13, 0.5))
+    assert not peaks.is_resolved(values(13, 9.0))
     odd = np.sin(9 * np.cos(np.pi * np.arange(13) / 12))[None, :, None]  # its last term is zero
-    assert not peaks.are_resolved(odd, np.zeros(1, int))
-    assert peaks.are_resolved(values(37, 9.0), np.zeros(1, int))
-    few, many = (peaks.largest(values(points, 0.5)) for points in (13, 37))
+    assert not peaks.is_resolved(odd)
+    assert peaks.is_resolved(values(37, 9.0))
+    few, many = (largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
 
 
@@ -250,7 +254,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
 def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
-    assert np.all(np.isnan(peaks.largest(values)))
+    assert np.all(np.isnan(largest(values)))
 
 
 def test_a_joint_beyond_its_range_between_nodes_is_told():
