@@ -14,7 +14,7 @@ from jaxplan.search.kernels import Expansion, Moves, expansion_call, straight_ca
 from jaxplan.search.motions import EDGE_INTERVALS, ONWARD_INTERVALS, STRAIGHT_INTERVALS
 from jaxplan.search.problem import Scene, steps_between
 from jaxplan.search.tree import Node, chosen, make_root
-from jaxplan.table4 import make_problem
+from jaxplan.study.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
 LAST_SCALE = len(mha.SCALES) - 1  # the number of an expansion with short moves
