@@ -84,7 +84,7 @@ class Task:
         every = range(len(self.scenes))
         numbers = tuple(n for block in blocks for n in every[block * BLOCK : (block + 1) * BLOCK])
         scenes: tuple[Any, ...] = tuple(self.scenes[number] for number in numbers)
-        return Chunk(**{**vars(self), "scenes": scenes}, numbers=numbers)
+        return Chunk(**vars(replace(self, scenes=scenes)), numbers=numbers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
