@@ -26,6 +26,11 @@ _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 
 def add_commands(commands: Any) -> None:
     """Tell the parser of them."""
+    _add_study(commands)
+    _add_table4(commands)
+
+
+def _add_study(commands: Any) -> None:
     study = command(
         commands,
         "study",
@@ -52,6 +57,9 @@ def add_commands(commands: Any) -> None:
         "-o", "--out", metavar="DIR", help="keep the study there; with --report, write figures there"
     )
     study.add_argument("--json", action="store_true", help="print the summary for machines")
+
+
+def _add_table4(commands: Any) -> None:
     table4 = command(
         commands,
         "table4",

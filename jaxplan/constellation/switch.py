@@ -78,6 +78,46 @@ def link_switch(
     """
     expect("shell", shell, Shell, 'jp.walker makes one, such as jp.walker("53:1584/72/39", 550.0)')
     craft = relay_spacecraft() if spacecraft is None else checked_spacecraft(spacecraft)
+    around = _surroundings(
+        shell, sun_direction, sun_half_angle, sun_outage, lowest_altitude, drift_time, time
+    )
+    topologies = _topologies(shell, len(craft.terminals), before, after)
+    names = [terminal.name for terminal in craft.terminals]
+    links: list[np.ndarray] = []
+    faults: list[str] = []
+    for when, topology in zip(WHEN, topologies, strict=True):
+        seen, wrong = around.links(topology, when, names)
+        links.append(seen)
+        faults += wrong
+    if faults:
+        raise ScenarioError(faults, f"the shell {shell.name}")
+    directions = np.stack(links)
+    out = around.in_the_sun(directions)
+    if sun_outage == "wait":
+        directions[out] = around.waiting(directions, out)
+    attitudes, joints = _starts(craft, nominal_attitudes(*shell.states(time)), directions[0])
+    return LinkSwitch(
+        **vars(around),
+        spacecraft=craft,
+        before=topologies[0],
+        after=topologies[1],
+        directions=directions,
+        sun_outage=out,
+        attitudes=attitudes,
+        joints=joints,
+    )
+
+
+def _surroundings(
+    shell: Shell,
+    sun_direction: ArrayLike | None,
+    sun_half_angle: float,
+    sun_outage: str,
+    lowest_altitude: float,
+    drift_time: float,
+    time: float,
+) -> Surroundings:
+    """Earth and Sun around a shell, after a check of the arguments of `link_switch`."""
     faults = [
         *out_of_range("sun_half_angle", sun_half_angle, "rad", 1e-6, 1.5),
         *out_of_range("lowest_altitude", lowest_altitude, "km", 0.0, 1000.0),
@@ -99,7 +139,7 @@ def link_switch(
     if faults:
         raise ScenarioError(faults, "the switch")
     limb = math.asin((EARTH_RADIUS + lowest_altitude) / shell.radius)
-    around = Surroundings(
+    return Surroundings(
         shell=shell,
         time=float(time),
         sun_direction=None if sun is None else sun / np.linalg.norm(sun),
@@ -107,30 +147,6 @@ def link_switch(
         lowest_altitude=float(lowest_altitude),
         earth_half_angle=limb + shell.mean_motion * drift_time,
         drift_time=float(drift_time),
-    )
-    topologies = _topologies(shell, len(craft.terminals), before, after)
-    names = [terminal.name for terminal in craft.terminals]
-    links = []
-    for when, topology in zip(WHEN, topologies, strict=True):
-        seen, wrong = around.links(topology, when, names)
-        links.append(seen)
-        faults += wrong
-    if faults:
-        raise ScenarioError(faults, f"the shell {shell.name}")
-    directions = np.stack(links)
-    out = around.in_the_sun(directions)
-    if sun_outage == "wait":
-        directions[out] = around.waiting(directions, out)
-    attitudes, joints = _starts(craft, nominal_attitudes(*shell.states(time)), directions[0])
-    return LinkSwitch(
-        **vars(around),
-        spacecraft=craft,
-        before=topologies[0],
-        after=topologies[1],
-        directions=directions,
-        sun_outage=out,
-        attitudes=attitudes,
-        joints=joints,
     )
 
 
