@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.search import Scene
-from jaxplan.table4 import TOLERANCE, least_margins
+from jaxplan.study.table4 import TOLERANCE, least_margins
 
 SAMPLES = 64  # intervals of an edge, which is at most one step long
 

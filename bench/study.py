@@ -19,8 +19,8 @@ from _options import positive
 
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.blocks import Answer, Blocks, by_workers, head, plan_chunk
-from jaxplan.study.rows import STEPS, crashed, times_of
+from jaxplan.study.blocks import Answer, Blocks, by_workers, plan_chunk
+from jaxplan.study.rows import STEPS, row_of, times_of
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
 
@@ -46,13 +46,11 @@ def memory(scenes: int) -> None:
     seen: list[float] = []
 
     def no_plan(chunk: Chunk) -> Answer:
-        heads = [head(chunk, place) for place in range(len(chunk.scenes))]
+        heads = [chunk.head(place) for place in range(len(chunk.scenes))]
         if chunk.numbers[-1] >= len(seen) * scenes / 10:
             seen.append(resident())
-        rows = [
-            crashed("not planned, but with a message as long as those of scenes without a path", h)
-            for h in heads
-        ]
+        message = "not planned, but with a message as long as those of scenes without a path"
+        rows = [row_of(message, h) for h in heads]
         return Answer(rows, [times_of(dict.fromkeys(STEPS, 0.1), h) for h in heads], 1e-3)
 
     task = Task(kind="keep_in", scenes=range(scenes), planner="mha")

@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 
-from jaxplan.study.blocks import Answer, head
+from jaxplan.study.blocks import Answer
 from jaxplan.study.rows import COLUMNS, TIMES
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
@@ -27,7 +27,7 @@ def plan_nothing(chunk: Chunk) -> Answer:
     table, timings = [], []
     for place, number in enumerate(chunk.numbers):
         time.sleep(seconds)
-        first = head(chunk, place)
+        first = chunk.head(place)
         planned = number % 3 > 0
         known = {
             **first,

@@ -35,7 +35,10 @@ PARTS = {
     ),
     "spacecraft": (["model/spacecraft.py"], ["model/test_spacecraft.py"]),
     "limits": (["model/limits.py"], ["model/test_limits.py"]),
-    "kernels": (["search/kernels.py"], ["search/test_expansion.py", "search/test_smoothing.py"]),
+    "kernels": (
+        ["search/expansion.py", "search/edges.py"],
+        ["search/test_expansion.py", "search/test_smoothing.py"],
+    ),
     "rows": (
         ["trajectory/constraints.py"],
         [

@@ -1,4 +1,4 @@
-"""Ready-made scenarios: the paper's four cases, and random scenes of five kinds."""
+"""Ready-made scenarios: the paper's four cases, and random scenes of many kinds."""
 
 from jaxplan.cases.paper import CASE_NAMES, case_path, paper_case
 from jaxplan.cases.random_scenes import RANDOM_KINDS, SKY_KINDS, random_scenario

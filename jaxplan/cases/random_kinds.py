@@ -36,9 +36,9 @@ from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone, 
 CLEARANCE = math.radians(2.0)
 """rad, the margin that start and goal have to every zone that is drawn."""
 FARTHEST = math.radians(30.0)
-"""From the nearest goal to another that is clear, where it is broken itself."""
+"""rad, from the nearest goal to another that is clear, where the nearest is broken itself."""
 DRAWS = 8
-"""How often a recipe, and all recipes of a start, are drawn before it is given up."""
+"""Draws of a recipe, and of all recipes of a start, before it is given up."""
 KNOWN = 400.0
 """s, over which directions that move are known."""
 _TIMES = np.linspace(0, KNOWN, 41)
@@ -50,7 +50,7 @@ Recipe = Callable[[np.random.Generator], tuple[Zone, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """What the scenes of a kind have in common.
+    """Properties of the scenes of a kind.
 
     Attributes:
         recipes: of all zones, in the order in which they are drawn.
@@ -192,27 +192,24 @@ def _beam(rng: np.random.Generator, axis: int, number: int) -> tuple[Zone, ...]:
     )
 
 
-def _sky(rng: np.random.Generator, name: str) -> tuple[Zone, ...]:
-    """A cone on the sky for all terminals."""
-    return (KeepOut(name=name, direction=_direction(rng), half_angle=_angle(rng, 12, 25)),)
+def _cone(
+    rng: np.random.Generator,
+    name: str,
+    half_angles: tuple[float, float],
+    sort: type[KeepOut] | type[KeepIn] = KeepOut,
+    of: tuple[int | None, ...] = (),
+) -> tuple[Zone, ...]:
+    """A cone on the sky.
 
-
-def _away(rng: np.random.Generator, name: str, to: int | None) -> tuple[Zone, ...]:
-    """A cone on the sky that a vector keeps out of."""
-    return (
-        KeepOut(
-            name=name, direction=_direction(rng), half_angle=_angle(rng, 20, 40), vectors=_vector(rng, to)
-        ),
-    )
-
-
-def _toward(rng: np.random.Generator, name: str, to: int | None) -> tuple[Zone, ...]:
-    """A cone on the sky that a vector stays in."""
-    return (
-        KeepIn(
-            name=name, direction=_direction(rng), half_angle=_angle(rng, 60, 90), vectors=_vector(rng, to)
-        ),
-    )
+    Args:
+        rng: source of the draws.
+        name: of the zone.
+        half_angles: range of its half-angle, deg.
+        sort: of the zone.
+        of: which terminals' vectors it binds, or None for one of the body; all terminals themselves if empty.
+    """
+    known: dict[str, Any] = {"direction": _direction(rng), "half_angle": _angle(rng, *half_angles)}
+    return (sort(name=name, **known, vectors=tuple(vector for to in of for vector in _vector(rng, to))),)
 
 
 def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
@@ -279,23 +276,25 @@ def _for_each(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Re
 
 _BEAMS = tuple(partial(_beam, axis=axis, number=(axis + 1) % 3) for axis in range(3))
 _MASKS, _POLYGONS, _GROUPS = _for_each(_masks), _for_each(_polygon), _for_each(_group)
-_SHADES = tuple(partial(_away, name=f"shade-{number + 1}", to=number) for number in range(3))
-_SUN = partial(_toward, name="sun", to=None)
-_TRACKERS = tuple(partial(_away, name=f"tracker-{i + 1}", to=None) for i in range(3))
+_AWAY = partial(_cone, half_angles=(20, 40))
+_TOWARD = partial(_cone, half_angles=(60, 90), sort=KeepIn)
+_SHADES = tuple(partial(_AWAY, name=f"shade-{number + 1}", of=(number,)) for number in range(3))
+_SUN = partial(_TOWARD, name="sun", of=(None,))
+_TRACKERS = tuple(partial(_AWAY, name=f"tracker-{i + 1}", of=(None,)) for i in range(3))
+_SKY = tuple(partial(_cone, name=f"sky-{i + 1}", half_angles=(12, 25)) for i in range(2))
 _PASSING = tuple(partial(_passing, name=f"passing-{i + 1}", by_body=i == 3) for i in range(4))
 KINDS = {
     "masks": Kind(recipes=_MASKS),
     "beams": Kind(recipes=_BEAMS),
     "panels": Kind(recipes=(_SUN, *_TRACKERS)),
-    "carried": Kind(recipes=(*_SHADES, partial(_toward, name="lamp", to=0))),
+    "carried": Kind(recipes=(*_SHADES, partial(_TOWARD, name="lamp", of=(0,)))),
     "joint_bounds": Kind(recipes=_POLYGONS),
     "grouped": Kind(recipes=_GROUPS),
     "moving": Kind(recipes=_PASSING),
     "moved_goals": Kind(recipes=(*_SHADES, *_POLYGONS), moved=True),
     "mixed": Kind(
         recipes=(
-            partial(_sky, name="sky-1"),
-            partial(_sky, name="sky-2"),
+            *_SKY,
             _MASKS[0],
             _BEAMS[1],
             _SUN,

@@ -7,9 +7,11 @@ sky, for terminals:
     keep_out        4 cones of 15 to 30 deg for all terminals
     keep_in         terminal 1 held within 15 deg of its target; 3 cones of 15 to 30 deg for the others
     hard_keep_out   8 cones of 12 to 30 deg for all terminals; the straight motion to the goal breaks a zone
-    hard_keep_in    terminal 1 held likewise, 8 cones of 12 to 30 deg for the others; likewise
+    hard_keep_in    terminal 1 held as in keep_in, 8 cones of 12 to 30 deg for the others; the
+                    straight motion breaks a zone
     held_links      terminals 1 and 2 held within 10 deg of their targets, 4 cones of 15 to 30 deg for
-                    terminal 3; the platform turns by 40 to 100 deg; likewise
+                    terminal 3; the platform turns by 40 to 100 deg; the straight motion breaks a
+                    zone
 
 In the others, see `random_kinds`, zones are of every sort there is:
 
@@ -17,7 +19,7 @@ In the others, see `random_kinds`, zones are of every sort there is:
     beams           3 cones of 10 to 40 deg, each about a terminal's beam and for another terminal
     panels          a vector of the body held within 60 to 90 deg of a direction, three others 20 to 40 deg
                     away from one each
-    carried         likewise vectors of the terminals' moving parts, one held and three kept away
+    carried         vectors of the terminals' moving parts, one held and three kept away as in panels
     joint_bounds    a forbidden quadrangle of yaw and pitch for each terminal
     grouped         3 groups of two entries, each of two zones: on the sky for a vector of the body, and for a
                     terminal on the sky or about an axis of the body
@@ -67,7 +69,7 @@ from jaxplan.model.zones import KeepIn, KeepOut, Zone
 
 @dataclass(frozen=True, kw_only=True)
 class _Kind:
-    """What the scenes of a kind have in common; angles in rad unless they say deg.
+    """Properties of the scenes of a kind; angles in rad unless they say deg.
 
     Attributes:
         cones: number of keep-out cones, for all terminals that are not held.
@@ -111,7 +113,7 @@ RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS)
 """All kinds."""
 
 DIRECTIONS = 16
-"""Drawn at once for a cone, of which the first that is clear counts."""
+"""Directions drawn at once for a cone, of which the first that is clear counts."""
 
 
 def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
@@ -207,7 +209,7 @@ def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[
 
 
 def _breaks(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
-    """Whether boresights (k, 3, 3) of a motion are deep in a zone somewhere."""
+    """True if boresights (k, 3, 3) of a motion are deep in a zone somewhere."""
     held = len(keep_in)
     depths = [
         np.max(straight[:, held:] @ zone.direction) - math.cos(zone.half_angle - BROKEN) for zone in keep_out

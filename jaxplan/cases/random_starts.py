@@ -27,7 +27,7 @@ from jaxplan.sky import orbits
 YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
 HAIR = 1e-9
-"""Of cosines and radians: what is admissible is so by at least this."""
+"""Least slack of what is admissible, as a cosine or in rad."""
 UNAMBIGUOUS = 1e-6
 """rad; the slew to the second-best goal is longer by at least this."""
 LONGEST_TURN = math.radians(179.0)
@@ -35,9 +35,9 @@ LONGEST_TURN = math.radians(179.0)
 BATCH = 64
 """Starts drawn at once."""
 SAMPLES = 129
-"""Of the straight motion, its ends included."""
+"""Samples of the straight motion, its ends included."""
 BROKEN = math.radians(0.2)
-"""How deep in a zone the straight motion goes, where it is blocked; at least, and at some sample."""
+"""rad, least depth in a zone at some sample of a straight motion that counts as blocked."""
 PATIENCE = 50
 """Sets of zones that are tried with one start."""
 
@@ -134,7 +134,7 @@ def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST
 
 
 def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
-    """Whether one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
+    """True if one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
     craft, targets = setting()
     body = targets.directions @ (attitude @ _turns_within(angle))
     return bool(np.any(np.all(np.abs(joints_along(craft.mounts, body)) < JOINT_LIMITS, axis=-1)))
@@ -155,7 +155,7 @@ def straight_states(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> tup
 
 
 def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
-    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the same."""
+    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the straight motion to a goal."""
     return np.asarray(setting()[0].boresights(*straight_states(attitude, joints, goal)))
 
 

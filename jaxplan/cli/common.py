@@ -5,6 +5,7 @@ import json
 import shlex
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -44,6 +45,13 @@ class Parser(argparse.ArgumentParser):
         return known, left
 
 
+def command(commands: Any, name: str, run: Callable[[Any], int], help: str, description: str) -> Any:
+    """Add a command to a parser's, and say what runs it; returns the parser of its words."""
+    parser = commands.add_parser(name, help=help, description=description)
+    parser.set_defaults(run=run)
+    return parser
+
+
 def count(text: str) -> int:
     """A whole number of at least 1, for argparse."""
     if not text.isdecimal() or int(text) < 1:
@@ -53,6 +61,7 @@ def count(text: str) -> int:
 
 def load_scene(name: str) -> "Scenario":
     """The scenario of a file, or a case of the paper."""
+    set_up_jax()
     from jaxplan.cases import CASE_NAMES, case_path
     from jaxplan.schema import ScenarioError, load_scenario
 
@@ -80,6 +89,7 @@ def load_scene(name: str) -> "Scenario":
 
 def load(name: str) -> "Plan":
     """The plan of a file."""
+    set_up_jax()
     from jaxplan.cases import CASE_NAMES
     from jaxplan.planner import PlanFileError, load_plan
 

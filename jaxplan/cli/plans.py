@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxplan.cli import common
 from jaxplan.cli.common import (
     DONE,
     MARK,
     NOT_CERTIFIED,
     code_of,
+    command,
     complain,
     load,
     load_scene,
@@ -26,44 +26,36 @@ if TYPE_CHECKING:
 
 def add_commands(commands: Any) -> None:
     """Tell the parser of them."""
-    plan = commands.add_parser("plan", help="plan a scenario", description="Plan a scenario and certify it.")
+    plan = command(commands, "plan", _plan, "plan a scenario", "Plan a scenario and certify it.")
     plan.add_argument(
         "scenario", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
     )
     plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
     plan.add_argument("--json", action="store_true", help="print a summary for machines")
-    plan.set_defaults(run=_plan)
-    check = commands.add_parser(
-        "check", help="certify a plan file anew", description="Prove a plan file's trajectory safe, anew."
+    check = command(
+        commands, "check", _check, "certify a plan file anew", "Prove a plan file's trajectory safe, anew."
     )
-    check.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
-    check.add_argument("--json", action="store_true", help="print the certificate for machines")
-    check.set_defaults(run=_check)
-    plot = commands.add_parser(
-        "plot", help="draw a plan file", description="Draw the figures of a plan file."
-    )
-    plot.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
-    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
-    plot.set_defaults(run=_plot)
-    report = commands.add_parser(
+    plot = command(commands, "plot", _plot, "draw a plan file", "Draw the figures of a plan file.")
+    report = command(
+        commands,
         "report",
-        help="write a page on a plan file",
-        description="Certify a plan file anew and write a self-contained HTML page on it.",
+        _report,
+        "write a page on a plan file",
+        "Certify a plan file anew and write a self-contained HTML page on it.",
     )
-    report.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
+    export = command(
+        commands,
+        "export",
+        _export,
+        "write a plan for other tools",
+        "Certify a plan file anew and write its motion as another tool reads it.",
+    )
+    for each in (check, plot, report, export):
+        each.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
+    check.add_argument("--json", action="store_true", help="print the certificate for machines")
+    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
-    report.set_defaults(run=_report)
-    _export_parser(commands)
-
-
-def _export_parser(commands: Any) -> None:
-    export = commands.add_parser(
-        "export",
-        help="write a plan for other tools",
-        description="Certify a plan file anew and write its motion as another tool reads it.",
-    )
-    export.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
     export.add_argument(
         "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
     )
@@ -75,7 +67,6 @@ def _export_parser(commands: Any) -> None:
     export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
-    export.set_defaults(run=_export)
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -83,7 +74,6 @@ def _plan(options: argparse.Namespace) -> int:
 
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
-    common.set_up_jax()
     result = plan(scenario, throw=False)
     print_result(result.summary() if options.json else result)
     if folder is not None:
@@ -98,7 +88,6 @@ def _check(options: argparse.Namespace) -> int:
     from jaxplan.planner.record import report_summary
 
     plan = load(options.plan)
-    common.set_up_jax()
     report = certify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
@@ -107,7 +96,6 @@ def _check(options: argparse.Namespace) -> int:
 def _plot(options: argparse.Namespace) -> int:
     plan = load(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
-    common.set_up_jax()
     _draw(plan, folder)
     return code_of(plan.status)
 
@@ -119,7 +107,6 @@ def _report(options: argparse.Namespace) -> int:
     plan = load(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
-    common.set_up_jax()
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
     if plan.ok and not certify(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
@@ -132,7 +119,6 @@ def _export(options: argparse.Namespace) -> int:
     plan = load(options.plan)
     path = default_path(options.plan, options.format) if options.out is None else options.out
     try_folder_of(path)
-    common.set_up_jax()
     written = export(
         plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
     )
@@ -144,11 +130,12 @@ def _draw(plan: "Plan", folder: Path) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
     from jaxplan import plotting
 
-    left = set(plotting.FIGURE_NAMES)
+    drawn = []
     for name, figure in plotting.figures(plan):
         save(figure, folder / f"{name}.png")
-        left.remove(name)
-    for file in (folder / f"{name}.png" for name in sorted(left)):
+        drawn.append(name)
+    for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):
+        file = folder / f"{name}.png"
         if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
             file.unlink()
             say(f"removed {file}, which was of an earlier plan")

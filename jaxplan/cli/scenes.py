@@ -6,37 +6,46 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxplan.cli import common
-from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, load_scene, print_result, say, try_folder_of
+from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, command, load_scene, print_result, say, try_folder_of
 
 if TYPE_CHECKING:
     from jaxplan.model.scenario import Scenario
 
+_COUNTED = {  # what a scene and its spacecraft have several of, and what one of them is called
+    "terminals": "terminal",
+    "instruments": "instrument",
+    "keep_out": "keep-out zone",
+    "keep_in": "keep-in zone",
+    "joint_bounds": "joint bound",
+}
+
 
 def add_commands(commands: Any) -> None:
     """Tell the parser of them."""
-    new = commands.add_parser(
+    new = command(
+        commands,
         "new",
-        help="write a scenario file to begin with",
-        description="Write a scenario file that can be planned as it is, with a comment on every option.",
+        _new,
+        "write a scenario file to begin with",
+        "Write a scenario file that can be planned as it is, with a comment on every option.",
     )
     new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
     new.add_argument(
         "--from", dest="source", metavar="CASE", help="copy a case of the paper instead, case-1 to case-4"
     )
     new.add_argument("--force", action="store_true", help="replace a file that is there")
-    new.set_defaults(run=_new)
-    validate = commands.add_parser(
+    validate = command(
+        commands,
         "validate",
-        help="say what is wrong with scenario files",
-        description="Say what scenario files hold, or all that is wrong with them, and whether each start "
+        _validate,
+        "say what is wrong with scenario files",
+        "Say what scenario files hold, or all that is wrong with them, and whether each start "
         "(and goal, where it is a given state) keeps the limits and zones. Nothing is planned.",
     )
     validate.add_argument(
         "files", nargs="+", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
     )
     validate.add_argument("--json", action="store_true", help="print what was found for machines")
-    validate.set_defaults(run=_validate)
 
 
 def _new(options: argparse.Namespace) -> int:
@@ -70,7 +79,6 @@ def _text(source: str | None) -> str:
 
 
 def _validate(options: argparse.Namespace) -> int:
-    common.set_up_jax()
     found = [_findings(name) for name in options.files]
     print_result(found if options.json else "\n".join(map(_line, found)))
     if any(one["faults"] for one in found):
@@ -90,15 +98,8 @@ def _findings(name: str) -> dict[str, Any]:
     except ValueError as error:  # it is none at all
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
-    craft = scene.spacecraft
-    holds = {
-        "name": scene.name,
-        "terminals": len(craft.terminals),
-        "instruments": len(craft.instruments),
-        "keep_out": len(scene.keep_out),
-        "keep_in": len(scene.keep_in),
-        "joint_bounds": len(scene.joint_bounds),
-    }
+    everything = {**vars(scene), **vars(scene.spacecraft)}
+    holds = {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED}}
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
 
 
@@ -123,14 +124,8 @@ def _line(found: dict[str, Any]) -> str:
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
-    counts = [
-        (holds["terminals"], "terminal"),
-        (holds["instruments"], "instrument"),
-        (holds["keep_out"], "keep-out zone"),
-        (holds["keep_in"], "keep-in zone"),
-        (holds["joint_bounds"], "joint bound"),
-    ]
-    parts = ", ".join(f"{number} {what}{'' if number == 1 else 's'}" for number, what in counts if number)
+    counted = [(key, holds[key]) for key in _COUNTED if holds[key]]
+    parts = ", ".join(f"{number} {_COUNTED[key]}{'' if number == 1 else 's'}" for key, number in counted)
     broken = [
         f"\n  {status.value}: {'; '.join(found[place])}"
         for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))

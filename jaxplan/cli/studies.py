@@ -5,8 +5,16 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from jaxplan.cli import common
-from jaxplan.cli.common import DONE, complain, count, print_result, save, writable_folder
+from jaxplan.cli.common import (
+    DONE,
+    command,
+    complain,
+    count,
+    print_result,
+    save,
+    set_up_jax,
+    writable_folder,
+)
 
 # As words, since to ask for them takes a second that help should not take.
 _KINDS = (
@@ -18,15 +26,17 @@ _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 
 def add_commands(commands: Any) -> None:
     """Tell the parser of them."""
-    _study_parser(commands)
-    _table4_parser(commands)
+    _add_study(commands)
+    _add_table4(commands)
 
 
-def _study_parser(commands: Any) -> None:
-    study = commands.add_parser(
+def _add_study(commands: Any) -> None:
+    study = command(
+        commands,
         "study",
-        help="plan many random scenes, and say how it went",
-        description="Plan many random scenes, or report on studies made before. "
+        _study,
+        "plan many random scenes, and say how it went",
+        "Plan many random scenes, or report on studies made before. "
         "Where a study with --out was interrupted, the same command goes on.",
     )
     study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KINDS} (keep_out)")
@@ -47,14 +57,15 @@ def _study_parser(commands: Any) -> None:
         "-o", "--out", metavar="DIR", help="keep the study there; with --report, write figures there"
     )
     study.add_argument("--json", action="store_true", help="print the summary for machines")
-    study.set_defaults(run=_study)
 
 
-def _table4_parser(commands: Any) -> None:
-    table4 = commands.add_parser(
+def _add_table4(commands: Any) -> None:
+    table4 = command(
+        commands,
         "table4",
-        help="compare the planners as the paper's Table 4 does",
-        description="Let every planner search the same random scenes, with the paper's rows beside.",
+        _table4,
+        "compare the planners as the paper's Table 4 does",
+        "Let every planner search the same random scenes, with the paper's rows beside.",
     )
     table4.add_argument("-n", type=count, default=20, metavar="N", help="scenes a kind (20, as in the paper)")
     table4.add_argument(
@@ -71,7 +82,6 @@ def _table4_parser(commands: Any) -> None:
     )
     table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
     table4.add_argument("--json", action="store_true", help="print the rows for machines")
-    table4.set_defaults(run=_table4)
 
 
 def _study(options: argparse.Namespace) -> int:
@@ -81,7 +91,7 @@ def _study(options: argparse.Namespace) -> int:
         return _report(options)
     first, count = _first_seed(options), options.n or 100
     settings = dict(map(_setting, options.set or ()))
-    common.set_up_jax()
+    set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers
     study = run_study(
         range(first, first + count),
@@ -122,7 +132,7 @@ def _setting(text: str) -> tuple[str, Any]:
 def _report(options: argparse.Namespace) -> int:
     """Say what studies in folders found, and how they compare where there are two or more."""
     from jaxplan.study import compare_studies, load_study
-    from jaxplan.study.rows import HEADER
+    from jaxplan.study.store import HEADER
 
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
         if getattr(options, name) is not None:
@@ -151,9 +161,8 @@ def _report(options: argparse.Namespace) -> int:
 
 def _table4(options: argparse.Namespace) -> int:
     from jaxplan.cases import RANDOM_KINDS
-    from jaxplan.runtime.progress import progress_bar
     from jaxplan.search import PLANNERS
-    from jaxplan.table4 import PAPER_KINDS, compare, format_table, printed_rows
+    from jaxplan.study.table4 import PAPER_KINDS, compare, format_table, printed_rows
 
     kinds, planners = (
         tuple(dict.fromkeys(names)) for names in (options.kind or PAPER_KINDS, options.planner or PLANNERS)
@@ -164,10 +173,8 @@ def _table4(options: argparse.Namespace) -> int:
                 raise ValueError(f"{key} {name}: must be one of {', '.join(known)}")
     first = _first_seed(options)
     folder = None if options.out is None else writable_folder(options.out)
-    common.set_up_jax()
-    total = options.n * len(kinds) * len(planners)
-    with progress_bar("table4", "searches", total=total) as bar:
-        rows = compare(kinds, planners, count=options.n, first_seed=first, done=bar.update)
+    set_up_jax()
+    rows = compare(kinds, planners, count=options.n, first_seed=first, progress=True)
     print_result([row.summary() for row in rows] if options.json else format_table(rows))
     if folder is not None:
         from jaxplan.plotting import comparison_figure

@@ -4,12 +4,12 @@
     >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
     >>> print(jp.plan_constellation(switch, workers=2))
 
-`shell` says where the satellites are and which see the Sun, `links` whom their terminals point at; `switch`
+`shell` says where the satellites are, `links` whom their terminals point at and what is in the way; `switch`
 makes `problems` of it, and `result` plans them and says what came of it.
 """
 
-from jaxplan.constellation.links import default_topologies, relay_spacecraft
-from jaxplan.constellation.problems import LinkSwitch
+from jaxplan.constellation.links import default_topologies
+from jaxplan.constellation.problems import LinkSwitch, relay_spacecraft
 from jaxplan.constellation.result import Constellation, ConstellationSummary, plan_constellation
 from jaxplan.constellation.shell import Shell, walker
 from jaxplan.constellation.switch import link_switch

@@ -1,11 +1,4 @@
-"""Spacecraft of a constellation, and the links that they can hold.
-
-The spacecraft of a shell where the caller names none: a platform with three laser terminals.
-
-Where a satellite looks is said in its local frame: x ahead, in the direction of flight, y to the left, z up.
-An attitude that has the body's axes there is the nominal one.
-
-Whom each terminal of a shell points at, before and after a switch of the topology, and who can be seen.
+"""Links of a shell: whom each terminal points at before and after a switch, and what is in the way.
 
 A topology is an array (T, n): for each satellite the number of the satellite that each of its terminals
 points at. Those made here are mutual: where A has a terminal for B, B has one for A. Only the outer planes of
@@ -14,62 +7,31 @@ a star with three terminals have nobody to pair with after the switch, beyond th
 With three terminals a satellite has its two neighbours in the plane, and one in a plane beside. Even planes
 pair with those to their east, odd ones with those to their west; at the switch they change sides. With
 four, it has one to the east and one to the west, the nearest ones; at the switch both go to the next slot.
+
+A link is out while its direction is inside the Sun's cone, or outside by less than `CLEARANCE`: an operator
+would not use it, and a terminal that looked along it would break the cone. Its terminal waits at `CLEARANCE`
+outside the cone, as close to the link as the Earth's cone allows, ready to take it up again.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import jax
 import numpy as np
 from jax import Array
 
 from jaxplan.constellation.shell import Shell
-from jaxplan.model.spacecraft import Spacecraft, Terminal
+from jaxplan.geometry.vectors import separation
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.schema import ScenarioError
 from jaxplan.sky import orbits
 
-
-def relay_spacecraft() -> Spacecraft:
-    """A platform with a terminal to the front, one to the back, and one to its left side for cross links.
-
-    Each turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2. The
-    platform turns at up to 1 deg/s and 0.5 deg/s^2.
-    """
-    terminals = (("fore", 0.0), ("aft", 180.0), ("cross", 90.0))
-    return Spacecraft(
-        terminals=tuple(
-            Terminal(
-                name=name,
-                mount=math.radians(mount),
-                yaw_limit=math.radians(80.0),
-                pitch_limit=math.radians(30.0),
-                rate_limit=math.radians(6.0),
-                acceleration_limit=math.radians(4.0),
-            )
-            for name, mount in terminals
-        ),
-        rate_limit=math.radians(1.0),
-        acceleration_limit=math.radians(0.5),
-    )
-
-
-def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Attitudes with the body's x axis ahead and its z axis up.
-
-    Args:
-        positions: (N, 3) inertial.
-        velocities: (N, 3) of circular orbits.
-
-    Returns:
-        (N, 3, 3) body to inertial.
-    """
-    up = positions / np.linalg.norm(positions, axis=-1, keepdims=True)
-    ahead = velocities / np.linalg.norm(velocities, axis=-1, keepdims=True)
-    return np.stack([ahead, np.cross(up, ahead), up], axis=-1)
-
-
 WHEN = ("before", "after")
+CLEARANCE = math.radians(1.0)
+"""rad, from the Sun's cone, and from the Earth's where a terminal waits."""
+_TURNS = 721
+"""Places on the rim that are tried, half of them to either side of the nearest."""
 
 
 def default_topologies(shell: Shell, terminals: int) -> tuple[np.ndarray, np.ndarray]:
@@ -143,81 +105,134 @@ def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> n
     return table
 
 
-def lines_of_sight(positions: np.ndarray, topology: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of all links, and how near to the Earth they come.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surroundings:
+    """Earth and Sun around a shell at one time, which its links must lead past.
 
-    Args:
-        positions: (T, 3) km.
-        topology: (T, n).
-
-    Returns:
-        (T, n, 3) inertial unit vectors, zero for a satellite's link to itself, and (T, n) km: the lowest
-        altitude of each line.
+    Attributes:
+        shell: the satellites.
+        time: s, of the positions.
+        sun_direction: (3,) unit vector, inertial; None where no Sun is kept out.
+        sun_half_angle: rad, of its cone.
+        lowest_altitude: km that links stay above.
+        earth_half_angle: rad, of the cone about nadir that no link may be in, wide enough for `drift_time`.
+        drift_time: s, that a manoeuvre may take before nadir has moved by more than its cone is wider.
     """
-    with jax.enable_x64(True):
-        found = np.asarray(_lines_of_sight(positions[:, None], positions[topology]))
-    return found[..., :3], found[..., 3]
+
+    shell: Shell
+    time: float
+    sun_direction: np.ndarray | None
+    sun_half_angle: float
+    lowest_altitude: float
+    earth_half_angle: float
+    drift_time: float
+
+    def links(self, topology: np.ndarray, when: str, names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
+        """The directions of all links, and what is wrong with them.
+
+        Args:
+            topology: (T, n).
+            when: of `WHEN`.
+            names: of the terminals.
+
+        Returns:
+            (T, n, 3) inertial unit vectors, zero for a satellite's link to itself; and a phrase for each
+            terminal with links to oneself, through the Earth or its air, or too close to its limb, which
+            names the first of its satellites.
+        """
+        shell, positions = self.shell, self.shell.positions(self.time)
+        with jax.enable_x64(True):
+            seen = np.asarray(_lines_of_sight(positions[:, None], positions[topology]))
+        directions, grazing = seen[..., :3], seen[..., 3]
+        cosine = np.einsum("tni,ti->tn", directions, shell.nadir(self.time))
+        off_nadir = np.arccos(np.clip(cosine, -1, 1))
+        itself = topology == np.arange(shell.total)[:, None]
+        blocked = ~(grazing >= self.lowest_altitude)
+        bad = itself | blocked | ~(off_nadir >= self.earth_half_angle)
+        faults = []
+        for column in np.flatnonzero(np.any(bad, axis=0)):
+            first, count = int(np.argmax(bad[:, column])), int(np.sum(bad[:, column]))
+            if itself[first, column]:
+                why = "has the satellite itself as its target"
+            elif blocked[first, column]:
+                why = (
+                    f"comes down to {grazing[first, column]:.0f} km, "
+                    f"below lowest_altitude = {self.lowest_altitude:g} km"
+                )
+            else:
+                off, cone = np.rad2deg([off_nadir[first, column], self.earth_half_angle])
+                why = (
+                    f"is {off:.1f} deg from nadir, inside the Earth's cone of {cone:.1f} deg: "
+                    "a smaller drift_time makes that narrower"
+                )
+            more = f"; so it is with {count - 1} other satellites" if count > 1 else ""
+            link = f"{names[int(column)]} to satellite {topology[first, column]} {when} the switch"
+            place = f"satellite {first} (plane {shell.plane[first]}, slot {shell.slot[first]})"
+            faults.append(f"{place}, {link}: the link {why}{more}")
+        return directions, faults
+
+    def in_the_sun(self, directions: np.ndarray) -> np.ndarray:
+        """Mark directions (..., 3) inside the Sun's cone, or closer to it than `CLEARANCE`."""
+        if self.sun_direction is None:
+            return np.zeros(directions.shape[:-1], dtype=bool)
+        return np.asarray(separation(directions, self.sun_direction) < self.sun_half_angle + CLEARANCE)
+
+    def waiting(self, links: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """Find where the terminals wait whose links (2, T, n, 3) are out (2, T, n), in their order.
+
+        Raises:
+            ScenarioError: if there is no such place.
+        """
+        if self.sun_direction is None:
+            return links[out]
+        satellites = np.nonzero(out)[1]
+        down = self.shell.nadir(self.time)[satellites]
+        places, there = waiting_directions(
+            links[out], self.sun_direction, self.sun_half_angle, down, self.earth_half_angle
+        )
+        if not np.all(there):
+            number = satellites[np.argmin(there)]
+            fault = f"satellite {number}: the cones of Sun and Earth leave its terminals nowhere to wait"
+            raise ScenarioError([fault], f"the shell {self.shell.name}")
+        return places
 
 
 @quick_jit
 def _lines_of_sight(here: Array, there: Array) -> Array:
+    """Directions of links, and how near to the Earth they come, km."""
     direction, lowest = orbits.line_of_sight(here, there), orbits.grazing_altitude(here, there)
     return jax.numpy.concatenate([direction, lowest[..., None]], axis=-1)
 
 
-def unreachable(
-    shell: Shell,
-    topology: np.ndarray,
-    when: str,
-    names: Sequence[str],
-    directions: np.ndarray,
-    grazing: np.ndarray,
-    positions: np.ndarray,
-    earth_half_angle: float,
-    lowest_altitude: float,
-) -> list[str]:
-    """What is wrong with links: to oneself, through the Earth or its air, or too close to its limb.
+def waiting_directions(
+    links: np.ndarray, sun: np.ndarray, half_angle: float, down: np.ndarray, earth_half_angle: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the directions nearest to links that are clear of the cones of Sun and Earth.
 
     Args:
-        shell: the satellites.
-        topology: (T, n).
-        when: of `WHEN`.
-        names: of the terminals.
-        directions: (T, n, 3) of the links.
-        grazing: (T, n) km.
-        positions: (T, 3) km.
-        earth_half_angle: rad, of the cone about nadir that no link may be in.
-        lowest_altitude: km that lines must stay above.
+        links: (K, 3) directions of the links, inertial.
+        sun: (3,) direction of the Sun.
+        half_angle: rad, of its cone.
+        down: (K, 3) directions of nadir.
+        earth_half_angle: rad, of the Earth's cone about nadir.
 
     Returns:
-        A phrase for each terminal with such links, which names the first of its satellites.
+        (K, 3) unit vectors, the admissible ones nearest to the links, and (K,) bool: whether there is one.
     """
-    down = -positions / np.linalg.norm(positions, axis=-1, keepdims=True)
-    cosine = np.einsum("tni,ti->tn", directions, down)
-    off_nadir = np.arccos(np.clip(cosine, -1, 1))
-    itself = topology == np.arange(shell.total)[:, None]
-    blocked = ~(grazing >= lowest_altitude)
-    low = ~(off_nadir >= earth_half_angle)
-    faults = []
-    for column, name in enumerate(names):
-        bad = np.flatnonzero((itself | blocked | low)[:, column])
-        if not len(bad):
-            continue
-        first = int(bad[0])
-        other = int(topology[first, column])
-        if itself[first, column]:
-            why = "has the satellite itself as its target"
-        elif blocked[first, column]:
-            why = (
-                f"comes down to {grazing[first, column]:.0f} km, "
-                f"below lowest_altitude = {lowest_altitude:g} km"
-            )
-        else:
-            why = (
-                f"is {np.rad2deg(off_nadir[first, column]):.1f} deg from nadir, inside the Earth's cone of "
-                f"{np.rad2deg(earth_half_angle):.1f} deg: a smaller drift_time makes that narrower"
-            )
-        more = f"; so it is with {len(bad) - 1} other satellites" if len(bad) > 1 else ""
-        place = f"satellite {first} (plane {shell.plane[first]}, slot {shell.slot[first]})"
-        faults.append(f"{place}, {name} to satellite {other} {when} the switch: the link {why}{more}")
-    return faults
+    toward = links - (links @ sun)[:, None] * sun
+    length = np.linalg.norm(toward, axis=-1, keepdims=True)
+    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])  # for a link right to the Sun
+    first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _unit(anywhere))
+    second = np.cross(sun, first)
+    turn = np.linspace(-np.pi, np.pi, _TURNS)
+    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # the nearest first
+    around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
+    rim = half_angle + CLEARANCE
+    places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)
+    clear = separation(places, down[:, None]) >= earth_half_angle + CLEARANCE
+    chosen = np.argmax(clear, axis=-1)
+    return _unit(places[np.arange(len(links)), chosen]), np.any(clear, axis=-1)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

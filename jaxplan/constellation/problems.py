@@ -1,22 +1,65 @@
-"""The planning problems of a switch of a shell's topology, one a satellite.
+"""The planning problems of a switch of a shell's topology, one a satellite, and what its satellites are.
 
 At the start a satellite's terminals point along its links before the switch; the goal is the links after it.
+Where a satellite looks is said in its local frame: x ahead, in the direction of flight, y to the left, z up.
+An attitude that has the body's axes there is the nominal one.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.constellation.shell import Shell
+from jaxplan.constellation.links import Surroundings
 from jaxplan.model.scenario import GivenState, Scenario, Targets
-from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft, Terminal
 from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.arguments import several
 from jaxplan.runtime.display import shown
 from jaxplan.schema import ScenarioError
+
+
+def relay_spacecraft() -> Spacecraft:
+    """A platform with a terminal to the front, one to the back, and one to its left side for cross links.
+
+    Each turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2. The
+    platform turns at up to 1 deg/s and 0.5 deg/s^2.
+    """
+    terminals = (("fore", 0.0), ("aft", 180.0), ("cross", 90.0))
+    return Spacecraft(
+        terminals=tuple(
+            Terminal(
+                name=name,
+                mount=math.radians(mount),
+                yaw_limit=math.radians(80.0),
+                pitch_limit=math.radians(30.0),
+                rate_limit=math.radians(6.0),
+                acceleration_limit=math.radians(4.0),
+            )
+            for name, mount in terminals
+        ),
+        rate_limit=math.radians(1.0),
+        acceleration_limit=math.radians(0.5),
+    )
+
+
+def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Attitudes with the body's x axis ahead and its z axis up.
+
+    Args:
+        positions: (N, 3) inertial.
+        velocities: (N, 3) of circular orbits.
+
+    Returns:
+        (N, 3, 3) body to inertial.
+    """
+    up = positions / np.linalg.norm(positions, axis=-1, keepdims=True)
+    ahead = velocities / np.linalg.norm(velocities, axis=-1, keepdims=True)
+    return np.stack([ahead, np.cross(up, ahead), up], axis=-1)
 
 
 @shown(
@@ -29,43 +72,31 @@ from jaxplan.schema import ScenarioError
     heading="Switch of the {0.title}",
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinkSwitch:
+class LinkSwitch(Surroundings):
     """A planning problem for each of T satellites with n terminals; `link_switch` makes it.
 
-    Attributes:
-        shell: the satellites.
+    Attributes, beside those of `Surroundings`:
         spacecraft: of which kind they all are.
-        time: s, of the positions.
         before: (T, n) int, the satellite that each terminal is linked to.
-        after: (T, n) int, likewise after the switch.
+        after: (T, n) int, the same after the switch.
         directions: (2, T, n, 3) unit vectors, inertial: where terminals point before and after. That is along
             the links, but for terminals that wait.
         sun_outage: (2, T, n) bool, which links lead through the Sun's cone before and after.
-        sun_direction: (3,) unit vector, inertial; None where no Sun is kept out.
-        sun_half_angle: rad, of its cone.
-        earth_half_angle: rad, of the cone about nadir, wide enough for `drift_time`.
-        drift_time: s, that a manoeuvre may take before nadir has moved by more than its cone is wider.
         attitudes: (T, 3, 3) body to inertial, at the start.
         joints: (T, 2n) rad, at the start.
     """
 
-    shell: Shell
     spacecraft: Spacecraft
-    time: float
     before: np.ndarray
     after: np.ndarray
     directions: np.ndarray
     sun_outage: np.ndarray
-    sun_direction: np.ndarray | None
-    sun_half_angle: float
-    earth_half_angle: float
-    drift_time: float
     attitudes: np.ndarray
     joints: np.ndarray
 
     @property
     def title(self) -> str:
-        """Of which shell, and how many terminals a satellite has."""
+        """Title with the shell and the number of terminals."""
         return f"links of {self.shell.name}, {len(self.spacecraft.terminals)} terminals a satellite"
 
     def scenarios(self, satellites: Iterable[int] | None = None) -> list[Scenario]:
@@ -81,12 +112,11 @@ class LinkSwitch:
         vectors = so3.log(self.attitudes)
         names = tuple(terminal.name for terminal in self.spacecraft.terminals)
         still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(2 * len(names))}
-        positions = self.shell.positions(self.time)
-        down = -positions / np.linalg.norm(positions, axis=-1, keepdims=True)
-        sun: tuple[KeepOut, ...] = ()
+        zone = partial(KeepOut, devices=names)
+        down = self.shell.nadir(self.time)
+        sun: list[KeepOut] = []
         if self.sun_direction is not None:
-            direction, half_angle = self.sun_direction, self.sun_half_angle
-            sun = (KeepOut(name="Sun", direction=direction, half_angle=half_angle, devices=names),)
+            sun = [zone(name="Sun", direction=self.sun_direction, half_angle=self.sun_half_angle)]
         return [
             Scenario(
                 name=f"satellite {number}",
@@ -95,12 +125,7 @@ class LinkSwitch:
                 goal=Targets(directions=self.directions[1, number], **still),
                 keep_out=(
                     *sun,
-                    KeepOut(
-                        name="Earth",
-                        direction=down[number],
-                        half_angle=self.earth_half_angle,
-                        devices=names,
-                    ),
+                    zone(name="Earth", direction=down[number], half_angle=self.earth_half_angle),
                 ),
             )
             for number in chosen

@@ -1,8 +1,6 @@
-"""A constellation's links planned satellite by satellite, and what came of it.
+"""Planning all satellites of a switch, by this process or by many, and what came of it.
 
-What became of a constellation's satellites: arrays, a table, and a summary.
-
-Planning all satellites of a switch, by this process or by many.
+The result is a study of the switch's scenarios, told by satellites: arrays, a table, and a summary.
 """
 
 import os
@@ -16,12 +14,10 @@ import numpy as np
 from jaxplan.constellation.links import WHEN
 from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell
-from jaxplan.proportions import success_interval
 from jaxplan.runtime.arguments import expect
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
-from jaxplan.study.result import aligned
 
 _LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite
 
@@ -43,7 +39,7 @@ class Constellation:
 
     @property
     def shell(self) -> Shell:
-        """Where the satellites are."""
+        """The shell of the switch."""
         return self.switch.shell
 
     @cached_property
@@ -54,8 +50,8 @@ class Constellation:
         after, and those of a study from planner on.
         """
         rows = []
-        for row in self.study.table:
-            number = int(self.satellites[row["scene"]])
+        for row in self._by_satellite(self.study.table):
+            number = row["satellite"]
             outages = np.sum(self.switch.sun_outage[:, number], axis=-1)
             place = {
                 "satellite": number,
@@ -63,32 +59,39 @@ class Constellation:
                 "slot": int(self.shell.slot[number]),
                 **{f"sun_outages_{when}": int(count) for when, count in zip(WHEN, outages, strict=True)},
             }
-            rows.append(place | {name: value for name, value in row.items() if name not in _LEFT_OUT})
+            rows.append(place | row)
         return rows
 
     @cached_property
     def timings(self) -> list[dict[str, Any]]:
-        """Likewise the seconds of each satellite's planning, by step."""
+        """The seconds of each satellite's planning, by step."""
+        return self._by_satellite(self.study.timings)
+
+    def _by_satellite(self, rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
         return [
             {"satellite": int(self.satellites[row["scene"]])}
             | {name: value for name, value in row.items() if name not in _LEFT_OUT}
-            for row in self.study.timings
+            for row in rows
         ]
+
+    def _column(self, name: str, kind: type = float) -> np.ndarray:
+        """(N,) a column of the table; NaN where nothing is known."""
+        return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=kind)
 
     @property
     def planned(self) -> np.ndarray:
         """(N,) int: the satellites of the table's rows."""
-        return np.array([row["satellite"] for row in self.table], dtype=int)
+        return self._column("satellite", int)
 
     @property
     def status(self) -> np.ndarray:
         """(N,) str: names of `Status`, or "crashed"."""
-        return np.array([row["status"] for row in self.table], dtype=str)
+        return self._column("status", str)
 
     @property
     def certified(self) -> np.ndarray:
         """(N,) bool: whether there is a certified plan."""
-        return np.array([row["certified"] for row in self.table], dtype=bool)
+        return self._column("certified", bool)
 
     @property
     def duration(self) -> np.ndarray:
@@ -111,17 +114,14 @@ class Constellation:
         return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
 
     def summary(self) -> "ConstellationSummary":
-        """How many are planned, which links are out, and how durations, slews and margins are spread."""
+        """Counts of plans and outages, and quantiles of durations, lengths and margins."""
         return ConstellationSummary(
+            **vars(self.study.summary()),
             switch=self.switch,
-            study=self.study.summary(),
             sun_outages=tuple(int(np.sum(out[self.planned])) for out in self.switch.sun_outage),
             satellites_with_outages=int(np.sum(self.sun_outage)),
             beyond_drift=int(np.sum(self.duration > self.switch.drift_time)),
         )
-
-    def _column(self, name: str) -> np.ndarray:
-        return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=float)
 
     def __str__(self) -> str:
         return str(self.summary())
@@ -130,77 +130,49 @@ class Constellation:
         return self.summary()._repr_html_()
 
 
-@shown(
-    "study.done", "study.planned", "satellites_with_outages", "beyond_drift", heading="Summary of {0.title}"
-)
+@shown("done", "planned", "satellites_with_outages", "beyond_drift", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ConstellationSummary:
-    """A constellation in a few numbers; prints as a table.
+class ConstellationSummary(Summary):
+    """A constellation in a few numbers: those of its study, and of its links; prints as a table.
 
     Attributes:
         switch: what was planned.
-        study: the summary of its scenes, with statuses and quantiles.
         sun_outages: numbers of links through the Sun's cone before and after, of the satellites planned.
         satellites_with_outages: how many satellites have one.
         beyond_drift: how many manoeuvres take longer than the switch's `drift_time`.
     """
 
     switch: LinkSwitch
-    study: Summary
     sun_outages: tuple[int, ...]
     satellites_with_outages: int
     beyond_drift: int
 
     @property
     def title(self) -> str:
-        """Which constellation."""
+        """Title of the switch."""
         return f"Switch of the {self.switch.title}"
 
     def record(self) -> dict[str, Any]:
         """The summary for machines."""
-        before, after = self.sun_outages
-        return {
-            **self.study.record(),
-            "title": self.title,
-            "sun_outages_before": before,
-            "sun_outages_after": after,
+        return super().record() | {
+            **{f"sun_outages_{when}": count for when, count in zip(WHEN, self.sun_outages, strict=True)},
             "satellites_with_sun_outages": self.satellites_with_outages,
             "beyond_drift_time": self.beyond_drift,
         }
 
     def lines(self) -> list[tuple[str, str]]:
-        """What stands above the quantiles, as (label, value)."""
-        study, switch = self.study, self.switch
-        low, high = (100 * bound for bound in success_interval(study.planned, study.done))
-        of = f"{study.done} of {switch.shell.total}"
+        """Lines above the quantiles, as (label, value)."""
+        switch, (_, *lines) = self.switch, super().lines()
+        done = f"{self.done}" if self.done == switch.shell.total else f"{self.done} of {switch.shell.total}"
         earth = f"{np.rad2deg(switch.earth_half_angle):.1f} deg about nadir"
-        lines = [
-            ("satellites", of if study.done < switch.shell.total else f"{study.done}"),
-            (
-                "planned, certified",
-                f"{study.planned}"
-                if study.planned == study.done
-                else f"{study.planned}, 95 % interval {low:.2f} to {high:.2f} %",
-            ),
-            ("status", ", ".join(f"{count} {name}" for name, count in study.statuses.items())),
-            ("Earth's cone", f"{earth}; {self.beyond_drift} manoeuvres beyond its {switch.drift_time:g} s"),
-        ]
+        late = f"{self.beyond_drift} manoeuvres beyond its {switch.drift_time:g} s"
+        lines = [("satellites", done), *lines, ("Earth's cone", f"{earth}; {late}")]
         if switch.sun_direction is not None:
             before, after = self.sun_outages
             cone = f"{np.rad2deg(switch.sun_half_angle):.3g} deg"
             links = f"through it {before} links before and {after} after"
             lines.append(("Sun's cone", f"{cone}; {links}, of {self.satellites_with_outages} satellites"))
         return lines
-
-    def cells(self) -> list[list[str]]:
-        """The quantiles as rows of texts, with their head."""
-        return self.study.cells()
-
-    def __str__(self) -> str:
-        return aligned(self.title, self.lines(), self.cells())
-
-    def _repr_html_(self) -> str:
-        return as_table(self.title, self.lines(), self.cells())
 
 
 def plan_constellation(
@@ -225,7 +197,7 @@ def plan_constellation(
     Args:
         switch: of `link_switch`.
         satellites: numbers of those that are planned; None for all.
-        planner: see `run_study`, and the rest likewise.
+        planner: see `run_study`, also for the arguments below.
         settings: that differ from the defaults, such as ``{"trajectory.duration_s": "minimum"}``.
         workers: who plans: None for this process, a number of processes, or an executor.
         out: a folder where each chunk is safe once it is done.

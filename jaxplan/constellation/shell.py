@@ -1,12 +1,4 @@
-"""Satellites of a Walker shell, and when the Sun lights them.
-
-Links that lead through the Sun's keep-out cone, and where their terminals wait meanwhile.
-
-A link is out while its direction is inside the cone, or outside by less than `CLEARANCE`: an operator would
-not use it, and a terminal that looked along it would break the cone. Its terminal waits at `CLEARANCE`
-outside the cone, as close to the link as the Earth's cone allows, ready to take it up again.
-
-Walker shells: satellites evenly spread over evenly spread circular orbits of one altitude and inclination.
+"""Walker shells: satellites evenly spread over evenly spread circular orbits of one altitude and inclination.
 
 In the field's notation ``i:T/P/F`` a shell has T satellites in P planes of inclination i (deg). Each plane
 has ``S = T / P`` slots, evenly spread. A satellite is ``F * 360 / T`` deg further along its orbit than the
@@ -20,62 +12,17 @@ flight. Lengths are in km, angles in rad, times in s; the frame is that of `jaxp
 import math
 import re
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import jax
 import numpy as np
 from jax import Array
 
-from jaxplan.geometry.vectors import separation
 from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.schema import ScenarioError
 from jaxplan.sky import orbits
-
-CLEARANCE = math.radians(1.0)
-"""rad, from the Sun's cone, and from the Earth's where a terminal waits."""
-_TURNS = 721
-"""Places on the rim that are tried, half of them to either side of the nearest."""
-
-
-def in_the_sun(directions: np.ndarray, sun: np.ndarray, half_angle: float) -> np.ndarray:
-    """Which directions (..., 3) are inside the Sun's cone, or closer to it than `CLEARANCE`."""
-    return np.asarray(separation(directions, sun) < half_angle + CLEARANCE)
-
-
-def waiting_directions(
-    links: np.ndarray, sun: np.ndarray, half_angle: float, down: np.ndarray, earth_half_angle: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where terminals wait whose links are out.
-
-    Args:
-        links: (K, 3) directions of the links, inertial.
-        sun: (3,) direction of the Sun.
-        half_angle: rad, of its cone.
-        down: (K, 3) directions of nadir.
-        earth_half_angle: rad, of the Earth's cone about nadir.
-
-    Returns:
-        (K, 3) unit vectors, the admissible ones nearest to the links, and (K,) bool: whether there is one.
-    """
-    toward = links - (links @ sun)[:, None] * sun
-    length = np.linalg.norm(toward, axis=-1, keepdims=True)
-    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])  # for a link right to the Sun
-    first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _unit(anywhere))
-    second = np.cross(sun, first)
-    turn = np.linspace(-np.pi, np.pi, _TURNS)
-    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # the nearest first
-    around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
-    rim = half_angle + CLEARANCE
-    places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)
-    clear = separation(places, down[:, None]) >= earth_half_angle + CLEARANCE
-    chosen = np.argmax(clear, axis=-1)
-    return _unit(places[np.arange(len(links)), chosen]), np.any(clear, axis=-1)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
-
 
 PATTERNS = ("delta", "star")
 HIGHEST = 1e6  # km, beyond where the Earth keeps satellites
@@ -181,6 +128,11 @@ class Shell:
         """(T, 3) km/s, inertial, at a time in s."""
         return self.states(time)[1]
 
+    def nadir(self, time: float = 0.0) -> np.ndarray:
+        """(T, 3) unit vectors from the satellites to the Earth's centre, inertial, at a time in s."""
+        positions = self.positions(time)
+        return np.asarray(-positions / np.linalg.norm(positions, axis=-1, keepdims=True))
+
     def states(self, time: float = 0.0) -> np.ndarray:
         """(2, T, 3): positions and velocities at a time in s."""
         after = number("time", time, "a number of s")
@@ -242,25 +194,24 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
         (1584, 3)
     """
     found = _NOTATION.fullmatch(str(notation))
-    faults = []
     if found is None:
-        faults.append(f'notation = {notation!r}: must be "i:T/P/F", such as "53:1584/72/39"')
+        faults = [f'notation = {notation!r}: must be "i:T/P/F", such as "53:1584/72/39"']
     else:
-        faults += _wrong_numbers(found.groups(), notation)
+        faults = _wrong_numbers(found.groups(), notation)
     if not is_number(altitude) or not 0 < altitude <= HIGHEST:
         faults.append(f"altitude = {altitude!r}: must be a number of km in (0, {HIGHEST:g}]")
     if pattern not in PATTERNS:
         faults.append(f"pattern = {pattern!r}: must be {' or '.join(map(repr, PATTERNS))}")
-    if not is_number(epoch_angle) or not abs(epoch_angle) <= 1e6:
-        faults.append(f"epoch_angle = {epoch_angle!r}: must be a number of rad in [-1e6, 1e6]")
+    faults += out_of_range("epoch_angle", epoch_angle, "rad", -1e6, 1e6)
     if faults or found is None:
         raise ScenarioError(faults, "the shell")
-    inclination, total, planes, phasing = found.groups()
+    inclination, *counts = found.groups()
+    total, planes, phasing = map(int, counts)
     return Shell(
         inclination=math.radians(float(inclination)),
-        total=int(total),
-        planes=int(planes),
-        phasing=int(phasing),
+        total=total,
+        planes=planes,
+        phasing=phasing,
         altitude=float(altitude),
         pattern=pattern,
         epoch_angle=float(epoch_angle),
@@ -268,27 +219,30 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
 
 
 def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
-    """What is wrong with inclination, total, planes and phasing."""
-    place = f"notation = {notation!r}:"
+    """List the faults of inclination, total, planes and phasing."""
     try:
         inclination = float(texts[0])
     except ValueError:  # more than one point
         inclination = math.nan
     total, planes, phasing = map(int, texts[1:])
-    faults = []
-    if not 0 <= inclination <= 180:
-        faults.append(f"{place} i must be a number of degrees in [0, 180]")
-    if not 1 <= total <= MOST:
-        faults.append(f"{place} T must lie in [1, {MOST}]")
-    if planes < 1 or total % planes:
-        faults.append(f"{place} P must divide T = {total}")
-    if not phasing < max(planes, 1):
-        faults.append(f"{place} F must lie in [0, P - 1] = [0, {planes - 1}]")
-    return faults
+    wanted = {
+        "i must be a number of degrees in [0, 180]": 0 <= inclination <= 180,
+        f"T must lie in [1, {MOST}]": 1 <= total <= MOST,
+        f"P must divide T = {total}": planes >= 1 and total % planes == 0,
+        f"F must lie in [0, P - 1] = [0, {planes - 1}]": phasing < max(planes, 1),
+    }
+    return [f"notation = {notation!r}: {what}" for what, right in wanted.items() if not right]
 
 
-def is_number(value: object) -> bool:
-    """Whether a value is a real number; not a truth value."""
+def out_of_range(name: str, value: object, unit: str, low: float, high: float) -> list[str]:
+    """Message about a number outside its range; none if it lies there."""
+    if is_number(value) and low <= value <= high:
+        return []
+    return [f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]"]
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """True for real numbers, truth values excepted."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 

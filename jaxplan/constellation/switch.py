@@ -1,10 +1,9 @@
 """From a shell to the planning problems of a switch of its topology.
 
 At the start a satellite's terminals point along its links before the switch, from the attitude nearest to the
-nominal one (`craft`) at which they can; the goal is the links after it. No terminal may look into the Sun's
-cone, nor into the Earth's: about nadir, and as wide as the Earth with the air below `lowest_altitude`, whose
-half-angle from a radius r is ``asin((R + lowest_altitude) / r)``, and wider by what nadir moves within
-`drift_time`.
+nominal one at which they can; the goal is the links after it. No terminal may look into the Sun's cone, nor
+into the Earth's: about nadir, and as wide as the Earth with the air below `lowest_altitude`, whose half-angle
+from a radius r is ``asin((R + lowest_altitude) / r)``, and wider by what nadir moves within `drift_time`.
 
 Lines of sight and zones are those of one instant, and hold in the inertial frame. Over a manoeuvre they turn
 by the satellite's mean motion, 0.06 deg/s at 550 km: the Earth's cone is wider for that, and terminals follow
@@ -17,23 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.constellation.links import (
-    WHEN,
-    checked_topology,
-    default_topologies,
-    lines_of_sight,
-    nominal_attitudes,
-    relay_spacecraft,
-    unreachable,
-)
-from jaxplan.constellation.problems import LinkSwitch
-from jaxplan.constellation.shell import Shell, in_the_sun, is_number, waiting_directions
+from jaxplan.constellation.links import WHEN, Surroundings, checked_topology, default_topologies
+from jaxplan.constellation.problems import LinkSwitch, nominal_attitudes, relay_spacecraft
+from jaxplan.constellation.shell import Shell, out_of_range
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
-from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.arguments import as_floats, expect
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
 from jaxplan.sky.orbits import EARTH_RADIUS
@@ -61,7 +52,8 @@ def link_switch(
         spacecraft: what each of them is; None for a platform with three terminals, `relay_spacecraft`.
         before: (T, n) int, the satellite that each terminal is linked to; None for the default, see
             `default_topologies`: the two neighbours in the plane, and one or two in the planes beside.
-        after: likewise after the switch; None for the other side, or the next slot, of the planes beside.
+        after: (T, n) int, the same after the switch; None for the other side, or the next slot, of the planes
+            beside.
         sun_direction: (3,) unit vector, inertial; None where no Sun is to be kept out.
         sun_half_angle: rad, of the Sun's keep-out cone for all terminals, in [1e-6, 1.5].
         sun_outage: what becomes of links that lead through the Sun's cone, or within 1 deg of it. "wait":
@@ -86,114 +78,88 @@ def link_switch(
     """
     expect("shell", shell, Shell, 'jp.walker makes one, such as jp.walker("53:1584/72/39", 550.0)')
     craft = relay_spacecraft() if spacecraft is None else checked_spacecraft(spacecraft)
-    try:
-        sun = None if sun_direction is None else np.asarray(sun_direction, dtype=float)
-    except (TypeError, ValueError):
-        sun = np.zeros(0)
-    faults = _wrong_values(sun, sun_half_angle, sun_outage, lowest_altitude, drift_time, time)
-    if faults:
-        raise ScenarioError(faults, "the switch")
-    sine = (EARTH_RADIUS + lowest_altitude) / shell.radius
-    if sine >= 1:
-        raise ScenarioError(
-            [f"lowest_altitude = {lowest_altitude:g}: must be below the shell's, {shell.altitude:g} km"],
-            "the switch",
-        )
-    earth_half_angle = math.asin(sine) + shell.mean_motion * drift_time
+    around = _surroundings(
+        shell, sun_direction, sun_half_angle, sun_outage, lowest_altitude, drift_time, time
+    )
     topologies = _topologies(shell, len(craft.terminals), before, after)
-    positions, velocities = shell.states(time)
     names = [terminal.name for terminal in craft.terminals]
-    links = []
+    links: list[np.ndarray] = []
+    faults: list[str] = []
     for when, topology in zip(WHEN, topologies, strict=True):
-        seen, grazing = lines_of_sight(positions, topology)
+        seen, wrong = around.links(topology, when, names)
         links.append(seen)
-        faults += unreachable(
-            shell, topology, when, names, seen, grazing, positions, earth_half_angle, lowest_altitude
-        )
+        faults += wrong
     if faults:
         raise ScenarioError(faults, f"the shell {shell.name}")
-    directions, out = np.stack(links), np.zeros((2, *topologies[0].shape), dtype=bool)
-    if sun is not None:
-        sun = sun / np.linalg.norm(sun)
-        out = in_the_sun(directions, sun, sun_half_angle)
-        if sun_outage == "wait":
-            directions[out] = _waiting(
-                shell, out, directions, sun, sun_half_angle, positions, earth_half_angle
-            )
-    attitudes, joints = _starts(craft, nominal_attitudes(positions, velocities), directions[0])
+    directions = np.stack(links)
+    out = around.in_the_sun(directions)
+    if sun_outage == "wait":
+        directions[out] = around.waiting(directions, out)
+    attitudes, joints = _starts(craft, nominal_attitudes(*shell.states(time)), directions[0])
     return LinkSwitch(
-        shell=shell,
+        **vars(around),
         spacecraft=craft,
-        time=float(time),
         before=topologies[0],
         after=topologies[1],
         directions=directions,
         sun_outage=out,
-        sun_direction=sun,
-        sun_half_angle=float(sun_half_angle),
-        earth_half_angle=earth_half_angle,
-        drift_time=float(drift_time),
         attitudes=attitudes,
         joints=joints,
     )
 
 
-def _wrong_values(
-    sun: np.ndarray | None,
+def _surroundings(
+    shell: Shell,
+    sun_direction: ArrayLike | None,
     sun_half_angle: float,
     sun_outage: str,
     lowest_altitude: float,
     drift_time: float,
     time: float,
-) -> list[str]:
-    faults = []
-    if sun is not None and not (sun.shape == (3,) and abs(np.linalg.norm(sun) - 1) <= 1e-3):
-        given = f" = {sun.tolist()}" if sun.size else ""
+) -> Surroundings:
+    """Earth and Sun around a shell, after a check of the arguments of `link_switch`."""
+    faults = [
+        *out_of_range("sun_half_angle", sun_half_angle, "rad", 1e-6, 1.5),
+        *out_of_range("lowest_altitude", lowest_altitude, "km", 0.0, 1000.0),
+        *out_of_range("drift_time", drift_time, "s", 0.0, 3600.0),
+        *out_of_range("time", time, "s", -1e9, 1e9),
+    ]
+    sun = None if sun_direction is None else as_floats(sun_direction)
+    if sun_direction is not None and not (
+        sun is not None and sun.shape == (3,) and abs(np.linalg.norm(sun) - 1) <= 1e-3
+    ):
+        given = f" = {sun.tolist()}" if sun is not None and sun.size else ""
         faults.append(f"sun_direction{given}: must be a unit vector (3,) of numbers, to 1e-3")
     if sun_outage not in SUN_OUTAGES:
         faults.append(f"sun_outage = {sun_outage!r}: must be {' or '.join(map(repr, SUN_OUTAGES))}")
-    ranges = (
-        ("sun_half_angle", sun_half_angle, 1e-6, 1.5, "rad"),
-        ("lowest_altitude", lowest_altitude, 0.0, 1000.0, "km"),
-        ("drift_time", drift_time, 0.0, 3600.0, "s"),
-        ("time", time, -1e9, 1e9, "s"),
+    if not faults and lowest_altitude >= shell.altitude:
+        faults.append(
+            f"lowest_altitude = {lowest_altitude:g}: must be below the shell's, {shell.altitude:g} km"
+        )
+    if faults:
+        raise ScenarioError(faults, "the switch")
+    limb = math.asin((EARTH_RADIUS + lowest_altitude) / shell.radius)
+    return Surroundings(
+        shell=shell,
+        time=float(time),
+        sun_direction=None if sun is None else sun / np.linalg.norm(sun),
+        sun_half_angle=float(sun_half_angle),
+        lowest_altitude=float(lowest_altitude),
+        earth_half_angle=limb + shell.mean_motion * drift_time,
+        drift_time=float(drift_time),
     )
-    for name, value, low, high, unit in ranges:
-        if not is_number(value) or not low <= value <= high:
-            faults.append(f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]")
-    return faults
 
 
 def _topologies(
     shell: Shell, terminals: int, before: ArrayLike | None, after: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those that are given, and the default for others."""
+    """The topologies that are given, with defaults for missing ones."""
     default = default_topologies(shell, terminals) if before is None or after is None else None
     given = [
         default[place] if value is None and default else checked_topology(value, when, shell, terminals)
         for place, (value, when) in enumerate(zip((before, after), WHEN, strict=True))
     ]
     return given[0], given[1]
-
-
-def _waiting(
-    shell: Shell,
-    out: np.ndarray,
-    links: np.ndarray,
-    sun: np.ndarray,
-    sun_half_angle: float,
-    positions: np.ndarray,
-    earth_half_angle: float,
-) -> np.ndarray:
-    """Where the terminals wait whose links (2, T, n, 3) are out (2, T, n), in their order."""
-    satellites = np.nonzero(out)[1]
-    down = -positions[satellites] / np.linalg.norm(positions[satellites], axis=-1, keepdims=True)
-    places, there = waiting_directions(links[out], sun, sun_half_angle, down, earth_half_angle)
-    if not np.all(there):
-        number = satellites[np.argmin(there)]
-        fault = f"satellite {number}: the cones of Sun and Earth leave its terminals nowhere to wait"
-        raise ScenarioError([fault], f"the shell {shell.name}")
-    return places
 
 
 def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -39,7 +39,7 @@ from jaxplan.search import PLANNERS
 
 
 class Compared(Protocol):
-    """What one planner did on the scenes of one kind, such as a `jaxplan.table4.Row`.
+    """What one planner did on the scenes of one kind, such as a `jaxplan.study.table4.Row`.
 
     Attributes:
         kind: of the scenes.
@@ -237,8 +237,8 @@ def table4(rows: Iterable[Compared], ax: Canvas = None, *, legend: bool = True) 
     least to largest and stand last.
 
     Args:
-        rows: what `jaxplan.table4.compare` returns, with `jaxplan.table4.printed_rows` where they are to be
-            seen beside. Kinds and planners stand in the order in which they come first.
+        rows: what `jaxplan.study.table4.compare` returns, with `printed_rows` of the same module where they
+            are to be seen beside. Kinds and planners stand in the order in which they come first.
         ax: four axes a kind, from left to right; a figure to put them in, or None for a new one.
         legend: whether to explain the marks beside the panels.
 
@@ -250,7 +250,7 @@ def table4(rows: Iterable[Compared], ax: Canvas = None, *, legend: bool = True) 
         ValueError: if there are no rows, or another number of axes is given.
 
     Example:
-        >>> from jaxplan.table4 import compare, printed_rows
+        >>> from jaxplan.study.table4 import compare, printed_rows
         >>> jp.plot.table4([*compare(["keep_out"], count=5), *printed_rows(["keep_out"])])
     """
     kinds = _by_kind(rows)
@@ -288,8 +288,10 @@ def comparison_figure(rows: Iterable[Compared]) -> Figure:
 def _by_kind(rows: Iterable[Compared]) -> list[list[Compared]]:
     """The rows of each kind, those from print last."""
     kinds: dict[str, list[Compared]] = {}
-    for number, row in enumerate(several("rows", rows, "rows, as jaxplan.table4.compare returns")):
-        expect_like(f"rows[{number}]", row, ("kind", "planner", "solved"), "a row of jaxplan.table4.compare")
+    for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
+        expect_like(
+            f"rows[{number}]", row, ("kind", "planner", "solved"), "a row of jaxplan.study.table4.compare"
+        )
         kinds.setdefault(row.kind, []).append(row)
     return [sorted(of_kind, key=is_printed) for of_kind in kinds.values()]
 

@@ -41,7 +41,6 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.proportions import success_interval
 from jaxplan.runtime.arguments import expect_like, several
 
 OK = "OK"
@@ -57,6 +56,7 @@ class Studied(Protocol):
         settings: that differ from the scenes' own.
         table: a row a scene, with its status and what was found, by column.
         timings: likewise its seconds.
+        interval: bounds of its success rate.
     """
 
     @property
@@ -73,6 +73,9 @@ class Studied(Protocol):
 
     @property
     def timings(self) -> Sequence[Mapping[str, Any]]: ...  # noqa: D102
+
+    @property
+    def interval(self) -> tuple[float, float]: ...  # noqa: D102
 
 
 Studies: TypeAlias = Studied | Iterable[Studied] | Mapping[str, Studied]
@@ -221,7 +224,7 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
     axes.grid(False, axis="y")
     for line, (study, look) in enumerate(zip(every.values(), looks([*every.values()]), strict=True)):
         planned, scenes = sum(row["status"] == OK for row in study.table), len(study.table)
-        low, high = (100 * bound for bound in success_interval(planned, scenes))
+        low, high = (100 * bound for bound in study.interval)
         axes.plot([low, high], [line, line], color=look["color"], linewidth=1.6, solid_capstyle="butt")
         axes.plot([100 * planned / scenes], [line], color=look["color"], marker="o", clip_on=False, zorder=3)
         axes.annotate(

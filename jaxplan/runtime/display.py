@@ -44,7 +44,7 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
             name of the class and, where it has one, the object's own.
 
     A line leaves out what is None, empty, or as it is by default. A class may have a ``_repr_html_`` and a
-    ``__str__`` of its own, which give way to the quantities where they raise.
+    ``__str__``, which give way to the quantities where they raise.
 
     Example:
         >>> @shown("half_angle deg", "devices")
@@ -59,7 +59,8 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
         def table(self: T) -> str:
             return as_table(_heading(self, heading), _rows(_quantities(self, quantities)))
 
-        own = {name: cls.__dict__[name] for name in ("__str__", "_repr_html_") if name in cls.__dict__}
+        told = {name: getattr(cls, name, None) for name in ("__str__", "_repr_html_")}
+        own = {name: tell for name, tell in told.items() if tell not in (None, object.__str__)}
         for name, tell in ({"__repr__": line, "_repr_html_": table} | own).items():
             setattr(cls, name, _calm(tell, table if name == "_repr_html_" else line))
         return cls

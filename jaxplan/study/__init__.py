@@ -3,14 +3,14 @@
     >>> study = jp.run_study(range(1000), "hard_keep_out", workers=2, out="study")
     >>> print(study.summary())
 
-`task` says what a study plans, `blocks` cuts it up and shares it out, `rows` are what comes of it, which
-`store` keeps; `result` and `comparison` say what they mean.
+`task` says what a study plans and cuts it up, `blocks` shares it out, `rows` are what comes of it, which
+`store` keeps; `result` and `comparison` say what they mean, as `text`. The studies of `table4` search alone.
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies
 from jaxplan.study.result import Study, Summary, load_study
-from jaxplan.study.rows import StudyFolderError
 from jaxplan.study.run import run_study
+from jaxplan.study.store import StudyFolderError
 
 __all__ = [
     "Comparison",

@@ -1,47 +1,48 @@
-"""The scenes of a study in blocks that are planned together, handed out to workers.
+"""Chunks of a study handed out to workers, and what they answer.
 
-What a worker does: plan the scenes of a chunk, and answer with rows alone.
+How many blocks make a chunk follows the measured times: so many that handing them out costs next to nothing,
+and so few that little is lost with one, that progress is seen, and that workers end together. A block of
+which scenes are missing is planned anew as a whole.
 
-Nothing that a scene raises gets out: it is a row with status ``crashed``, and the others of its block are
-planned one by one.
-
-The scenes that are left of a study: in blocks, which are planned together, handed out some at a time.
-
-Scenes of a block are planned together, and a plan may differ in its last digits with what it is planned
-beside. So blocks are fixed: the scenes 0 to 15 of a study are one, those from 16 to 31 the next, whatever is
-done already and whoever plans them. A block of which scenes are missing is planned anew as a whole. What does
-follow the measured times is how many blocks are handed out at once, as a *chunk*: so many that handing them
-out costs next to nothing, and so few that little is lost with one, that progress is seen, and that workers
-end together.
-
-A block in which a scene kills its process cannot be planned together. It is planned scene by scene once it
-has killed a worker twice that did nothing else, so not where a worker died by chance; its rows say so.
-
-From chunks to answers: in this process, or by workers, of whom some may die.
+Nothing that a scene raises gets out of a worker: it is a row with status ``crashed``, and the others of its
+block are planned one by one. A block in which a scene kills its process cannot be planned together. It is
+planned scene by scene once it has killed a worker twice that did nothing else, so not where a worker died by
+chance; its rows say so.
 """
 
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass, replace
 
 from jaxplan.planner import Plan, plan, plan_batch
 from jaxplan.runtime.jit import working_time
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.rows import Row, crashed, no_times, row_of, times_of
-from jaxplan.study.task import Chunk, Task
+from jaxplan.study.rows import Row, row_of, times_of
+from jaxplan.study.task import BLOCK, Chunk, Task
 from jaxplan.version import __version__
+
+APART = "planned by itself, since a scene of its block killed its process"
+"""Note in the rows of a block that is planned scene by scene."""
+AIM = 2.0
+"""Seconds that a chunk should take."""
+LARGEST = 16
+"""Blocks in a chunk at most."""
+DEATHS = 2
+"""Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
+_UNDER_WAY = 2  # chunks a worker, so that none waits for the next
+_IDLE = 1.5  # a chunk that is done within so many times its own time has hardly waited
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What became of a chunk.
+    """Rows of the scenes of a chunk.
 
     Attributes:
         table: a row a scene.
-        timings: likewise.
+        timings: the seconds of each scene.
         seconds: the chunk took, without those of compiling.
     """
 
@@ -49,18 +50,8 @@ class Answer:
     timings: list[Row]
     seconds: float = 0.0
 
-    def without(self, done: Sequence[int]) -> "Answer":
-        """The rows of scenes that are not done yet, (scenes,) true where one is."""
-        table, timings = (
-            [row for row in rows if not done[row["scene"]]] for rows in (self.table, self.timings)
-        )
-        return Answer(table, timings, self.seconds)
-
 
 Work = Callable[[Chunk], Answer]
-
-APART = "planned by itself, since a scene of its block killed its process"
-"""What the rows of a block that is planned scene by scene say."""
 
 
 def plan_chunk(chunk: Chunk) -> Answer:
@@ -75,68 +66,41 @@ def plan_chunk(chunk: Chunk) -> Answer:
             "install the same on all machines"
         )
     began = working_time()
-    table: list[Row] = []
-    timings: list[Row] = []
-    for block in in_blocks(chunk):
-        for place, result in enumerate(_plans(block)):
-            first = head(block, place)
-            if isinstance(result, Plan):
-                table.append(row_of(result, first))
-                timings.append(times_of(result.timings, first))
-            else:
-                table.append(crashed(f"{type(result).__name__}: {result}", first))
-                timings.append(no_times(first))
-    if chunk.apart:
-        table = [{**row, "message": "; ".join(filter(None, (row["message"], APART)))} for row in table]
-    return Answer(table, timings, working_time() - began)
+    answer = _answer(chunk, [outcome for block in chunk.blocks() for outcome in _outcomes(block)])
+    return replace(answer, seconds=working_time() - began)
 
 
-def _plans(block: Chunk) -> list[Plan | Exception]:
+def _outcomes(block: Chunk) -> list[Plan | str]:
     """The plans of a block made together; after an unexpected error one by one, to find whose it is."""
-    places = range(len(block.scenes))
+    places = range(len(block.numbers))
     try:
         return [*plan_batch([block.scenario(place) for place in places], progress=False)]
     except Exception:
         return [_plan_or_error(block, place) for place in places]
 
 
-def died(chunk: Chunk) -> Answer:
-    """The answer for scenes that killed their worker."""
-    heads = [head(chunk, place) for place in range(len(chunk.scenes))]
-    message = f"its worker died, {chunk.deaths} times while it planned nothing else"
-    return Answer([crashed(message, first) for first in heads], [no_times(first) for first in heads])
-
-
-def head(chunk: Chunk, place: int) -> Row:
-    """The columns that say which scene a row is of."""
-    return {
-        "scene": chunk.numbers[place],
-        "seed": chunk.seed(place),
-        "name": chunk.name(place),
-        "kind": chunk.kind,
-        "planner": chunk.planner,
-    }
-
-
-def _plan_or_error(chunk: Chunk, place: int) -> Plan | Exception:
+def _plan_or_error(block: Chunk, place: int) -> Plan | str:
     try:
-        return plan(chunk.scenario(place), throw=False, progress=False)
+        return plan(block.scenario(place), throw=False, progress=False)
     except Exception as error:
-        return error
+        return f"{type(error).__name__}: {error}"
 
 
-BLOCK = 16
-"""Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
-AIM = 2.0
-"""Seconds that a chunk should take."""
-LARGEST = 16
-"""Blocks in a chunk at most."""
-DEATHS = 2
-"""Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
+def _answer(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
+    """The rows of what became of a chunk's scenes."""
+    table, timings = [], []
+    for place, outcome in enumerate(outcomes):
+        head = chunk.head(place)
+        row = row_of(outcome, head)
+        if chunk.apart:
+            row["message"] = "; ".join(filter(None, (row["message"], APART)))
+        table.append(row)
+        timings.append(times_of(outcome.timings if isinstance(outcome, Plan) else None, head))
+    return Answer(table, timings)
 
 
 class Blocks:
-    """What is left to be planned.
+    """The blocks of a study that are left to be planned.
 
     Where a worker dies with several chunks under way, nobody knows which of them killed it: all become
     suspects, and are planned with nothing else under way. One that kills its worker then is cut into blocks,
@@ -149,8 +113,8 @@ class Blocks:
     """
 
     def __init__(self, task: Task, left: Iterable[int], size: int | None) -> None:
-        self._task, self._begun = task, 0
-        self._left = sorted({number // BLOCK for number in left})
+        self._task = task
+        self._left = deque(sorted({number // BLOCK for number in left}))
         self._fixed, self._size = size, size or 1
         self._suspects: deque[Chunk] = deque()
         self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
@@ -168,12 +132,9 @@ class Blocks:
         self._alone = bool(self._suspects)
         if self._suspects:
             return self._suspects.popleft()
-        size = self._size
-        if self._fixed is None:
-            size = min(size, math.ceil((len(self._left) - self._begun) / most))
-        blocks = self._left[self._begun : self._begun + size]
-        self._begun += len(blocks)
-        return self._chunk(blocks) if blocks else None
+        size = self._fixed or min(self._size, math.ceil(len(self._left) / most))
+        blocks = [self._left.popleft() for _ in range(min(size, len(self._left)))]
+        return self._task.chunk(blocks) if blocks else None
 
     def learn(self, scenes: int, seconds: float) -> None:
         """Take into account how long so many scenes took."""
@@ -185,57 +146,19 @@ class Blocks:
         """Put back chunks of which one may have killed a worker."""
         self._suspects.extend(chunks)
 
-    def killed(self, chunk: Chunk) -> Iterator[Chunk]:
-        """Put back a chunk that killed a worker by itself, cut if need be; yields what is given up."""
-        blocks = in_blocks(chunk)
-        if len(blocks) > 1:
-            self._suspects.extend(blocks)
-            return
-        guilty = replace(chunk, deaths=chunk.deaths + 1)
-        if guilty.deaths < DEATHS:
-            self._suspects.append(guilty)
-        elif len(guilty.scenes) > 1:
-            self._suspects.extend(_in_scenes(chunk))
-        else:
-            yield guilty
-
-    def _chunk(self, blocks: Iterable[int]) -> Chunk:
-        task, count = self._task, len(self._task.scenes)
-        numbers = [
-            number for block in blocks for number in range(block * BLOCK, min((block + 1) * BLOCK, count))
-        ]
-        return Chunk(
-            numbers=tuple(numbers),
-            scenes=tuple(task.scenes[number] for number in numbers),
-            kind=task.kind,
-            planner=task.planner,
-            settings=task.settings,
-        )
-
-
-def in_blocks(chunk: Chunk) -> list[Chunk]:
-    """The blocks of a chunk as chunks of their own."""
-    begins = [
-        place
-        for place, number in enumerate(chunk.numbers)
-        if place == 0 or number // BLOCK != chunk.numbers[place - 1] // BLOCK
-    ]
-    ends = [*begins[1:], len(chunk.numbers)]
-    return [_part(chunk, slice(*ends_of)) for ends_of in zip(begins, ends, strict=True)]
-
-
-def _in_scenes(chunk: Chunk) -> list[Chunk]:
-    """The scenes of a block as chunks of their own, planned apart for good."""
-    parts = [_part(chunk, slice(place, place + 1)) for place in range(len(chunk.scenes))]
-    return [replace(part, apart=True) for part in parts]
-
-
-def _part(chunk: Chunk, which: slice) -> Chunk:
-    return replace(chunk, numbers=chunk.numbers[which], scenes=chunk.scenes[which])
-
-
-_UNDER_WAY = 2  # chunks a worker, so that none waits for the next
-_IDLE = 1.5  # a chunk that is done within so many times its own time has hardly waited
+    def killed(self, chunk: Chunk) -> Iterator[Answer]:
+        """Put back a chunk that killed a worker by itself, cut if need be; yields the row of a lost scene."""
+        parts, deaths = chunk.blocks(), chunk.deaths + 1
+        if len(parts) == 1:
+            if deaths < DEATHS:
+                parts = [replace(chunk, deaths=deaths)]
+            elif len(chunk.numbers) > 1:
+                parts = chunk.singles()
+            else:
+                why = f"its worker died, {deaths} times while it planned nothing else"
+                yield _answer(replace(chunk, apart=False), [why])
+                return
+        self.suspect(parts)
 
 
 def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
@@ -269,41 +192,27 @@ def by_workers(chunks: Blocks, work: Work, crew: Crew) -> Iterator[Answer]:
                 broken = True
         if not running and not broken:
             return
-        for future in () if broken else wait(running, return_when=FIRST_COMPLETED).done:
-            chunk, since = running.pop(future)
-            try:
-                answer = future.result()
-            except BrokenExecutor:
-                lost.append(chunk)
-            except Exception as error:
-                if not _is_death(error):
-                    raise
-                yield from map(died, chunks.killed(chunk))
+        waiting = True
+        while running and waiting:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                chunk, since = running.pop(future)
+                try:
+                    answer = future.result()
+                except BrokenExecutor:
+                    lost.append(chunk)
+                    broken = True
+                except Exception as error:
+                    if type(error).__name__ != "KilledWorker":  # Dask's word for a task whose workers died
+                        raise
+                    yield from chunks.killed(chunk)
+                else:
+                    chunks.learn(len(chunk.scenes), answer.seconds)
+                    most += time.monotonic() - since < _IDLE * answer.seconds
+                    yield answer
+            waiting = broken  # a broken pool ends all that it was given
+        if broken:
+            if len(lost) == 1:
+                yield from chunks.killed(lost[0])
             else:
-                chunks.learn(len(chunk.scenes), answer.seconds)
-                most += time.monotonic() - since < _IDLE * answer.seconds
-                yield answer
-        if lost or broken:
-            yield from _after_a_death(chunks, crew, running, lost)
-
-
-def _after_a_death(
-    chunks: Blocks, crew: Crew, running: dict["Future[Answer]", tuple[Chunk, float]], lost: list[Chunk]
-) -> Iterator[Answer]:
-    """Keep what is done, put back what is lost, and begin anew."""
-    for future in wait(running).done:  # a broken pool ends them all
-        chunk, _ = running.pop(future)
-        try:
-            yield future.result()
-        except BrokenExecutor:
-            lost.append(chunk)
-    if len(lost) == 1:
-        yield from map(died, chunks.killed(lost[0]))
-    else:
-        chunks.suspect(lost)
-    crew.begin_anew()
-
-
-def _is_death(error: Exception) -> bool:
-    """Whether it is Dask's word for a task whose workers died; Dask itself is not needed to know."""
-    return type(error).__name__ == "KilledWorker"
+                chunks.suspect(lost)
+            crew.begin_anew()

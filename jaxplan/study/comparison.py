@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan.runtime.arguments import expect
-from jaxplan.runtime.display import as_table, shown
-from jaxplan.study.result import Study, aligned
+from jaxplan.runtime.display import shown
+from jaxplan.study.result import Study
 from jaxplan.study.rows import OK, Row
+from jaxplan.study.text import Printed
 
 _QUANTITIES = {
     "path length (steps)": "length_steps",
@@ -35,7 +36,7 @@ _COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", 
     heading="Comparison of {0.scenes} scenes",
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class Comparison(Printed):
     """Two studies, scene by scene.
 
     Attributes:
@@ -59,26 +60,26 @@ class Comparison:
     differences: Mapping[str, Mapping[str, float]]
 
     @property
+    def title(self) -> str:
+        """Title with the number of scenes."""
+        return f"Two studies of the same {self.scenes} scenes"
+
+    @property
     def neither(self) -> int:
         """Scenes that none of them plans."""
         return self.scenes - self.both - self.only_first - self.only_second
 
     def record(self) -> dict[str, Any]:
         """The comparison for machines."""
+        counts = ("scenes", "both", "only_first", "only_second", "neither", "p_value")
         return {
-            "first": self.names[0],
-            "second": self.names[1],
-            "scenes": self.scenes,
-            "both": self.both,
-            "only_first": self.only_first,
-            "only_second": self.only_second,
-            "neither": self.neither,
-            "p_value": self.p_value,
+            **dict(zip(("first", "second"), self.names, strict=True)),
+            **{name: getattr(self, name) for name in counts},
             "differences": {label: dict(values) for label, values in self.differences.items()},
         }
 
     def lines(self) -> list[tuple[str, str]]:
-        """What stands above the differences, as (label, value)."""
+        """Lines above the differences, as (label, value)."""
         return [
             ("first", self.names[0]),
             ("second", self.names[1]),
@@ -100,16 +101,6 @@ class Comparison:
             for label, values in self.differences.items()
         ]
         return [["planned by both", *_COLUMNS], *rows]
-
-    def __str__(self) -> str:
-        return aligned(self._title, self.lines(), self.cells())
-
-    def _repr_html_(self) -> str:
-        return as_table(self._title, self.lines(), self.cells())
-
-    @property
-    def _title(self) -> str:
-        return f"Two studies of the same {self.scenes} scenes"
 
 
 def compare_studies(first: Study, second: Study) -> Comparison:
@@ -143,7 +134,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
     only_first, only_second = success.count((True, False)), success.count((False, True))
     differing = only_first + only_second
     solved = [pair for pair, good in zip(pairs, success, strict=True) if all(good)]
-    values = {label: _paired(solved, column) for label, column in _QUANTITIES.items()}
+    differences = {label: _difference(solved, column) for label, column in _QUANTITIES.items()}
     return Comparison(
         names=(first.title, second.title),
         scenes=len(pairs),
@@ -151,7 +142,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
         only_first=only_first,
         only_second=only_second,
         p_value=float(binomtest(only_first, differing).pvalue) if differing else 1.0,
-        differences={label: _difference(*two) for label, two in values.items() if len(two[0])},
+        differences={label: values for label, values in differences.items() if values},
     )
 
 
@@ -165,18 +156,13 @@ def _by_scene(study: Study) -> dict[Hashable, Row]:
     }
 
 
-def _paired(pairs: list[tuple[Row, Row]], column: str) -> np.ndarray:
-    """(2, n) values of the scenes in which both have one."""
-    known = [
-        (one[column], other[column])
-        for one, other in pairs
-        if one.get(column) is not None and other.get(column) is not None
-    ]
-    return np.array(known, dtype=float).reshape(-1, 2).T
-
-
-def _difference(first: np.ndarray, second: np.ndarray) -> dict[str, float]:
-    change = second - first
-    low, median, high = np.quantile(change, [0.05, 0.5, 0.95])
-    values = (len(change), first.mean(), second.mean(), change.mean(), low, median, high, np.mean(change < 0))
-    return {name: float(value) for name, value in zip(_COLUMNS, values, strict=True)}
+def _difference(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
+    """Statistics of the difference of a quantity over pairs in which both rows have it; empty if none has."""
+    values = np.array([[row.get(column) for row in pair] for pair in pairs], dtype=float).reshape(-1, 2)
+    values = values[np.all(np.isfinite(values), axis=1)]
+    if not len(values):
+        return {}
+    change = values[:, 1] - values[:, 0]
+    spread = np.quantile(change, [0.05, 0.5, 0.95])
+    found = (len(change), *np.mean(values, axis=0), np.mean(change), *spread, np.mean(change < 0))
+    return {name: float(value) for name, value in zip(_COLUMNS, found, strict=True)}

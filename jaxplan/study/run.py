@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import closing, nullcontext
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
 from jaxplan.study.blocks import Answer, Blocks, Work, by_workers, in_this_process, plan_chunk
 from jaxplan.study.result import Study
-from jaxplan.study.rows import OK, TABLE, TIMINGS
+from jaxplan.study.rows import OK
 from jaxplan.study.store import Store
 from jaxplan.study.task import Task, make_task
 
@@ -91,10 +91,8 @@ def run_task(
     work: Work,
 ) -> Study:
     """Run a study whose arguments are checked, by some work for each chunk."""
-    store: Store | _Memory
-    with _Memory(task) if out is None else Store(out, task) as store:
+    with Store(out, task) as store:
         left = (number for number, done in enumerate(store.done) if not done)
-        chunks = Blocks(task, left, chunk)
         with progress_bar(
             f"study: {task.planner}",
             "scenes",
@@ -105,13 +103,12 @@ def run_task(
             planned = 0
             bar.step("workers begin, and may compile" if workers is not None else "")
             try:
-                with closing(_answers(chunks, workers, work, all(store.done))) as answers:
-                    for answer in answers:
-                        answer = answer.without(store.done)
-                        store.add(answer)
-                        planned += sum(row["status"] == OK for row in answer.table)
+                with closing(_answers(Blocks(task, left, chunk), workers, work)) as answers:
+                    for answer in () if all(store.done) else answers:
+                        table = store.add(answer)
+                        planned += sum(row["status"] == OK for row in table)
                         bar.step("")
-                        bar.update(len(answer.table))
+                        bar.update(len(table))
                         bar.note(f"{planned} planned")
             except KeyboardInterrupt:
                 pass  # what is done is returned
@@ -121,15 +118,11 @@ def run_task(
             settings=task.settings,
             scenes=len(task.scenes),
             folder=None if out is None else Path(out),
-            _held=store.rows if isinstance(store, _Memory) else {},
+            _held=store.rows,
         )
 
 
-def _answers(
-    chunks: Blocks, workers: Workers | None, work: Work, over: bool
-) -> Generator[Answer, None, None]:
-    if over:
-        return
+def _answers(chunks: Blocks, workers: Workers | None, work: Work) -> Generator[Answer, None, None]:
     if workers is None:
         yield from in_this_process(chunks, work)
         return
@@ -140,17 +133,3 @@ def _answers(
         crew.dismiss(at_once=True)
         raise
     crew.dismiss(at_once=False)
-
-
-class _Memory(nullcontext[Any]):
-    """Keeps the rows of a study that has no folder."""
-
-    def __init__(self, task: Task) -> None:
-        super().__init__(self)
-        self.done = bytearray(len(task.scenes))
-        self.rows: dict[str, list[Any]] = {TABLE: [], TIMINGS: []}
-
-    def add(self, answer: Answer) -> None:
-        """Keep the rows of a chunk."""
-        self.rows[TABLE] += answer.table
-        self.rows[TIMINGS] += answer.timings

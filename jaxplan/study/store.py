@@ -2,47 +2,118 @@
 
     study.json      what the study is, see `Task.describe`
     table.jsonl     a line a scene, in the order in which they were done
-    timings.jsonl   likewise, the seconds of each
+    timings.jsonl   a line a scene, its seconds by step
     .lock           held by the one process that works on the study; the kernel releases it at its death
 
 Lines are appended and forced to disk a chunk at a time, timings first: a scene is done when its line in the
 table is. A line of the table that was not written to its end is cut off with all behind it when the study
-goes on, and its scene is planned again; damaged timings are passed over. Names of files are fixed and links
-are not followed, so nothing is ever written elsewhere.
+goes on, and its scene is planned again; damaged timings are passed over. Nothing in a folder is taken on
+trust, and only whole lines count. Names of files are fixed and links are not followed, so nothing is ever
+written elsewhere.
 """
 
 import errno
 import fcntl
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
 from jaxplan.study.blocks import Answer
-from jaxplan.study.rows import (
-    COLUMNS,
-    HEADER,
-    LARGEST_HEADER,
-    TABLE,
-    TIMES,
-    TIMINGS,
-    StudyFolderError,
-    read_header,
-    scan,
-    whole_lines,
-)
+from jaxplan.study.rows import COLUMNS, TIMES, Row
 from jaxplan.study.task import Task
 
-LOCK = ".lock"
+HEADER, TABLE, TIMINGS, LOCK = "study.json", "table.jsonl", "timings.jsonl", ".lock"
+_PART = f".{HEADER}.part"  # what becomes the header once it is whole
+_LARGEST_HEADER = 64 * 2**20  # bytes; seeds that do not follow one another take up to 43 each
+_LONGEST_LINE = 2**20  # bytes
+_FILES = {TABLE: COLUMNS, TIMINGS: TIMES}
+_KEYS: Mapping[str, Any] = {  # of the header, with their types
+    "jaxplan": str,
+    "kind": str | None,
+    "planner": str,
+    "settings": dict,
+    "scenes": int,
+}
+
+
+class StudyFolderError(ValueError):
+    """A folder that holds no study, or not the one that is wanted; the message says what is wrong."""
+
+
+def read_header(folder: Path) -> dict[str, Any]:
+    """Read the description of a folder's study, see `Task.describe`.
+
+    Raises:
+        StudyFolderError: if it is no folder of a study.
+    """
+    path = folder / HEADER
+    try:
+        with path.open("rb") as file:  # what a link leads to may have no end
+            text = file.read(_LARGEST_HEADER + 1)
+        if len(text) > _LARGEST_HEADER:
+            raise ValueError(f"too large, at most {_LARGEST_HEADER} bytes are read")
+        content = json.loads(text, parse_constant=_refuse)
+        if not isinstance(content, dict):
+            raise ValueError("it is no table")
+        for key, kind in _KEYS.items():
+            if not isinstance(content.get(key), kind) or isinstance(content.get(key), bool):
+                raise ValueError(f"{key} is missing or wrong")
+        if not 0 < content["scenes"] < 2**31:
+            raise ValueError(f"scenes = {content['scenes']}")
+    except OSError as error:
+        raise StudyFolderError(f"{folder}: holds no study: {path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise StudyFolderError(f"{path}: not the head of a study ({error})") from error
+    return content
+
+
+def scan(folder: Path, name: str, scenes: int) -> Iterator[tuple[int, Row]]:
+    """The rows of a file up to the first line that is not whole, each with where its line ends, bytes.
+
+    Args:
+        folder: of a study.
+        name: `TABLE`, or `TIMINGS`, of which damaged lines are passed over; a missing file has no rows.
+        scenes: how many the study has.
+    """
+    if not (folder / name).exists():
+        return
+    end = 0
+    with open(os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
+        while line := file.readline(_LONGEST_LINE):
+            row = _row(line, _FILES[name], scenes)
+            if row is None and not (name == TIMINGS and line.endswith(b"\n")):
+                return
+            end += len(line)
+            if row is not None:
+                yield end, row
+
+
+def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
+    """A line's row; None where it is torn or damaged."""
+    if not line.endswith(b"\n"):
+        return None
+    try:
+        row = json.loads(line, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(row, dict) or row.keys() != columns.keys() or not isinstance(row["scene"], int):
+        return None
+    right = all(row[name] is None or type(row[name]) is kind for name, kind in columns.items())
+    return {name: row[name] for name in columns} if right and 0 <= row["scene"] < scenes else None
+
+
+def _refuse(word: str) -> float:
+    raise ValueError(f"{word} is not allowed")
 
 
 class Store:
-    """The folder of a study that is being made; a context that holds its lock.
+    """Rows of a study that is being made, in a folder or in memory; a context that holds the folder's lock.
 
     Args:
-        folder: a new or empty one, or one that holds the same study.
+        folder: a new or empty one, or one that holds the same study; None to keep rows in memory.
         task: the study.
 
     Raises:
@@ -50,40 +121,49 @@ class Store:
         OSError: if nothing can be written there.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], task: Task) -> None:
+    def __init__(self, folder: str | os.PathLike[str] | None, task: Task) -> None:
+        self.done = bytearray(len(task.scenes))
+        self.rows: dict[str, list[Row]] = {TIMINGS: [], TABLE: []}  # without a folder
+        self._files: dict[str, IO[bytes]] = {}
+        self._open = ExitStack()
+        if folder is None:
+            return
         if not os.fspath(folder):
             raise StudyFolderError("out is empty, it must name a folder")
-        self.folder = Path(folder)
-        self.done = bytearray(len(task.scenes))
+        path = Path(folder)
         with ExitStack() as stack:
-            _make(self.folder)
-            stack.enter_context(_locked(self.folder))
-            _claim(self.folder, task.describe())
-            self._timings = stack.enter_context(_open(self.folder / TIMINGS))
-            self._table = stack.enter_context(_open(self.folder / TABLE))
-            _cut(self._timings, whole_lines(self.folder / TIMINGS, TIMES, len(self.done), past=True))
-            _cut(self._table, self._resume())
-            self._files = stack.pop_all()
+            _make(path)
+            stack.enter_context(_locked(path))
+            _claim(path, task.describe())
+            for name in self.rows:
+                file = self._files[name] = stack.enter_context(_open(path / name))
+                whole = 0
+                for end, row in scan(path, name, len(self.done)):
+                    whole = end
+                    if name == TABLE:
+                        self.done[row["scene"]] = True
+                if file.seek(0, os.SEEK_END) > whole:
+                    file.truncate(whole)
+            self._open = stack.pop_all()
 
     def __enter__(self) -> "Store":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._files.close()
+        self._open.close()
 
-    def add(self, answer: Answer) -> None:
-        """Keep the rows of a chunk, for good."""
-        _append(self._timings, answer.timings)
-        _append(self._table, answer.table)
-        for row in answer.table:
+    def add(self, answer: Answer) -> list[Row]:
+        """Keep the rows of a chunk, for good; returns those of the table that were not there before."""
+        fresh: list[Row] = []
+        for name, rows in ((TIMINGS, answer.timings), (TABLE, answer.table)):
+            fresh = [row for row in rows if not self.done[row["scene"]]]
+            if self._files:
+                _append(self._files[name], fresh)
+            else:
+                self.rows[name] += fresh
+        for row in fresh:
             self.done[row["scene"]] = True
-
-    def _resume(self) -> int:
-        """Note which scenes are done; returns where the last whole line ends."""
-        whole = 0
-        for end, row in scan(self.folder / TABLE, COLUMNS, len(self.done)):
-            self.done[row["scene"]], whole = True, end
-        return whole
+        return fresh
 
 
 def _make(folder: Path) -> None:
@@ -110,14 +190,11 @@ def _locked(folder: Path) -> IO[bytes]:
     return lock
 
 
-_PART = f".{HEADER}.part"
-
-
 def _claim(folder: Path, description: Mapping[str, Any]) -> None:
     """Say in the folder which study it is, or see that it is this one."""
     if not (folder / HEADER).exists():
         text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
-        if len(text) > LARGEST_HEADER:
+        if len(text) > _LARGEST_HEADER:
             raise StudyFolderError(
                 f"{folder}: seeds that do not follow one another are too many to be kept: take range(n)"
             )
@@ -152,11 +229,6 @@ def _open(path: Path) -> IO[bytes]:
         if error.errno == errno.ELOOP:
             raise StudyFolderError(f"{path}: is a link, which studies do not follow") from error
         raise
-
-
-def _cut(file: IO[bytes], end: int) -> None:
-    if file.seek(0, os.SEEK_END) > end:
-        file.truncate(end)
 
 
 def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:

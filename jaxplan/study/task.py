@@ -1,8 +1,9 @@
-"""What a study plans: which scenes, by which planner, with which settings.
+"""Definition of a study: its scenes, by which planner and with which settings they are planned.
 
 A scene's random streams follow from its own seed and settings, never from where or when it is planned, no
-scene has a time limit, and which scenes are planned together is fixed (`blocks`): so a study's table is the
-same whoever plans it, and however often it is interrupted.
+scene has a time limit, and which scenes are planned together is fixed: those of a *block*, the scenes 0 to 15
+of a study, those from 16 to 31, and so on. So a study's table is the same whoever plans it, and however often
+it is interrupted. A *chunk* is some blocks as they are sent to a worker.
 """
 
 import hashlib
@@ -10,6 +11,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -22,10 +24,11 @@ from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
 from jaxplan.search import PLANNERS
 from jaxplan.version import __version__
 
+BLOCK = 16
+"""Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
 _LARGEST_SEED = 2**63 - 1  # that data frames have room for
 _MOST_SCENES = 2**31
-
-# What a study gives itself.
+# Settings that a study gives to every scene itself.
 _OWN = {
     "search.method": "given by planner",
     "search.time_limit_s": (
@@ -43,17 +46,32 @@ class Task:
         scenes: seeds, or scenarios.
         planner: its name in `PLANNERS`.
         settings: that differ from the scenes' own, by dotted names in a file's keys and units.
+        version: of jaxplan, which must be that of all who plan.
     """
 
     kind: str | None
     scenes: Sequence[int] | Sequence[Scenario]
     planner: str
     settings: Mapping[str, Any] = field(default_factory=dict)
+    version: str = __version__
+
+    @property
+    def examples(self) -> int:
+        """Number of leading scenes that show all settings: one of random scenes, since a kind shares them."""
+        return len(self.scenes) if self.kind is None else 1
+
+    def scenario(self, place: int) -> Scenario:
+        """A scene as it is planned: with the study's settings and planner, and no time limit."""
+        scene = self.scenes[place]
+        if not isinstance(scene, Scenario):
+            scene = random_scenario(scene, str(self.kind))
+        changed = with_settings(scene, self.settings)
+        return replace(changed, search=replace(changed.search, method=self.planner, time_limit=math.inf))
 
     def describe(self) -> dict[str, Any]:
-        """What tells this study from others, for a file: two with the same have the same table."""
+        """Description of the study for a file; two studies with the same one have the same table."""
         return {
-            "jaxplan": __version__,
+            "jaxplan": self.version,
             "kind": self.kind,
             "planner": self.planner,
             "settings": dict(self.settings),
@@ -61,46 +79,54 @@ class Task:
             **({"scenarios": _digest(self.scenes)} if self.kind is None else {"seeds": _runs(self.scenes)}),
         }
 
+    def chunk(self, blocks: Iterable[int]) -> "Chunk":
+        """The scenes of some blocks."""
+        every = range(len(self.scenes))
+        numbers = tuple(n for block in blocks for n in every[block * BLOCK : (block + 1) * BLOCK])
+        scenes: tuple[Any, ...] = tuple(self.scenes[number] for number in numbers)
+        return Chunk(**vars(replace(self, scenes=scenes)), numbers=numbers)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Chunk:
-    """Scenes as they are sent to a worker: some blocks of those that are planned together, or one scene.
+class Chunk(Task):
+    """Scenes of a study as they are sent to a worker: whole blocks, or a single scene.
 
     Attributes:
-        numbers: their places in the study.
-        scenes: seeds or scenarios.
-        kind: as in `Task`, and the rest likewise.
-        version: of jaxplan, which must be the worker's.
-        deaths: of workers that had nothing else to do.
+        numbers: places of the scenes in the study.
+        deaths: how many workers died that had nothing else to do.
         apart: whether it is a scene of a block that was given up, as it killed its workers.
     """
 
     numbers: tuple[int, ...]
-    scenes: tuple[int | Scenario, ...]
-    kind: str | None
-    planner: str
-    settings: Mapping[str, Any]
-    version: str = __version__
     deaths: int = 0
     apart: bool = False
 
-    def name(self, place: int) -> str:
-        """Of a scene, as its scenario has it."""
+    def head(self, place: int) -> dict[str, Any]:
+        """The columns of a row that say which scene it is of."""
         scene = self.scenes[place]
-        return scene.name if isinstance(scene, Scenario) else f"{self.kind} {scene}"
+        given = isinstance(scene, Scenario)
+        return {
+            "scene": self.numbers[place],
+            "seed": None if given else scene,
+            "name": scene.name if isinstance(scene, Scenario) else f"{self.kind} {scene}",
+            "kind": self.kind,
+            "planner": self.planner,
+        }
 
-    def seed(self, place: int) -> int | None:
-        """Of a random scene."""
-        scene = self.scenes[place]
-        return None if isinstance(scene, Scenario) else scene
+    def blocks(self) -> list["Chunk"]:
+        """The blocks as chunks of their own."""
+        groups = groupby(range(len(self.numbers)), lambda place: self.numbers[place] // BLOCK)
+        return [self._part(places) for _, places in groups]
 
-    def scenario(self, place: int) -> Scenario:
-        """A scene as it is planned."""
-        scene = self.scenes[place]
-        if not isinstance(scene, Scenario):
-            assert self.kind is not None
-            scene = random_scenario(scene, self.kind)
-        return prepared(scene, self.planner, self.settings)
+    def singles(self) -> list["Chunk"]:
+        """The scenes as chunks of their own, planned apart for good."""
+        parts = (self._part([place]) for place in range(len(self.numbers)))
+        return [replace(part, apart=True) for part in parts]
+
+    def _part(self, places: Iterable[int]) -> "Chunk":
+        pairs: list[tuple[int, Any]] = [(self.numbers[place], self.scenes[place]) for place in places]
+        numbers, scenes = zip(*pairs, strict=True)
+        return replace(self, numbers=numbers, scenes=scenes)
 
 
 def make_task(
@@ -127,25 +153,20 @@ def make_task(
     if not len(scenes):
         raise ValueError("scenarios_or_seeds is empty: there is nothing to plan")
     if isinstance(scenes[0], Scenario):
-        scenarios = _scenarios(scenes, kind)
-        examples, kind = scenarios, None
-        scenes = scenarios
+        if kind is not None:
+            raise ValueError(f"kind = {kind!r}: only seeds have one, but scenarios are given")
+        scenes = tuple(
+            as_filed(f"scenarios_or_seeds[{number}]", scene) for number, scene in enumerate(scenes)
+        )
     else:
         kind = "keep_out" if kind is None else kind
         if kind not in RANDOM_KINDS:
             raise ValueError(f"kind = {kind!r}: must be one of {', '.join(RANDOM_KINDS)}")
         scenes = _seeds(scenes)
-        examples = (random_scenario(scenes[0], kind),)  # all of a kind have the same devices and settings
-    plain = _plain(settings or {})
-    for scenario in examples:
-        prepared(scenario, planner, plain)
-    return Task(kind=kind, scenes=scenes, planner=planner, settings=plain)
-
-
-def prepared(scenario: Scenario, planner: str, settings: Mapping[str, Any]) -> Scenario:
-    """A scenario with a study's settings, its planner, and no time limit."""
-    changed = with_settings(scenario, settings)
-    return replace(changed, search=replace(changed.search, method=planner, time_limit=math.inf))
+    task = Task(kind=kind, scenes=scenes, planner=planner, settings=_plain(settings or {}))
+    for place in range(task.examples):
+        task.scenario(place)
+    return task
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -154,8 +175,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
         )
-    names = sorted(map(str, settings))
-    faults = [f"{name}: {_OWN[name]}" for name in names if name in _OWN]
+    faults = [f"{name}: {_OWN[name]}" for name in sorted(map(str, settings)) if name in _OWN]
     if faults:
         raise ScenarioError(faults, "settings")
     texts = {
@@ -176,37 +196,25 @@ def _unwrapped(value: object) -> Any:
     raise TypeError(f"{value!r} is nothing that a scenario file holds")
 
 
-def _scenarios(scenes: Sequence[Any], kind: str | None) -> tuple[Scenario, ...]:
-    if kind is not None:
-        raise ValueError(f"kind = {kind!r}: only seeds have one, but scenarios are given")
-    return tuple(as_filed(f"scenarios_or_seeds[{number}]", scene) for number, scene in enumerate(scenes))
-
-
 def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
+    """Seeds that are whole numbers in their range, of which none comes twice."""
     faults: list[str] = []
-    if isinstance(scenes, range):
-        least, most = sorted([scenes[0], scenes[-1]])
-        if least < 0:
-            faults = [f"scenarios_or_seeds = {scenes}: seeds must be at least 0"]
-        if most > _LARGEST_SEED:
-            faults = [f"scenarios_or_seeds = {scenes}: seeds must be at most {_LARGEST_SEED}"]
-        seeds: Sequence[int] = scenes
-    else:
-        first: dict[int, int] = {}
-        for number, scene in enumerate(scenes):
-            place = f"scenarios_or_seeds[{number}] = {scene!r:.40}"
-            if isinstance(scene, bool) or not isinstance(scene, int | np.integer):
-                raise TypeError(f"{place}: must be a seed, an integer of at least 0")
-            if scene < 0:
-                faults.append(f"{place}: must be at least 0")
-            elif scene > _LARGEST_SEED:
-                faults.append(f"{place}: must be at most {_LARGEST_SEED}")
-            elif first.setdefault(int(scene), number) != number:
-                faults.append(f"{place}: the same as scenarios_or_seeds[{first[int(scene)]}]")
-        seeds = tuple(map(int, scenes))
+    first: dict[int, int] = {}
+    whole = isinstance(scenes, range)  # whose two ends tell of all
+    for number in (0, len(scenes) - 1) if whole else range(len(scenes)):
+        seed = scenes[number]
+        place = f"scenarios_or_seeds[{number}] = {seed!r:.40}"
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+            raise TypeError(f"{place}: must be a seed, an integer of at least 0")
+        if seed < 0:
+            faults.append(f"{place}: must be at least 0")
+        elif seed > _LARGEST_SEED:
+            faults.append(f"{place}: must be at most {_LARGEST_SEED}")
+        elif first.setdefault(int(seed), number) != number:
+            faults.append(f"{place}: the same as scenarios_or_seeds[{first[int(seed)]}]")
     if faults:
         raise ScenarioError(faults, "the study")
-    return seeds
+    return scenes if whole else tuple(map(int, scenes))
 
 
 def _runs(seeds: Sequence[Any]) -> list[list[int]]:

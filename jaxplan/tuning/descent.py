@@ -6,10 +6,10 @@ beginning: at the last numbers and, where plans fail there or others on the way 
 best numbers whose plans are all certified are the answer; those to begin with are among them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,12 +24,19 @@ from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import find_number, with_numbers
-from jaxplan.sensitivity import Held, expect_known_time, follow_and_hold, hold
+from jaxplan.sensitivity import expect_known_time, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
-from jaxplan.tuning.objectives import Bundle, Objective, as_weights, bare, make_objective, objective_label
+from jaxplan.tuning.objectives import (
+    Objective,
+    as_weights,
+    bare,
+    make_objective,
+    mean_slope,
+    objective_label,
+)
 from jaxplan.tuning.parameters import Parameter, as_dict, parameters
-from jaxplan.tuning.result import Asked, State, Stop, Tuning
+from jaxplan.tuning.result import State, Stop, Tuning
 
 _ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from those that were followed
 
@@ -82,8 +89,8 @@ def tune(
         raise ValueError(f"steps = {steps!r}: must be an integer of at least 1")
     if optimizer is not None:
         expect("optimizer", optimizer, optax.GradientTransformation, "such as optax.adam(0.1)")
-    if resume is not None and not isinstance(resume, Tuning):
-        raise TypeError(f"resume must be a Tuning, not {type(resume).__name__}")
+    if resume is not None:
+        expect("resume", resume, Tuning, "as an earlier call returned it")
     given = tuple(as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given))
     for scenario in given:
         expect_known_time(scenario)
@@ -96,103 +103,19 @@ def tune(
     with jax.enable_x64(True):
         free = jnp.array([one.free() for one in tuned])
         memory = optimizer.init(free)
-        asked = Asked(
-            scenarios=[scenario_to_dict(scenario) for scenario in given],
-            over=[(one.place.name, one.low, one.high) for one in tuned],
-            objective=None if callable(objective) else as_weights(objective),
-            optimizer=jax.tree.structure(memory),
-        )
-        state = State(asked=asked, free=free, memory=memory)
+        asked = {
+            "scenarios": [scenario_to_dict(scenario) for scenario in given],
+            "over": [(one.place.name, one.low, one.high) for one in tuned],
+            "objective": None if callable(objective) else as_weights(objective),
+            "optimizer": jax.tree.structure(memory),
+        }
         if resume is not None:
-            state = resume.state
-            state.asked.expect(asked)
-        found = _descend(given, aim, tuned, optimizer, steps, progress, state)
+            resume.state.expect(asked)
+        state = State(asked=asked, free=free, memory=memory) if resume is None else resume.state
+        descent = _Descent(given, aim, tuned, optimizer, progress, state)
+        descent.go(steps)
+        found = descent.result()
     return replace(found, label=objective_label(objective))
-
-
-def _descend(
-    given: tuple[Scenario, ...],
-    aim: Objective,
-    tuned: tuple[Parameter, ...],
-    optimizer: optax.GradientTransformationExtraArgs,
-    steps: int,
-    progress: bool,
-    state: State,
-) -> Tuning:
-    def at(free: Any) -> tuple[Scenario, ...]:
-        numbers = {one.place: float(one.value(z)) for one, z in zip(tuned, np.asarray(free), strict=True)}
-        return tuple(with_numbers(scenario, numbers) for scenario in given)
-
-    free, memory, history = state.free, state.memory, list(state.history)
-    first = state.first or _plans_to_begin_with(at(free), progress)
-    plans = state.plans or first
-    bundle = Bundle.of(((hold(plan), plan.scenario) for plan in plans), aim, tuned)
-    messages: list[str] = []
-    moved = np.zeros(len(tuned), dtype=bool)
-
-    def look() -> tuple[dict[str, float], np.ndarray] | None:
-        """The row of the next step and the gradient; None where they are not finite."""
-        value, slope = bundle.slope(free)
-        if not (np.isfinite(value) and np.all(np.isfinite(slope))):
-            return None
-        row = {"step": len(history), "objective": value, "slope": float(np.linalg.norm(slope))}
-        return row | as_dict(tuned, np.asarray(free)), slope
-
-    seen = look()
-    if seen is None:
-        raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
-    before = free, memory
-    checkpoints = list(state.checkpoints or [_stop(free, seen[0])])
-    lowest = state.lowest or checkpoints[0]
-    try:
-        with progress_bar("tuning", "steps", total=steps, shown=progress) as bar:
-            for step in range(len(history), len(history) + steps):
-                if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
-                    renewed = _renewed(plans, at(free), aim, tuned)
-                    if renewed is not None:
-                        plans, bundle = renewed
-                        seen = look() or seen
-                        checkpoints.append(_stop(free, seen[0]))
-                row, slope = seen
-                lowest = min(lowest, _stop(free, row), key=lambda stop: stop.objective)
-                moved |= slope != 0
-                bar.note(f"{row['objective']:.5g}")
-                history.append(row)
-                before = free, memory
-                free, memory = _stepped(optimizer, slope, row["objective"], *before)
-                ahead = look()
-                if ahead is None:
-                    messages.append(f"stopped after {step} steps: beyond, the objective is not finite")
-                    break
-                seen, before = ahead, (free, memory)
-                bar.update()
-    except KeyboardInterrupt:
-        messages.append("interrupted")
-    free, memory = before
-    if history and history[-1] is seen[0]:  # of a step that was not made
-        history.pop()
-    reached = State(
-        asked=state.asked,
-        free=free,
-        memory=memory,
-        plans=plans,
-        first=first,
-        history=tuple(history),
-        checkpoints=tuple(checkpoints),
-        lowest=lowest,
-    )
-    end, start = _stop(free, seen[0]), checkpoints[0]
-    best, refused = _best(
-        end, [lowest, *checkpoints], _Planned(start, first, _mean(first, aim)), at, aim, progress
-    )
-    if not np.array_equal(best.stop.free, free):
-        why = "have no certified plans" if refused else "are not the best ones"
-        messages.append(f"the last numbers {why}, so these are those of step {best.stop.step}")
-        if best.stop is start:
-            messages.append(
-                "nothing lower than at the beginning was found: try smaller steps, or other numbers"
-            )
-    return _result(tuned, best, seen[0], reached, moved, messages)
 
 
 class _Planned(NamedTuple):
@@ -203,122 +126,172 @@ class _Planned(NamedTuple):
     objective: float
 
 
-def _best(
-    end: Stop,
-    others: Sequence[Stop],
-    start: _Planned,
-    at: Callable[[jax.Array], tuple[Scenario, ...]],
-    aim: Objective,
-    progress: bool,
-) -> tuple[_Planned, bool]:
-    """The best numbers with certified plans, and whether those at the end have none.
+class _Descent:
+    """A descent under way: what it is asked for, where it is, and what is seen from there."""
 
-    They are planned one after the other, the lowest first, until none of the rest promises less than what is
-    found.
+    def __init__(
+        self,
+        given: tuple[Scenario, ...],
+        aim: Objective,
+        tuned: tuple[Parameter, ...],
+        optimizer: optax.GradientTransformationExtraArgs,
+        progress: bool,
+        state: State,
+    ) -> None:
+        self._given, self._aim, self._tuned = given, aim, tuned
+        self._optimizer, self._progress = optimizer, progress
+        self._messages: list[str] = []
+        self._moved = np.zeros(len(tuned), dtype=bool)
+        first = state.first or self._plans_to_begin_with(state.free)
+        self._state = replace(state, first=first, plans=state.plans or first)
+        pairs = ((hold(plan), plan.scenario) for plan in self._state.plans)
+        self._slope = mean_slope(pairs, aim, tuned)
+        seen = self._look(self._state)
+        if seen is None:
+            raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
+        self._row, self._gradient = seen
+        if not state.checkpoints:
+            self._state = replace(self._state, checkpoints=(self._stop,))
 
-    Args:
-        end: of the descent; it goes before others that are hardly lower.
-        others: on the way there.
-        start: of the descent.
-        at: scenarios by parameters.
-        aim: the objective.
-        progress: whether to show bars.
-    """
-    alike, best, refused = _ALIKE * abs(start.objective), start, False
-    stops = {stop.step: stop for stop in (*others, end) if stop.step != start.stop.step}
-    for stop in sorted(stops.values(), key=lambda stop: stop.objective - alike * (stop is end)):
-        if stop.objective >= best.objective + (alike if best is start else -alike):
-            break
-        plans = plan_batch(at(stop.free), progress=progress)
-        if not all(plan.ok for plan in plans):
-            refused |= stop is end
-        elif (value := _mean(plans, aim)) < best.objective:
-            best = _Planned(stop, plans, value)
-    return best, refused
+    def go(self, steps: int) -> None:
+        """Make so many steps, unless the objective ceases to be finite or somebody interrupts."""
+        try:
+            with progress_bar("tuning", "steps", total=steps, shown=self._progress) as bar:
+                for _ in range(steps):
+                    step = len(self._state.history)
+                    if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
+                        self._renew()
+                    bar.note(f"{self._row['objective']:.5g}")
+                    if not self._step():
+                        self._messages.append(
+                            f"stopped after {step} steps: beyond, the objective is not finite"
+                        )
+                        break
+                    bar.update()
+        except KeyboardInterrupt:
+            self._messages.append("interrupted")
 
+    def result(self) -> Tuning:
+        """The best numbers found, with certified plans, and what there is to say about them."""
+        state, start = self._state, self._state.checkpoints[0]
+        best, refused = self._best(start, self._stop)
+        messages = list(self._messages)
+        if not np.array_equal(best.stop.free, state.free):
+            why = "have no certified plans" if refused else "are not the best ones"
+            messages.append(f"the last numbers {why}, so these are those of step {best.stop.step}")
+            if best.stop is start:
+                messages.append(
+                    "nothing lower than at the beginning was found: try smaller steps, or other numbers"
+                )
+        still = [one.place.name for one, has in zip(self._tuned, self._moved, strict=True) if not has]
+        if still and state.history:
+            messages.append(f"without influence on the objective: {', '.join(still)}")
+        return Tuning(
+            scenarios=tuple(plan.scenario for plan in best.plans),
+            plans=tuple(best.plans),
+            numbers=as_dict(self._tuned, np.asarray(best.stop.free)),
+            objective=best.objective,
+            history=(*state.history, self._row),
+            message="; ".join(messages),
+            state=state,
+        )
 
-def _stop(free: jax.Array, row: Mapping[str, float]) -> Stop:
-    """The stop at a row of the history."""
-    return Stop(free=free, step=int(row["step"]), objective=row["objective"])
+    @property
+    def _stop(self) -> Stop:
+        """The numbers where the descent is, and their objective."""
+        row = self._row
+        return Stop(free=self._state.free, step=int(row["step"]), objective=row["objective"])
 
+    def _at(self, free: jax.Array) -> tuple[Scenario, ...]:
+        """The scenarios with the numbers that parameters stand for."""
+        pairs = zip(self._tuned, np.asarray(free), strict=True)
+        numbers = {one.place: float(one.value(z)) for one, z in pairs}
+        return tuple(with_numbers(scenario, numbers) for scenario in self._given)
 
-def _stepped(
-    optimizer: optax.GradientTransformationExtraArgs,
-    slope: np.ndarray,
-    value: float,
-    free: jax.Array,
-    memory: Any,
-) -> tuple[jax.Array, Any]:
-    """Parameters and memory after a step."""
-    try:
-        change, memory = optimizer.update(jnp.asarray(slope), memory, free, value=jnp.asarray(value))
-    except TypeError as error:
-        raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
-    stepped: jax.Array = optax.apply_updates(free, change)
-    return stepped, memory
+    def _look(self, state: State) -> tuple[dict[str, float], np.ndarray] | None:
+        """The row of the next step and the gradient; None where they are not finite."""
+        value, slope = self._slope(state.free)
+        if not (np.isfinite(value) and np.all(np.isfinite(slope))):
+            return None
+        row = {"step": len(state.history), "objective": value, "slope": float(np.linalg.norm(slope))}
+        return row | as_dict(self._tuned, np.asarray(state.free)), slope
 
+    def _step(self) -> bool:
+        """Make a step; False, and no step, where the objective beyond is not finite."""
+        state, row = self._state, self._row
+        self._moved |= self._gradient != 0
+        value = jnp.asarray(row["objective"])
+        try:
+            gradient = jnp.asarray(self._gradient)
+            change, memory = self._optimizer.update(gradient, state.memory, state.free, value=value)
+        except TypeError as error:
+            raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
+        after = replace(
+            state,
+            free=optax.apply_updates(state.free, change),
+            memory=memory,
+            history=(*state.history, row),
+            lowest=min(filter(None, (state.lowest, self._stop)), key=lambda stop: stop.objective),
+        )
+        ahead = self._look(after)
+        if ahead is not None:
+            self._state, (self._row, self._gradient) = after, ahead
+        return ahead is not None
 
-def _result(
-    tuned: tuple[Parameter, ...],
-    best: _Planned,
-    last: dict[str, float],
-    reached: State,
-    moved: np.ndarray,
-    messages: list[str],
-) -> Tuning:
-    """The answer, and what there is to say about it."""
-    still = [one.place.name for one, has in zip(tuned, moved, strict=True) if not has]
-    if still and reached.history:
-        messages.append(f"without influence on the objective: {', '.join(still)}")
-    return Tuning(
-        scenarios=tuple(plan.scenario for plan in best.plans),
-        plans=tuple(best.plans),
-        numbers=as_dict(tuned, np.asarray(best.stop.free)),
-        objective=best.objective,
-        history=(*reached.history, last),
-        message="; ".join(messages),
-        state=reached,
-    )
+    def _renew(self) -> None:
+        """Make the plans anew; where one fails or cannot be held, the descent goes on with those it has."""
+        state, plans, pairs = self._state, [], []
+        for plan, scenario in zip(state.plans, self._at(state.free), strict=True):
+            now, held = follow_and_hold(plan, scenario)
+            if held is None:
+                return
+            plans.append(now)
+            pairs.append((held, now.scenario))
+        self._slope = mean_slope(pairs, self._aim, self._tuned)
+        self._row, self._gradient = self._look(state) or (self._row, self._gradient)
+        self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 
+    def _plans_to_begin_with(self, free: jax.Array) -> tuple[Plan, ...]:
+        plans = tuple(plan_batch(self._at(free), progress=self._progress))
+        for plan in plans:
+            if not plan.ok:
+                raise ValueError(
+                    f"{plan.scenario.name} has no plan to begin with: {plan.status.name}, {plan.message}"
+                )
+        return plans
 
-def _mean(plans: Sequence[Plan], aim: Objective) -> float:
-    """The mean objective of plans."""
-    return float(np.mean([_number(plan, aim) for plan in plans]))
+    def _best(self, start: Stop, end: Stop) -> tuple[_Planned, bool]:
+        """The best numbers with certified plans, and whether those at the end have none.
 
+        They are planned one after the other, the lowest first, and the end before others that are hardly
+        lower, until none of the rest promises less than what is found.
+        """
+        state = self._state
+        best, refused = _Planned(start, state.first, self._mean(state.first)), False
+        alike = _ALIKE * abs(best.objective)
+        known = (*filter(None, [state.lowest]), *state.checkpoints, end)
+        stops = {stop.step: stop for stop in known if stop.step != start.step}
+        for stop in sorted(stops.values(), key=lambda stop: stop.objective - alike * (stop is end)):
+            if stop.objective >= best.objective + (alike if best.stop is start else -alike):
+                break
+            plans = plan_batch(self._at(stop.free), progress=self._progress)
+            if not all(plan.ok for plan in plans):
+                refused |= stop is end
+            elif (value := self._mean(plans)) < best.objective:
+                best = _Planned(stop, plans, value)
+        return best, refused
 
-def _number(plan: Plan, aim: Objective) -> float:
-    """The objective of a plan."""
-    curve = plan.trajectory
-    assert curve is not None  # it is OK
-    curve = replace(curve, node_times=padded(curve.node_times, FEWEST_NODES))  # as `replan` gives them
-    return float(_valued(*jax.tree.map(np.asarray, (curve, bare(plan.scenario))), aim))
+    def _mean(self, plans: Sequence[Plan]) -> float:
+        """The mean objective of plans."""
+        values = []
+        for plan in plans:
+            assert plan.trajectory is not None  # it is OK
+            times = padded(plan.trajectory.node_times, FEWEST_NODES)  # as `replan` gives them
+            inputs = replace(plan.trajectory, node_times=times), bare(plan.scenario)
+            values.append(float(_valued(*jax.tree.map(np.asarray, inputs), self._aim)))
+        return float(np.mean(values))
 
 
 @partial(quick_jit, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
     return aim(trajectory, scenario)
-
-
-def _plans_to_begin_with(scenarios: tuple[Scenario, ...], progress: bool) -> tuple[Plan, ...]:
-    plans = tuple(plan_batch(scenarios, progress=progress))
-    for plan in plans:
-        if not plan.ok:
-            raise ValueError(
-                f"{plan.scenario.name} has no plan to begin with: {plan.status.name}, {plan.message}"
-            )
-    return plans
-
-
-def _renewed(
-    plans: tuple[Plan, ...], scenarios: tuple[Scenario, ...], aim: Objective, tuned: tuple[Parameter, ...]
-) -> "tuple[tuple[Plan, ...], Bundle] | None":
-    """The plans of changed scenarios; None where one fails or cannot be held: the descent goes on without."""
-    followed: list[Plan] = []
-    pairs: list[tuple[Held, Scenario]] = []
-    for plan, scenario in zip(plans, scenarios, strict=True):
-        now, held = follow_and_hold(plan, scenario)
-        if held is None:
-            return None
-        followed.append(now)
-        pairs.append((held, now.scenario))
-    return tuple(followed), Bundle.of(pairs, aim, tuned)

@@ -1,16 +1,15 @@
-"""What tuning lowers: functions of a trajectory, and their mean over several plans.
+"""Objectives of tuning: functions of a trajectory and its scenario, in the units of files.
 
-What tuning may lower: functions of a trajectory and its scenario, in the units of files.
-
-The mean objective of several plans and its gradient, as trajectories follow the numbers that are tuned.
+What a descent follows is their mean over several plans and its gradient, as trajectories follow the numbers
+that are tuned.
 """
 
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
-from typing import Any, Self
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +25,7 @@ from jaxplan.trajectory import Trajectory, measures
 from jaxplan.tuning.parameters import Parameter
 
 Objective = Callable[[Trajectory, Scenario], Array]
+Slope = Callable[[Array], tuple[float, np.ndarray]]
 
 _DEGREE = np.pi / 180
 
@@ -42,34 +42,27 @@ def _torque(trajectory: Trajectory, scenario: Scenario) -> Array:
     return measures.peak_torque(trajectory, scenario.spacecraft)
 
 
-# Ready-made ones by name; the margin is to grow, so it counts negative.
-OBJECTIVES: dict[str, Objective] = {
-    "peak_acceleration": lambda t, s: measures.peak(t, "angular_acceleration") / _DEGREE,
-    "smooth_peak_acceleration": lambda t, s: measures.power_mean(t, "angular_acceleration") / _DEGREE,
-    "peak_rate": lambda t, s: measures.peak(t, "angular_velocity") / _DEGREE,
-    "peak_jerk": lambda t, s: measures.peak(t, "angular_jerk") / _DEGREE,
-    "peak_torque": _torque,
-    "effort": lambda t, s: measures.effort(t) / _DEGREE**2,
-    "roughness": lambda t, s: measures.roughness(t) / _DEGREE**2,
-    "duration": lambda t, s: measures.duration(t),
-    "smallest_margin": lambda t, s: -_margin(t, s),
+# Each with its unit; the margin is to grow, so it counts negative.
+_KNOWN: dict[str, tuple[Objective, str]] = {
+    "peak_acceleration": (lambda t, s: measures.peak(t, "angular_acceleration") / _DEGREE, "deg/s²"),
+    "smooth_peak_acceleration": (
+        lambda t, s: measures.power_mean(t, "angular_acceleration") / _DEGREE,
+        "deg/s²",
+    ),
+    "peak_rate": (lambda t, s: measures.peak(t, "angular_velocity") / _DEGREE, "deg/s"),
+    "peak_jerk": (lambda t, s: measures.peak(t, "angular_jerk") / _DEGREE, "deg/s³"),
+    "peak_torque": (_torque, "N m"),
+    "effort": (lambda t, s: measures.effort(t) / _DEGREE**2, "(deg/s²)² s"),
+    "roughness": (lambda t, s: measures.roughness(t) / _DEGREE**2, "(deg/s³)² s"),
+    "duration": (lambda t, s: measures.duration(t), "s"),
+    "smallest_margin": (lambda t, s: -_margin(t, s), "deg"),
 }
-
-_UNITS = {
-    "peak_acceleration": "deg/s²",
-    "smooth_peak_acceleration": "deg/s²",
-    "peak_rate": "deg/s",
-    "peak_jerk": "deg/s³",
-    "peak_torque": "N m",
-    "effort": "(deg/s²)² s",
-    "roughness": "(deg/s³)² s",
-    "duration": "s",
-    "smallest_margin": "deg",
-}
+OBJECTIVES: dict[str, Objective] = {name: function for name, (function, _) in _KNOWN.items()}
+"""Ready-made objectives by name."""
 
 
 def objective_label(given: str | Mapping[str, float] | Objective) -> str:
-    """What an objective is called on an axis: a single one with its unit, several with their weights.
+    """Label of an objective for an axis: a single one with its unit, several with their weights.
 
     Args:
         given: see `make_objective`.
@@ -80,7 +73,7 @@ def objective_label(given: str | Mapping[str, float] | Objective) -> str:
     weights = as_weights(given)
     if list(weights.values()) == [1.0]:
         (name,) = weights
-        return f"{_spelled(name)} ({_UNITS[name]})"
+        return f"{_spelled(name)} ({_KNOWN[name][1]})"
     return " + ".join(f"{weight:g} {_spelled(name)}" for name, weight in weights.items())
 
 
@@ -139,51 +132,38 @@ def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
     return objective
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Bundle:
-    """Held plans with their scenarios, and the objective of their trajectories.
+def mean_slope(pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...]) -> Slope:
+    """The mean objective of plans and its gradient, as a function of the free parameters.
 
-    Attributes:
-        held: of each plan.
-        rounds: the plans' numbers: the first of each shape, then the others.
+    Args:
+        pairs: what is held of each plan, with its scenario.
         aim: the objective.
         tuned: what it is a function of.
     """
+    held = [jax.tree.map(np.asarray, (own, bare(scenario))) for own, scenario in pairs]
+    first: dict[Any, int] = {}
+    for number, pair in enumerate(held):
+        shapes = tuple(leaf.shape for leaf in jax.tree.leaves(pair))
+        first.setdefault((jax.tree.structure(pair), shapes), number)
+    others = [number for number in range(len(held)) if number not in first.values()]
 
-    held: tuple[tuple[Held, Scenario], ...]
-    rounds: tuple[tuple[int, ...], ...]
-    aim: Objective
-    tuned: tuple[Parameter, ...]
-
-    @classmethod
-    def of(cls, pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...]) -> Self:
-        """The bundle of what is held of plans, each with its scenario."""
-        held = tuple(jax.tree.map(np.asarray, (own, bare(scenario))) for own, scenario in pairs)
-        first: dict[Any, int] = {}
-        for number, pair in enumerate(held):
-            shapes = tuple(leaf.shape for leaf in jax.tree.leaves(pair))
-            first.setdefault((jax.tree.structure(pair), shapes), number)
-        others = tuple(number for number in range(len(held)) if number not in first.values())
-        return cls(held=held, rounds=(tuple(first.values()), others), aim=aim, tuned=tuned)
-
-    def slope(self, free: jax.Array) -> tuple[float, np.ndarray]:
-        """The mean objective and its gradient."""
-
+    def slope(free: Array) -> tuple[float, np.ndarray]:
         def of(number: int) -> tuple[np.ndarray, np.ndarray]:
             with jax.enable_x64(True):  # a thread has its own setting
-                found: tuple[np.ndarray, np.ndarray] = jax.device_get(
-                    _slope(free, *self.held[number], self.aim, self.tuned)
-                )
+                found: tuple[np.ndarray, np.ndarray] = jax.device_get(_slope(free, *held[number], aim, tuned))
             return found
 
         # One by one: a stack would be compiled for each number of plans of a shape, and solves its systems of
-        # hundreds of equations no faster. The first round compiles each kernel once.
+        # hundreds of equations no faster. The first of each shape come first, so that each kernel is compiled
+        # once.
         found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
-            for numbers in self.rounds:
+            for numbers in (list(first.values()), others):
                 found |= zip(numbers, pool.map(of, numbers), strict=True)
-        values, slopes = zip(*(found[number] for number in range(len(self.held))), strict=True)
+        values, slopes = zip(*(found[number] for number in range(len(held))), strict=True)
         return float(np.mean(values)), np.mean(slopes, axis=0)
+
+    return slope
 
 
 def bare(scenario: Scenario) -> Scenario:

@@ -1,11 +1,8 @@
-"""Numbers of a scenario that are tuned: names, bounds, and free parameters.
+"""Numbers that are tuned: their names, bounds and own values, in a file's keys and units.
 
-Settings that trials may vary: their names, bounds and own values, in a file's keys and units.
-
-Numbers of a scenario as free parameters: a transform keeps each within its bounds.
-
-A number between bounds is ``low + (high - low) / (1 + exp(-z))`` of a free ``z``; where the bounds are
-positive and far apart its logarithm is. So a step in ``z`` means about the same for a weight and a duration.
+Trials vary settings within a `Range`. A descent has a free parameter for each number, which a transform keeps
+within its bounds: ``low + (high - low) / (1 + exp(-z))`` of a free ``z``; where the bounds are positive and
+far apart its logarithm is. So a step in ``z`` means about the same for a weight and a duration.
 """
 
 import math
@@ -26,6 +23,8 @@ from jaxplan.study.task import Task, make_task
 
 _DIGITS = 4  # that a number tried has, so that settings found can be written down
 _TABLES = {"search": SEARCH, "trajectory": TRAJECTORY}
+_FAR = 10.0  # ratio of bounds from which on the logarithm is taken
+_AROUND = 1e3  # times the first value, and a part of it, are the bounds where none are given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,12 +52,11 @@ class Range:
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
 
-def make_ranges(task: Task, scenarios: tuple[Scenario, ...], over: object) -> tuple[Range, ...]:
+def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
     """The settings that are asked for.
 
     Args:
         task: the study that is made in each trial.
-        scenarios: whose own values count.
         over: bounds by name.
 
     Raises:
@@ -70,33 +68,31 @@ def make_ranges(task: Task, scenarios: tuple[Scenario, ...], over: object) -> tu
             f'over must be a dict such as {{"search.heuristic_weight": (1, 20)}}, not {type(over).__name__}'
         )
     faults = [] if over else ["is empty: there is nothing to tune"]
-    faults += [
-        f"{name} = {bounds!r}: must be two numbers, the lower one first"
-        for name, bounds in over.items()
-        if not _is_pair(bounds)
-    ]
-    pairs = {str(name): bounds for name, bounds in over.items() if _is_pair(bounds)}
-    for name, bounds in pairs.items():
+    for name, bounds in over.items():
+        if _pair(bounds) is None:
+            faults.append(f"{name} = {bounds!r}: must be two numbers, the lower one first")
+            continue
         for bound in bounds:  # what a file may hold are intervals, so all between two good bounds is good
             try:
-                make_task(task.scenes, task.kind, task.planner, {name: bound})
+                make_task(task.scenes, task.kind, task.planner, {str(name): bound})
             except ScenarioError as error:
                 faults += error.faults
     if faults:
         raise ScenarioError(dict.fromkeys(faults), "over")
-    return tuple(_range(name, bounds, scenarios) for name, bounds in pairs.items())
+    scenarios = [task.scenario(place) for place in range(task.examples)]
+    return tuple(_range(str(name), bounds, scenarios) for name, bounds in over.items())
 
 
-def _is_pair(bounds: Any) -> bool:
-    return (
-        isinstance(bounds, tuple | list)
-        and len(bounds) == 2
-        and all(type(bound) in (int, float) and math.isfinite(bound) for bound in bounds)
-        and bounds[0] < bounds[1]
-    )
+def _pair(bounds: Any) -> tuple[float, float] | None:
+    """Two finite numbers, the lower one first; None for anything else."""
+    if not isinstance(bounds, tuple | list) or len(bounds) != 2:
+        return None
+    numeric = all(isinstance(one, int | float | np.number) and type(one) is not bool for one in bounds)
+    low, high = map(float, bounds) if numeric else (math.nan, math.nan)
+    return (low, high) if math.isfinite(low) and math.isfinite(high) and low < high else None
 
 
-def _range(name: str, bounds: tuple[float, float], scenarios: tuple[Scenario, ...]) -> Range:
+def _range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]) -> Range:
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
     held = [getattr(getattr(scenario, table), entry.attribute) for scenario in scenarios]
@@ -111,10 +107,6 @@ def _range(name: str, bounds: tuple[float, float], scenarios: tuple[Scenario, ..
     )
 
 
-_FAR = 10.0  # ratio of bounds from which on the logarithm is taken
-_AROUND = 1e3  # times the first value, and a part of it, are the bounds where none are given
-
-
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A number that is tuned.
@@ -122,7 +114,7 @@ class Parameter:
     Attributes:
         place: where it stands.
         low: bound in the file's units.
-        high: likewise.
+        high: bound in the file's units.
         first: value to begin with.
     """
 
@@ -133,7 +125,7 @@ class Parameter:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the logarithm is between the bounds."""
+        """True if the logarithm is what the transform keeps within bounds."""
         return self.low > 0 and self.high / self.low >= _FAR
 
     def value(self, free: Array) -> Array:
@@ -179,26 +171,24 @@ def parameters(
             )
         place = find_number(scenario, name)
         first = float(place.get(scenario))
-        low, high = _pair(name, over[name]) if isinstance(over, Mapping) else _usual(place, first)
+        if isinstance(over, Mapping):
+            bounds = _pair(over[name])
+            if bounds is None:
+                wanted = "must be two finite numbers, the lower one first"
+                raise ValueError(f"bounds of {name} = {over[name]!r}: {wanted}")
+        else:
+            bounds = _usual(place, first)
+        low, high = bounds
         if not low < first < high:
             hint = "" if isinstance(over, Mapping) else ", which over may give"
             raise ValueError(f"{name} = {first:g}: must lie between its bounds {low:g} and {high:g}{hint}")
-        for bound in (low, high):
+        for bound in bounds:
             if place.interval is not None and not place.interval.low <= bound <= place.interval.high:
                 raise ValueError(f"bound {bound:g} of {name}: must {place.interval.wanted()}")
-        found.append(Parameter(place=place, low=float(low), high=float(high), first=first))
+        found.append(Parameter(place=place, low=low, high=high, first=first))
     if not found:
         raise ValueError("over names nothing to tune")
     return tuple(found)
-
-
-def _pair(name: str, bounds: object) -> tuple[float, float]:
-    """Bounds that are given."""
-    good = isinstance(bounds, tuple | list) and len(bounds) == 2
-    numbers = [float(bound) for bound in bounds if isinstance(bound, int | float | np.number)] if good else []  # type: ignore[attr-defined]
-    if not (len(numbers) == 2 and all(map(math.isfinite, numbers)) and numbers[0] < numbers[1]):
-        raise ValueError(f"bounds of {name} = {bounds!r}: must be two finite numbers, the lower one first")
-    return numbers[0], numbers[1]
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:

@@ -1,40 +1,15 @@
-"""What tuning found, and what it takes to go on from there."""
+"""Results of tuning by the gradient, and the state from which it goes on."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
-from jaxplan.runtime.display import as_table, shown
-
-
-@shown("over", "objective")
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """What a descent was asked for, as far as it can be told.
-
-    Attributes:
-        scenarios: as tables of files.
-        over: names of the numbers, with their bounds.
-        objective: names and weights, None for a function.
-        optimizer: the structure of its memory.
-    """
-
-    scenarios: Any
-    over: Any
-    objective: Any
-    optimizer: Any
-
-    def expect(self, other: "Asked") -> None:
-        """Raise where a call that resumes asks for something else."""
-        differing = [one.name for one in fields(self) if getattr(self, one.name) != getattr(other, one.name)]
-        if differing:
-            raise ValueError(
-                f"resume is the result of another call: {', '.join(differing)} must be those of then"
-            )
+from jaxplan.runtime.display import shown
+from jaxplan.study.text import Printed
 
 
 @shown("step", "objective", "free")
@@ -56,10 +31,10 @@ class Stop:
 @shown("history", "plans", "checkpoints", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Where a descent is, which need not be at the numbers of its result.
+    """State of a descent, which need not be at the numbers of its result.
 
     Attributes:
-        asked: of it.
+        asked: what the call asks for, by its arguments, as far as it can be told.
         free: parameters.
         memory: of the optimiser.
         plans: that trajectories are followed from; none to begin with.
@@ -69,7 +44,7 @@ class State:
         lowest: the step with the lowest objective.
     """
 
-    asked: Asked
+    asked: Mapping[str, Any]
     free: jax.Array
     memory: Any
     plans: tuple[Plan, ...] = ()
@@ -78,11 +53,19 @@ class State:
     checkpoints: tuple[Stop, ...] = ()
     lowest: Stop | None = None
 
+    def expect(self, asked: Mapping[str, Any]) -> None:
+        """Raise where a call that resumes asks for something else."""
+        differing = [name for name, value in asked.items() if self.asked[name] != value]
+        if differing:
+            raise ValueError(
+                f"resume is the result of another call: {', '.join(differing)} must be those of then"
+            )
+
 
 @shown("objective", "numbers", "message", heading="{0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tuning:
-    """What tuning found.
+class Tuning(Printed):
+    """Result of tuning by the gradient.
 
     Attributes:
         scenarios: tuned, in the order given; planned anew and certified.
@@ -128,14 +111,9 @@ class Tuning:
 
     @property
     def title(self) -> str:
-        """How many scenarios were tuned, in how many steps."""
+        """Title with the number of scenarios and steps."""
         return f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"
 
-    def __str__(self) -> str:
-        cells = self.cells()[1:]
-        width = max(len(name) for name, *_ in cells)
-        lines = [f"  {name:<{width}}  {before:>12} -> {after}" for name, before, after in cells]
-        return "\n".join([self.title, *lines, *([f"  {self.message}"] if self.message else [])])
-
-    def _repr_html_(self) -> str:
-        return as_table(self.title, [("", self.message)] if self.message else [], self.cells())
+    def lines(self) -> list[tuple[str, str]]:
+        """The message, where there is one."""
+        return [("", self.message)] if self.message else []

@@ -1,122 +1,29 @@
 """Search settings tuned by trials: each is a study of the same scenes, by other settings.
 
-The trials of a search for settings: a study each, and a row of what came of it.
-
-Success comes before the objective: rows with more failed scenes are always worse.
-
 What a search does jumps with its settings, so there is no gradient to follow (`descent` has one, of
 trajectories). A trial plans whole, as `run_study` does, not the search alone: a short path that no certified
-trajectory follows is a failure. Times are those of the search step.
+trajectory follows is a failure. Success comes before the objective: trials with more failed scenes are always
+worse. Times are those of the search step.
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.cases import random_scenario
 from jaxplan.model.scenario import Scenario
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.progress import Bar, progress_bar
 from jaxplan.study import Study, run_study
 from jaxplan.study.blocks import LARGEST
-from jaxplan.study.result import aligned, column_values
-from jaxplan.study.rows import OK
 from jaxplan.study.task import Task, make_task
+from jaxplan.study.text import Printed
 from jaxplan.tuning.parameters import Range, make_ranges
 
 Score = Callable[[Study], float]
-
-
-class Ended(Exception):
-    """No more trials: they are spent, or one raised the cause of this."""
-
-
-class Trials:
-    """Makes studies and keeps their rows, and the best and the first of the studies."""
-
-    def __init__(
-        self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
-    ) -> None:
-        self.task, self.ranges, self.score, self.most, self.bar = task, ranges, score, most, bar
-        self.history: list[dict[str, float]] = []
-        self._known: dict[tuple[float, ...], float] = {}
-        if noisy:
-            self._study({})  # a rehearsal, so that the first trial is not the one with cold caches
-        numbers = {one.name: one.own for one in ranges}
-        self.baseline = self.study = self._study({})
-        self.own = self.best = self._note(self.baseline, numbers)
-        self._known[tuple(numbers.values())] = self._rank(self.own)
-
-    def __call__(self, values: np.ndarray) -> float:
-        """The rank of settings, lower is better; those that were tried before cost nothing."""
-        numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
-        key = tuple(numbers.values())
-        if key in self._known:
-            return self._known[key]
-        if len(self.history) == self.most:
-            raise Ended
-        try:
-            study = self._study(numbers)
-            row = self._note(study, numbers)
-        except (TypeError, ValueError) as error:  # which scipy would take for a fault of its own
-            raise Ended from error
-        if _key(row) < _key(self.best):
-            self.best, self.study = row, study
-        self._known[key] = self._rank(row)
-        return self._known[key]
-
-    def measure_again(self) -> str:
-        """Let fresh measurements decide between the best and the scenes' own settings; says how."""
-        settings = {one.name: self.best[one.name] for one in self.ranges}
-        try:
-            first, last = self._study({}), self._study(settings)
-        except KeyboardInterrupt:
-            return "interrupted before the times were measured again"
-        self.baseline, self.own = first, {**self.own, **self._measured(first)}
-        row = {**self.best, **self._measured(last)}
-        better = _key(row) < _key(self.own)
-        self.study, self.best = (last, row) if better else (self.baseline, self.own)
-        return "measured again" if better else f"trial {row['trial']} was not better when measured again"
-
-    def _study(self, settings: Mapping[str, float]) -> Study:
-        # in one chunk where it may be, so that the times of trials compare
-        study = run_study(
-            self.task.scenes, self.task.kind, self.task.planner, settings, chunk=LARGEST, progress=False
-        )
-        if not study.complete:  # a study ends early where it is interrupted
-            raise KeyboardInterrupt
-        return study
-
-    def _measured(self, study: Study) -> dict[str, float]:
-        value = float(self.score(study))
-        if math.isnan(value) or value == -math.inf:
-            raise ValueError(f"objective is {value}: must be a finite number, or inf for the worst")
-        planned = sum(row["status"] == OK for row in study.table)
-        return {"objective": value, "success_rate": planned / len(study.table)}
-
-    def _note(self, study: Study, numbers: Mapping[str, float]) -> dict[str, float]:
-        row = {"trial": len(self.history), **self._measured(study), **numbers}
-        self.history.append(row)
-        self.bar.update()
-        best = min(self.history, key=_key)
-        self.bar.note(f"best {best['objective']:.5g}")
-        return row
-
-    def _rank(self, row: Mapping[str, float]) -> float:
-        """The order of `_key` as one number: failed scenes, and less than one for the objective."""
-        value = row["objective"]
-        scale = abs(self.history[0]["objective"])
-        scale = scale if 0 < scale < math.inf else 1.0
-        share = value / (abs(value) + scale) if value < math.inf else 1.0
-        return len(self.task.scenes) * (1 - row["success_rate"]) + share / 2
-
-
-def _key(row: Mapping[str, float]) -> tuple[float, float]:
-    """Success first."""
-    return -row["success_rate"], row["objective"]
-
+Row = Mapping[str, float]
 
 # Label, column, and whether every scene counts or only those that are planned, as in a study's summary.
 _OBJECTIVES = {
@@ -132,17 +39,106 @@ _OVER: Mapping[str, tuple[float, float]] = {
 }
 
 
+class Ended(Exception):
+    """No more trials: they are spent, or one raised the cause of this."""
+
+
+class Trial(NamedTuple):
+    """A trial: its row of the history, and its study."""
+
+    row: Row
+    study: Study
+
+
+class Trials:
+    """Makes studies and keeps their rows, the best of them, and that by the scenes' own settings."""
+
+    def __init__(
+        self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
+    ) -> None:
+        self.task, self.ranges, self.score, self.most, self.bar = task, ranges, score, most, bar
+        self.history: list[Row] = []
+        self._known: dict[tuple[float, ...], float] = {}
+        numbers = {one.name: one.own for one in ranges}
+        if noisy:
+            self._trial(0, numbers)  # a rehearsal, so that the first trial is not the one with cold caches
+        self.own = self.best = self._noted(numbers)
+
+    def __call__(self, values: np.ndarray) -> float:
+        """The rank of settings, lower is better; those that were tried before cost nothing."""
+        numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
+        key = tuple(numbers.values())
+        if key not in self._known:
+            if len(self.history) == self.most:
+                raise Ended
+            try:
+                trial = self._noted(numbers)
+            except (TypeError, ValueError) as error:  # which scipy would take for a fault of its own
+                raise Ended from error
+            self.best = self._better(self.best, trial)
+            self.bar.note(f"best {self.best.row['objective']:.5g}")
+        return self._known[key]
+
+    def measure_again(self) -> str:
+        """Let fresh measurements decide between the best and the scenes' own settings; says how."""
+        try:
+            own, best = map(self._again, (self.own, self.best))
+        except KeyboardInterrupt:
+            return "interrupted before the times were measured again"
+        self.own, self.best = own, self._better(own, best)
+        if self.best is own:
+            return f"trial {best.row['trial']} was not better when measured again"
+        return "measured again"
+
+    def _again(self, trial: Trial) -> Trial:
+        numbers = {one.name: trial.row[one.name] for one in self.ranges}
+        return self._trial(int(trial.row["trial"]), numbers)
+
+    def _noted(self, numbers: Row) -> Trial:
+        """The next trial, which counts."""
+        trial = self._trial(len(self.history), numbers)
+        self.history.append(trial.row)
+        self._known[tuple(numbers.values())] = self._rank(trial)
+        self.bar.update()
+        return trial
+
+    def _trial(self, number: int, numbers: Row) -> Trial:
+        """A study by settings; trial 0 is by the scenes' own."""
+        task = self.task
+        # in one chunk where it may be, so that the times of trials compare
+        study = run_study(
+            task.scenes, task.kind, task.planner, numbers if number else {}, chunk=LARGEST, progress=False
+        )
+        if not study.complete:  # a study ends early where it is interrupted
+            raise KeyboardInterrupt
+        value = float(self.score(study))
+        if math.isnan(value) or value == -math.inf:
+            raise ValueError(f"objective is {value}: must be a finite number, or inf for the worst")
+        rate = study.planned / study.done
+        return Trial({"trial": number, "objective": value, "success_rate": rate, **numbers}, study)
+
+    def _better(self, one: Trial, other: Trial) -> Trial:
+        return min(one, other, key=self._rank)
+
+    def _rank(self, trial: Trial) -> float:
+        """Failed scenes, and less than one for the objective."""
+        value, scale = trial.row["objective"], abs(self.history[0]["objective"])
+        scale = scale if 0 < scale < math.inf else 1.0
+        share = value / (abs(value) + scale) if value < math.inf else 1.0
+        return len(self.task.scenes) * (1 - trial.row["success_rate"]) + share / 2
+
+
 @shown("settings", "objective", "message", heading="{0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SearchTuning:
-    """What trials found.
+class SearchTuning(Printed):
+    """Result of tuning by trials.
 
     Attributes:
         settings: of the best trial, as `run_study` and a scenario file take them. Where the scenes' own are
             the best these are they; one in which the scenes differ is left out then.
         objective: what was lowered, with its unit.
         own: the row of the scenes' own settings, as ``baseline`` has it.
-        best: likewise of the best settings, as ``study`` has it.
+        best: the row of the best settings, as ``study`` has it.
         history: a row a trial: its number, the objective, the success rate and the numbers by name. The first
             are the scenes' own settings, with NaN for what is no number that all share.
         study: by the best settings.
@@ -161,7 +157,7 @@ class SearchTuning:
 
     @property
     def title(self) -> str:
-        """Of which scenes, and how many trials there were."""
+        """Title with the scenes and the number of trials."""
         return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
 
     @property
@@ -171,28 +167,21 @@ class SearchTuning:
 
     @property
     def label(self) -> str:
-        """What was lowered, with its unit: as `Tuning` has it beside the objective's value."""
+        """Label of the objective with its unit, by the name that `Tuning` has for it."""
         return self.objective
 
     def cells(self) -> list[list[str]]:
-        """What the scenes' own and the best settings are and do, as rows of texts with their head."""
+        """Own and best settings with their results, as rows of texts with their head."""
         labels = {"objective": self.objective, "success_rate": "success rate (%)"}
-        factors = {"success_rate": 100.0}
         rows = []
-        for key in self.own:
-            if key != "trial":
-                values = [factors.get(key, 1.0) * row[key] for row in (self.own, self.best)]
-                rows.append([labels.get(key, key), *("-" if math.isnan(v) else f"{v:.5g}" for v in values)])
+        for key in [key for key in self.own if key != "trial"]:
+            values = [(100 if key == "success_rate" else 1) * row[key] for row in (self.own, self.best)]
+            rows.append([labels.get(key, key), *("-" if math.isnan(v) else f"{v:.5g}" for v in values)])
         return [["", "own", "best"], *rows]
 
-    def __str__(self) -> str:
-        head = [self.title, f"  best: trial {self.best['trial']}", f"  {self.message}"]
-        return aligned("\n".join(head), [], self.cells())
-
-    def _repr_html_(self) -> str:
-        return as_table(
-            self.title, [("best", f"trial {self.best['trial']}"), ("", self.message)], self.cells()
-        )
+    def lines(self) -> list[tuple[str, str]]:
+        """The best trial, and how it was found."""
+        return [("best", f"trial {self.answer}"), ("", self.message)]
 
 
 def tune_search(
@@ -214,7 +203,7 @@ def tune_search(
 
     Expansions and lengths are the same on every run. Times are noisy: the least of many is lower than it
     would be again, so the best and the scenes' own settings are measured once more, one after the other, and
-    these measurements decide. A function is treated likewise, as it may look at times.
+    these measurements decide. So it is with a function, as it may look at times.
 
     Args:
         scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
@@ -247,30 +236,25 @@ def tune_search(
             raise ValueError(f"{name} = {value!r}: must be an integer of at least {least}")
     label, score = _make_score(objective)
     task = make_task(scenarios_or_seeds, kind, planner, None)
-    scenarios = tuple(
-        # all of a kind have the same settings
-        scene if isinstance(scene, Scenario) else random_scenario(scene, str(task.kind))
-        for scene in (task.scenes if task.kind is None else task.scenes[:1])
-    )
-    ranges = make_ranges(task, scenarios, over)
+    ranges = make_ranges(task, over)
     with progress_bar("tuning", "trials", total=trials, shown=progress) as bar:
         noisy = objective not in ("expansions", "length")
-        trial = Trials(task, ranges, score, trials, noisy, bar)
-        ending = _search(trial, seed)
-        changed = trial.best["trial"] > 0
-        if changed and noisy and not ending:
-            ending = trial.measure_again()
-    messages = ["found by trials, not by a gradient: others may be better"] * (trial.best["trial"] > 0)
-    messages += ["nothing better than the scenes' own settings was found"] * (trial.best["trial"] == 0)
+        made = Trials(task, ranges, score, trials, noisy, bar)
+        ending = _search(made, seed)
+        if made.best.row["trial"] and noisy and not ending:
+            ending = made.measure_again()
+    best = made.best.row
+    found = "found by trials, not by a gradient: others may be better"
+    nothing = "nothing better than the scenes' own settings was found"
     return SearchTuning(
-        settings={one.name: trial.best[one.name] for one in ranges if not math.isnan(trial.best[one.name])},
+        settings={one.name: best[one.name] for one in ranges if not math.isnan(best[one.name])},
         objective=label,
-        own=trial.own,
-        best=trial.best,
-        history=tuple(trial.history),
-        study=trial.study,
-        baseline=trial.baseline,
-        message="; ".join([*messages, *([ending] if ending else [])]),
+        own=made.own.row,
+        best=best,
+        history=tuple(made.history),
+        study=made.best.study,
+        baseline=made.own.study,
+        message="; ".join(filter(None, (found if best["trial"] else nothing, ending))),
     )
 
 
@@ -317,7 +301,7 @@ def _make_score(objective: str | Score) -> tuple[str, Score]:
         label, column, every = _OBJECTIVES[objective]
 
         def mean(study: Study) -> float:
-            values = column_values(study, column, every)
+            values = study.values(column, every)
             return float(np.mean(values)) if len(values) else math.inf
 
         return label, mean

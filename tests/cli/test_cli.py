@@ -304,7 +304,7 @@ def test_the_comparison_is_drawn_where_it_is_asked_for(capsys, monkeypatch, tmp_
     assert "rrt_connect" in out
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["table4.png"]
     assert f"wrote {tmp_path / 'out' / 'table4.png'}" in err
-    monkeypatch.setattr("jaxplan.table4.compare", lambda *_, **__: pytest.fail("searched"))
+    monkeypatch.setattr("jaxplan.study.table4.compare", lambda *_, **__: pytest.fail("searched"))
     (tmp_path / "file").write_text("mine")
     for folder, said in {
         "": "DIR of -o is empty",

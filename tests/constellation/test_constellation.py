@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.constellation import relay_spacecraft
-from jaxplan.constellation.links import nominal_attitudes
-from jaxplan.constellation.shell import CLEARANCE, waiting_directions
+from jaxplan.constellation.links import CLEARANCE, waiting_directions
+from jaxplan.constellation.problems import nominal_attitudes
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets
@@ -215,7 +215,7 @@ def test_links_kept_through_the_sun_are_counted_as_invalid():
     np.testing.assert_array_equal(result.status, expected)
     assert not np.any(result.certified)
     assert np.all(np.isnan(result.duration))
-    assert Counter(result.status) == result.summary().study.statuses
+    assert Counter(result.status) == result.summary().statuses
 
 
 # what is wrong is named

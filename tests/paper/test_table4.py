@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -5,10 +6,11 @@ import pytest
 from builders import make_scenario, scene_of
 from reference import edge_states, sampled_margin
 
-from jaxplan import table4
+import jaxplan as jp
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepOut
 from jaxplan.search.paths import make_path
+from jaxplan.study import table4
 
 
 def straight_path(scene, edges: int) -> Path:
@@ -47,22 +49,29 @@ def test_intervals_are_wilsons(successes, trials, low, high):
 
 @pytest.mark.slow
 def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
-    calls = []
-    rows = table4.compare(
-        ("keep_out", "hard_keep_in"), ("mha", "mha-paper"), count=2, done=lambda: calls.append(1)
-    )
+    rows = table4.compare(("keep_out", "hard_keep_in"), ("mha", "mha-paper"), count=2)
     assert [(row.kind, row.planner) for row in rows] == [
         ("keep_out", "mha"),
         ("keep_out", "mha-paper"),
         ("hard_keep_in", "mha"),
         ("hard_keep_in", "mha-paper"),
     ]
-    assert len(calls) == 8
     for row in rows:
         assert row.scenes == len(row.seconds) == 2
         assert len(row.nodes) == len(row.steps) == row.clear <= row.found <= 2
     again = table4.compare(("keep_out",), ("mha",), count=2)
     np.testing.assert_array_equal(again[0].steps, rows[0].steps)
+
+
+def test_rows_are_studies_whose_tables_are_the_same_again_and_compare():
+    first, again = (table4.search_study(range(3), "hard_keep_in", "wastar") for _ in range(2))
+    assert json.dumps(first.table) == json.dumps(again.table)
+    row = table4.row_of_study(first)
+    assert (row.found, row.clear) == (first.planned, sum(one["certified"] for one in first.table))
+    for one in first.table:
+        assert one["certified"] == (one["min_margin_deg"] is not None and one["min_margin_deg"] >= -1e-6)
+    compared = jp.compare_studies(first, table4.search_study(range(3), "hard_keep_in", "mha"))
+    assert (compared.scenes, compared.both + compared.only_first) == (3, row.found)
 
 
 def test_scenes_proved_infeasible_are_left_out(monkeypatch):

@@ -13,7 +13,7 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.plotting import comparison_figure
 from jaxplan.search import PLANNERS
-from jaxplan.table4 import Row, printed_rows
+from jaxplan.study.table4 import Row, printed_rows
 
 
 def make_row(

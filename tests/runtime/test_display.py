@@ -33,11 +33,11 @@ from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
-from jaxplan.table4 import PAPER_KINDS, printed_rows
+from jaxplan.study.table4 import PAPER_KINDS, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
 from jaxplan.tuning import SearchTuning, Tuning
-from jaxplan.tuning.result import Asked, State
+from jaxplan.tuning.result import State
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"
@@ -253,7 +253,7 @@ def results(plan, failed, scenario):
             history=history,
             message="gave up",
             state=State(
-                asked=Asked(scenarios=[], over={}, objective={"effort": 1.0}, optimizer=None),
+                asked={"objective": {"effort": 1.0}},
                 free=jax.numpy.zeros(2),
                 memory=None,
             ),
@@ -324,7 +324,6 @@ def test_every_result_shows_itself_and_leaves_nothing_unknown(results):
 
 def test_the_results_looked_at_are_of_every_kind(results):
     inner = {
-        "Asked",
         "Call",
         "Held",
         "ActiveSet",

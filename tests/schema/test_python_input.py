@@ -475,8 +475,14 @@ CALLS = {
         lambda: jp.plot.durations({"minimum": {"case 1": 20.9}}, 20.6),
         "bounds must be a dict by names, not float",
     ),
-    "table4 of a plan": (lambda plan: jp.plot.table4(plan), "rows must be several rows, as jaxplan.table4"),
-    "table4 of plans": (lambda plan: jp.plot.table4([plan]), "rows[0] must be a row of jaxplan.table4.comp"),
+    "table4 of a plan": (
+        lambda plan: jp.plot.table4(plan),
+        "rows must be several rows, as jaxplan.study.table4",
+    ),
+    "table4 of plans": (
+        lambda plan: jp.plot.table4([plan]),
+        "rows[0] must be a row of jaxplan.study.table4.comp",
+    ),
     "study of a plan": (lambda plan: jp.plot.study(plan), "studies must be several studies, as jp.run_stu"),
     "study of plans": (lambda plan: jp.plot.study([plan]), "studies[0] must be a Study, as jp.run_study ret"),
     "outcomes by names": (

@@ -23,7 +23,7 @@ from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
 from jaxplan.search.multi_heuristic import Node, make_root
 from jaxplan.search.paths import STRAIGHT_INTERVALS, straight_call
 from jaxplan.search.scene import Scene, steps_between
-from jaxplan.table4 import make_problem
+from jaxplan.study.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
 LAST_SCALE = len(mha.SCALES) - 1  # the number of an expansion with short moves

@@ -15,8 +15,8 @@ from scipy.stats import binom, binomtest
 import jaxplan as jp
 from jaxplan.plotting import study_figure
 from jaxplan.plotting.study_figures import QUANTITIES
-from jaxplan.study.rows import TABLE, TIMINGS
 from jaxplan.study.run import run_task
+from jaxplan.study.store import TABLE, TIMINGS
 
 
 def make_study(scenes: int = 30, planner: str = "mha", *, failing: int | None = None, **changes) -> jp.Study:

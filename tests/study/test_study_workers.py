@@ -16,8 +16,9 @@ from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
 from jaxplan.runtime.workers import Crew
-from jaxplan.study.blocks import AIM, APART, BLOCK, LARGEST, Blocks, by_workers, in_blocks, plan_chunk
+from jaxplan.study.blocks import AIM, APART, LARGEST, Blocks, by_workers, plan_chunk
 from jaxplan.study.run import run_task
+from jaxplan.study.task import BLOCK
 
 SCENES = 90
 
@@ -165,9 +166,9 @@ def test_the_last_chunks_are_small_where_several_plan():
 
 def test_scenes_of_a_block_are_planned_together_however_a_study_is_cut_and_interrupted(tmp_path):
     def in_company(chunk):
-        companies.update(tuple(block.numbers) for block in in_blocks(chunk))
+        companies.update(tuple(block.numbers) for block in chunk.blocks())
         answer = plan_nothing(chunk)
-        for block in in_blocks(chunk):
+        for block in chunk.blocks():
             for number in block.numbers:
                 answer.table[chunk.numbers.index(number)]["slew_deg"] = float(sum(block.numbers))
         return answer

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import jaxplan as jp
 from jaxplan.study import run
-from jaxplan.study.blocks import Answer, head
+from jaxplan.study.blocks import Answer
 from jaxplan.study.rows import COLUMNS, TIMES
 from jaxplan.tuning import Tuning
 
@@ -25,7 +25,7 @@ def planner(expansions, planned=lambda weight, seed: True, seconds=lambda: 0.01)
         table, timings = [], []
         for place, seed in enumerate(chunk.scenes):
             search = chunk.scenario(place).search
-            first = head(chunk, place)
+            first = chunk.head(place)
             status = "OK" if planned(search.heuristic_weight, seed) else "NODE_LIMIT"
             row = {**first, "status": status, "expansions": expansions(search), "length_steps": 5.0}
             table.append({name: row.get(name) for name in COLUMNS})

@@ -1,0 +1,301 @@
+"""The paper's Table 4 again: how often, how fast and how near the shortest each planner of step 2 is.
+
+Each of its rows is a study in which scenes are searched alone, not planned: one search for each scene, from
+its start to the nearest goal of step 1, no retries. Every planner gets the same scenes, goals and settings. A
+path is *found* when its planner says so, and *clear* when no edge of it breaks a zone: checked here over
+every whole edge by the bound of `path.edge_margins`, whatever the planner itself has looked at. Scenes that
+are proved to have no path are left out of the rate. Times are those of the search alone, compiled before, on
+the machine at hand; lengths are those of the paths that are clear, in interior nodes, which is what the paper
+seems to count, and in steps (`path.step_cost`).
+"""
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import groupby
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.cases import random_scenario
+from jaxplan.model.path import Path, edge_margins
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.status import Status
+from jaxplan.planner.goals import find_goals
+from jaxplan.planner.record import Plan
+from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.display import shown
+from jaxplan.runtime.jit import quick_jit
+from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene, search_batch
+from jaxplan.study.blocks import Answer
+from jaxplan.study.result import Study, success_interval
+from jaxplan.study.rows import COLUMNS, OK, filled, times_of
+from jaxplan.study.run import run_task
+from jaxplan.study.task import Chunk, Task
+from jaxplan.study.text import aligned
+
+TOLERANCE = 1e-9
+"""rad, by which a margin may be below zero: rounding."""
+PAPER_KINDS = ("keep_out", "keep_in")
+_INTERVALS = 32  # an edge is cut into, for the check
+_REHEARSALS = 5  # scenes that are searched before the clock runs, so that what they use is compiled
+_KEPT = 256  # problems, so that planners that follow one another need not find the same goals
+_HEAD = [
+    *("planner", "found", "95 %", "clear", "95 %", "MinT", "MaxT", "AT", "MinL", "MaxL", "AL"),
+    *("steps: min", "max", "mean"),
+]
+
+
+@shown("kind", "planner", "scenes", "found", "clear", "seconds s", "nodes", "steps")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Row:
+    """Results of one planner on the scenes of one kind.
+
+    Attributes:
+        kind: of the scenes.
+        planner: its name in `PLANNERS`, or the paper's.
+        scenes: how many were tried, those proved infeasible left out.
+        found: in how many of them it found a path.
+        seconds: (scenes,) each search took, successful or not; for the paper (3,) least, largest, mean.
+        nodes: (clear,) interior nodes of the paths that are clear; for the paper (3,).
+        clear: in how many scenes no edge of the path breaks a zone; None where nobody knows.
+        solved: (scenes,) bool, in which of them that is so; None for the paper.
+        steps: (clear,) lengths in steps; None for the paper.
+    """
+
+    kind: str
+    planner: str
+    scenes: int
+    found: int
+    seconds: np.ndarray
+    nodes: np.ndarray
+    clear: int | None = None
+    solved: np.ndarray | None = None
+    steps: np.ndarray | None = None
+
+    def interval(self, successes: int) -> tuple[float, float]:
+        """95 % Wilson interval of a success rate in these scenes."""
+        return success_interval(successes, self.scenes)
+
+    def spread(self, values: np.ndarray | None) -> tuple[float, ...] | None:
+        """Least, largest and mean of times or lengths, which are what the paper prints; None of nothing."""
+        if values is None or not len(values):
+            return None
+        printed = self.solved is None
+        return tuple(map(float, values if printed else (np.min(values), np.max(values), np.mean(values))))
+
+    def summary(self) -> dict[str, Any]:
+        """The row for machines: least, largest and mean of times (s) and lengths."""
+        return {
+            "kind": self.kind,
+            "planner": self.planner,
+            "scenes": self.scenes,
+            "found": self.found,
+            "clear": self.clear,
+            "found_95_percent": self.interval(self.found),
+            "clear_95_percent": None if self.clear is None else self.interval(self.clear),
+            "seconds": self.spread(self.seconds),
+            "interior_nodes": self.spread(self.nodes),
+            "steps": self.spread(self.steps),
+        }
+
+    def cells(self) -> list[str]:
+        """The row as texts below `_HEAD`; dashes where there is nothing, blanks where nobody knows."""
+        digits = 1 if self.solved is None else 4
+        return [
+            self.planner,
+            *self._rate(self.found),
+            *self._rate(self.clear),
+            *_texts(self.spread(self.seconds), digits, digits),
+            *_texts(self.spread(self.nodes), 0, 1),
+            *([""] * 3 if self.steps is None else _texts(self.spread(self.steps), 2, 2)),
+        ]
+
+    def _rate(self, count: int | None) -> list[str]:
+        """A count with its Wilson interval, percent."""
+        if count is None:
+            return ["", ""]
+        low, high = (100 * bound for bound in self.interval(count))
+        return [f"{count}/{self.scenes:<4}", f"{low:5.1f} to {high:5.1f}"]
+
+
+def _texts(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[str]:
+    if values is None:
+        return ["-"] * 3
+    return [f"{value:.{places}f}" for value, places in zip(values, (digits, digits, of_mean), strict=True)]
+
+
+def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
+    values: dict[str, Any] = {"seconds": np.array(seconds), "nodes": np.array(nodes)}
+    return Row(kind=kind, planner=planner, scenes=20, found=found, **values)
+
+
+# As printed, from other scenes of the same description, on another machine.
+PAPER = (
+    _printed("keep_out", "paper's MHA*", 19, (0.1, 0.7, 0.3), (15, 49, 27.6)),
+    _printed("keep_out", "paper's WA*", 15, (0.1, 0.6, 0.2), (17, 42, 26.6)),
+    _printed("keep_out", "paper's RRT*", 15, (1.5, 25.6, 6.0), (13, 26, 20.5)),
+    _printed("keep_in", "paper's MHA*", 19, (0.2, 0.5, 0.2), (11, 38, 24.4)),
+    _printed("keep_in", "paper's WA*", 18, (0.1, 1.7, 0.3), (13, 38, 24.2)),
+    _printed("keep_in", "paper's RRT*", 17, (0.7, 13.1, 3.2), (11, 28, 16.8)),
+)
+
+
+def printed_rows(kinds: Iterable[str]) -> tuple[Row, ...]:
+    """The paper's rows of some kinds of scenes; it has none of most."""
+    wanted = set(kinds)
+    return tuple(row for row in PAPER if row.kind in wanted)
+
+
+def format_table(rows: Iterable[Row]) -> str:
+    """The rows as text, those of a kind together with the paper's.
+
+    Rates with their 95 % Wilson intervals; times in seconds, lengths in interior nodes and in steps: least,
+    largest and mean.
+    """
+    cells: list[list[str]] = []
+    for kind, of_kind in groupby(rows, lambda row: row.kind):
+        cells += [[kind, *[""] * len(_HEAD[1:])], _HEAD, *(row.cells() for row in printed_rows([kind]))]
+        cells += [row.cells() for row in of_kind]
+    title = "Searches: time in s, length in interior nodes and in steps"
+    return "\n".join(line.rstrip() for line in aligned(title, (), cells).splitlines())
+
+
+def compare(
+    kinds: Iterable[str],
+    planners: Iterable[str] = tuple(PLANNERS),
+    *,
+    count: int = 20,
+    first_seed: int = 0,
+    progress: bool = False,
+) -> tuple[Row, ...]:
+    """Let planners search the same random scenes.
+
+    Args:
+        kinds: of `random_scenario`.
+        planners: names in `PLANNERS`.
+        count: scenes a kind.
+        first_seed: of the first of them; the others follow.
+        progress: show a bar on stderr for each kind and planner that takes longer than a second.
+
+    Returns:
+        A row a kind and planner.
+    """
+    seeds, names = range(first_seed, first_seed + count), tuple(planners)
+    studies = [search_study(seeds, kind, planner, progress=progress) for kind in kinds for planner in names]
+    return tuple(map(row_of_study, studies))
+
+
+def search_study(seeds: range, kind: str, planner: str, *, progress: bool = False) -> Study:
+    """Search random scenes one by one: a study whose rows are *certified* where the path is clear."""
+    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the last one counts
+        task = Task(kind=kind, scenes=some, planner=planner)
+        study = run_task(task, None, None, None, bar, search_chunk)
+        if not study.complete:  # a study ends early where it is interrupted
+            raise KeyboardInterrupt
+    return study
+
+
+def row_of_study(study: Study) -> Row:
+    """The row of Table 4 of a study of searches."""
+    known = {row["scene"]: row for row in study.table if row["status"] != Status.NO_PATH.name}
+    clear = [row for row in known.values() if row["certified"]]
+    return Row(
+        kind=str(study.kind),
+        planner=study.planner,
+        scenes=len(known),
+        found=sum(row["status"] == OK for row in known.values()),
+        clear=len(clear),
+        solved=np.array([row["certified"] for row in known.values()], dtype=bool),
+        seconds=np.array([row["search_s"] for row in study.timings if row["scene"] in known]),
+        nodes=np.array([row["interior_nodes"] for row in clear]),
+        steps=np.array([row["length_steps"] for row in clear]),
+    )
+
+
+def search_chunk(chunk: Chunk) -> Answer:
+    """Search the scenes of a chunk one by one."""
+    table, timings = [], []
+    for place in range(len(chunk.numbers)):
+        head = chunk.head(place)
+        scenario, scene = _problem(head["seed"], head["kind"])
+        known, seconds = {"status": Status.NO_PATH.name, "certified": False}, 0.0
+        if find_barrier(scene) is None:
+            bare = replace(scene)  # with nothing of it computed by another planner
+            settings = replace(scenario.search, method=chunk.planner, time_limit=math.inf)
+            began = time.perf_counter()
+            (result,) = search_batch([bare], [settings])
+            seconds = time.perf_counter() - began
+            known |= {"status": result.status.name, "expansions": result.expansions}
+            if result.path is not None:
+                margin = float(np.rad2deg(np.min(least_margins(scene, result.path), initial=np.inf)))
+                known |= {"length_steps": result.path.length, "interior_nodes": result.path.edges - 1}
+                known |= {"min_margin_deg": margin, "certified": is_clear(scene, result.path)}
+        table.append(filled(COLUMNS, {**head, "message": "", **known}))
+        timings.append(times_of({"search": seconds}, head))
+    return Answer(table, timings, sum(row["search_s"] for row in timings))
+
+
+@lru_cache(maxsize=_KEPT)
+def _problem(seed: int, kind: str) -> tuple[Scenario, Scene]:
+    scenario = random_scenario(seed, kind)
+    return scenario, make_problem(scenario)
+
+
+def make_problem(scenario: Scenario) -> Scene:
+    """The search problem of a random scene: from its start to the nearest goal of step 1.
+
+    Args:
+        scenario: one of `random_scenario`.
+    """
+    goals = find_goals(scenario)
+    if isinstance(goals, Plan):  # never: random scenes are made with a goal
+        raise RuntimeError(f"{scenario.name}: {goals.message}")
+    return make_scene(scenario, goals[0])
+
+
+def is_clear(scene: Scene, path: Path) -> bool:
+    """True if no edge of a path breaks a zone, by a lower bound of the margins of whole edges.
+
+    Args:
+        scene: the problem.
+        path: between its start and goal.
+    """
+    return bool(np.all(least_margins(scene, path) >= -TOLERANCE))
+
+
+def least_margins(scene: Scene, path: Path) -> np.ndarray:
+    """Lower bound of the least margin along each whole edge of a path.
+
+    Args:
+        scene: the problem.
+        path: between its start and goal.
+
+    Returns:
+        (m,) rad; +inf without zones.
+    """
+    rows = padded_count(path.edges)
+    first, last = (np.tile(np.eye(3), (rows, 1, 1)) for _ in range(2))
+    joints, change = np.zeros((2, rows, path.joints.shape[1]))
+    first[: path.edges], last[: path.edges] = path.attitudes[:-1], path.attitudes[1:]
+    joints[: path.edges], change[: path.edges] = path.joints[:-1], np.diff(path.joints, axis=0)
+    with jax.enable_x64(True):
+        margins = np.asarray(_edges(scene, first, last, joints, change))[: path.edges]
+    return np.min(margins, axis=-1, initial=np.inf)
+
+
+@quick_jit
+def _edges(
+    scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
+) -> jax.Array:
+    def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:
+        turn = so3.log(start.T @ end)
+        motion = (scene.sights, start, q, turn, dq, _INTERVALS)
+        return [edge_margins(rows, *motion) for rows in (scene.cones, scene.grouped_cones)]
+
+    single, grouped = jax.vmap(margins)(first, last, joints, change)
+    return jax.numpy.concatenate([single, grouped], axis=-1)
