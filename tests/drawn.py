@@ -1,6 +1,8 @@
 """Plans made up of one smooth law, which figures and pages are drawn of."""
 
 import numpy as np
+from matplotlib.contour import ContourSet
+from matplotlib.path import Path as Shape
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import poly2leg
 from scenes import make_scenario
@@ -59,6 +61,12 @@ def make_plan(
     return Plan(
         scenario=scenario, status=Status.OK, goal=goal, path=path, trajectory=trajectory, certificate=report
     )
+
+
+def filled(area: ContourSet, points: np.ndarray) -> np.ndarray:
+    """(k,) which of (k, 2) points of a picture an area covers, counting its rings around each."""
+    rings = [Shape(ring) for path in area.get_paths() for ring in path.to_polygons()]
+    return sum((ring.contains_points(points) for ring in rings), np.zeros(len(points), int)) % 2 == 1
 
 
 def keep_out_zones(count: int) -> tuple[KeepOut, ...]:
