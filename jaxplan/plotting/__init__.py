@@ -14,15 +14,14 @@ Axes are in degrees and seconds, torques in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure as comparison_figure
-from jaxplan.plotting.comparison import table4
+from jaxplan.plotting.comparison import durations, table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.film import animate
 from jaxplan.plotting.margin_panels import margins
-from jaxplan.plotting.sky_maps import globe, sphere
+from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
-from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
-from jaxplan.plotting.trajectories import compare, durations, segments
+from jaxplan.plotting.time_panels import accelerations, angles, compare, rates, segments, torque
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
 from jaxplan.plotting.whole_plan import figures, overview

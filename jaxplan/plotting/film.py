@@ -4,8 +4,9 @@ import base64
 import io
 import os
 import re
+from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,29 +16,27 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from PIL import Image
 
+from jaxplan.geometry.vectors import pointing
+from jaxplan.planner import Plan
 from jaxplan.plotting import samples
-from jaxplan.plotting.projections import PALE, View
-from jaxplan.plotting.sky_maps import draw_line, draw_sphere, draw_zones, view_of
-from jaxplan.plotting.sky_marks import end_marks, end_style, zone_entries, zones_at
-from jaxplan.plotting.style import (
-    GREY,
-    SMALL,
-    Canvas,
-    Entries,
-    device_entries,
-    device_style,
-    legend_beside,
-    panels,
+from jaxplan.plotting.projections import PALE, GlobeView
+from jaxplan.plotting.sky import (
+    draw_ball,
+    draw_ends,
+    draw_line,
+    draw_zone,
+    draw_zones,
+    name_zones,
+    view_of,
+    zone_entries,
+    zones_at,
 )
+from jaxplan.plotting.style import SMALL, Canvas, Look, device_entries, device_style, legend_beside, panels
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
 
 SIZE = (6.8, 5.6)  # inches
 
@@ -51,7 +50,7 @@ _PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edge
 
 
 def animate(
-    plan: "Plan",
+    plan: Plan,
     ax: Canvas = None,
     *,
     view: tuple[float, float] | None = None,
@@ -82,13 +81,10 @@ def animate(
         ax = Figure(figsize=SIZE, layout="constrained")
     (axes,) = panels(ax, 1, SIZE)
     seen = view_of(plan, view)
-    draw_sphere(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
+    draw_ball(axes, seen)
+    draw_zones(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
     axes.set_ylim(-1.06, 1.3)  # with room for the clock above
-    ends: Entries = []
-    for look, name, directions in end_marks(plan):
-        for device, point in enumerate(directions):
-            axes.plot(*seen.project(point), **end_style(look, device), alpha=0.5)
-        ends.append((Line2D([], [], color=GREY, **look), name))
+    ends = draw_ends(axes, plan, seen, alpha=0.5)
     for device, way in enumerate(np.moveaxis(motion.boresights, 1, 0)):
         draw_line(axes, seen, way, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]})
     devices = device_entries(plan.scenario.spacecraft.device_names)
@@ -112,12 +108,12 @@ class Film(FuncAnimation):
 
     @property
     def pictures(self) -> int:
-        """How many there are."""
+        """Number of pictures."""
         return len(self.instants)
 
     @property
     def duration(self) -> float:
-        """Of the manoeuvre, s."""
+        """Duration of the manoeuvre, s."""
         return float(self.picture.motion.times[-1])
 
     def __del__(self) -> None:
@@ -133,7 +129,7 @@ class Film(FuncAnimation):
                 .webm or .avi. The file appears whole or not at all, and its folder is made.
             writer: of matplotlib, for any other ending.
             *arguments: of matplotlib's ``Animation.save``.
-            **settings: likewise.
+            **settings: of the same.
 
         Raises:
             ValueError: if the file's name has another ending.
@@ -184,7 +180,7 @@ def _writer(target: Path) -> str:
 
 
 def _check_place(target: Path) -> None:
-    """See to it, before pictures are drawn for minutes, that a file can be written."""
+    """Raise, before pictures are drawn for minutes, where a file cannot be written."""
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
     folder = next(parent for parent in target.absolute().parents if parent.exists())
@@ -203,76 +199,68 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """What moves: called with a number of an instant, it brings everything there."""
+    """Everything that moves; a call with the number of an instant brings it there."""
 
-    def __init__(self, axes: Axes, plan: "Plan", motion: samples.Motion, view: View) -> None:
+    def __init__(self, axes: Axes, plan: Plan, motion: samples.Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, motion, view
         self.scenario = plan.scenario
         self.moving: list[Artist] = []  # what is drawn of zones that move
         craft = plan.scenario.spacecraft
-        self.margins = [m.values for m in samples.margins(plan.scenario, motion)]
+        self.margins = [margin.values for margin in samples.margins(plan.scenario, motion)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
-        azimuths = craft.mounts
-        rest = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)], axis=-1)
-        outward = np.concatenate([rest, craft.fixed_boresights])
+        outward = np.concatenate([pointing(craft.mounts, 0.0 * craft.mounts), craft.fixed_boresights])
         self.feet = outward * np.min(_BODY / np.maximum(np.abs(outward), 1e-9), axis=1, keepdims=True)
         self.faces = PolyCollection([], edgecolor="0.35", linewidth=0.8, zorder=2.7)
         axes.add_collection(self.faces, autolim=False)
-        self.trails, self.beams, self.spots = [], [], []
-        for device in range(len(outward)):
-            look = device_style(device)
-            self.trails += [
-                axes.plot([], [], linewidth=2.2, alpha=alpha, zorder=3, **look)[0] for alpha in (1.0, PALE)
-            ]
-            self.beams.append(
-                axes.plot([], [], linewidth=1.4, color=look["color"], marker="o", markevery=[0])[0]
-            )
-            self.spots.append(
-                axes.plot(
-                    [], [], "o", markersize=7, color=look["color"], markeredgecolor="white", zorder=4.5
-                )[0]
-            )
+        looks = [device_style(device) for device in range(len(outward))]
+        self.trails = [
+            [axes.plot([], [], linewidth=2.2, alpha=alpha, zorder=3, **look)[0] for alpha in (1.0, PALE)]
+            for look in looks
+        ]
+        colours = [{"color": look["color"]} for look in looks]
+        self.beams = [axes.plot([], [], linewidth=1.4, marker="o", markevery=[0], **c)[0] for c in colours]
+        spot: Look = {"markersize": 7, "markeredgecolor": "white", "zorder": 4.5}
+        self.spots = [axes.plot([], [], "o", **spot, **c)[0] for c in colours]
         self.clock = axes.text(-1.06, 1.27, "", fontsize=SMALL + 1, ha="left", va="top")
 
     def __call__(self, number: int) -> list[Artist]:
         """Show an instant; returns what has changed."""
-        attitude, directions = self.motion.values.attitude[number], self.motion.boresights[number]
+        attitude = self.motion.values.attitude[number]
         self._turn_platform(attitude)
-        for device, direction in enumerate(directions):
-            halves = self.view.sides(self.motion.boresights[: number + 1, device])
-            for line, half in zip(self.trails[2 * device : 2 * device + 2], halves, strict=True):
-                line.set_data(*half.T)
-            foot, tip = self.feet[device] @ attitude.T, direction
-            near, front = self.view.depth(tip) >= 0, self.view.depth(foot) >= 0
-            self.beams[device].set_data(*self.view.project(np.stack([foot, tip])).T)
-            self.beams[device].set(alpha=1.0 if near else 0.5, zorder=2.8 if front else 2.6)
-            self.spots[device].set_data(*self.view.project(tip)[:, None])
-            self.spots[device].set_alpha(1.0 if near else 0.45)
+        feet, tips = self.feet @ attitude.T, self.motion.boresights[number]
+        near, front = self.view.depth(tips) >= 0, self.view.depth(feet) >= 0
+        for device, ends in enumerate(self.view.project(np.stack([feet, tips], axis=1))):
+            way = self.motion.boresights[: number + 1, device]
+            for line, (flat, _) in zip(self.trails[device], self.view.parts(way), strict=True):
+                line.set_data(*flat.T)
+            self.beams[device].set_data(*ends.T)
+            self.beams[device].set(alpha=1.0 if near[device] else 0.5, zorder=2.8 if front[device] else 2.6)
+            self.spots[device].set_data(*ends[1:].T)
+            self.spots[device].set_alpha(1.0 if near[device] else 0.45)
         self.clock.set_text(self._words(number))
         self._move_zones(float(self.motion.times[number]))
-        return [*self.moving, self.faces, *self.trails, *self.beams, *self.spots, self.clock]
+        return [*self.moving, self.faces, *chain(*self.trails), *self.beams, *self.spots, self.clock]
 
     def _move_zones(self, time: float) -> None:
         """Draw the zones that move where they are at a time, s."""
         for artist in self.moving:
             artist.remove()
-        self.moving = draw_zones(self.axes, self.view, zones_at(self.scenario, time, moving=True))
+        zones = zones_at(self.scenario, time, moving=True)
+        self.moving = [artist for zone in zones for artist in draw_zone(self.axes, self.view, zone)]
+        self.moving += name_zones(self.axes, self.view, zones)
 
     def _turn_platform(self, attitude: np.ndarray) -> None:
         """Draw the faces of the platform that the eye sees."""
         corners, shades = [], []
-        for axis in range(3):
-            first, second = (np.eye(3)[(axis + i) % 3] * _BODY for i in (1, 2))
-            for side in (-1, 1):
-                normal = side * np.eye(3)[axis]
-                facing = float(self.view.depth(normal @ attitude.T))
-                if facing > 0:
-                    middle = normal * _BODY
-                    square = [
-                        middle + i * first + j * second for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-                    ]
-                    corners.append(self.view.project(np.array(square) @ attitude.T))
-                    shades.append(to_rgb(str(_DARKEST + (_PALEST - _DARKEST) * facing)))
+        for axis, side in product(range(3), (-1, 1)):
+            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
+            facing = float(self.view.depth(side * np.eye(3)[axis] @ attitude.T))
+            if facing > 0:
+                square = [
+                    side * middle + i * first + j * second for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+                ]
+                corners.append(self.view.project(np.array(square) @ attitude.T))
+                shades.append(to_rgb(str(_DARKEST + (_PALEST - _DARKEST) * facing)))
         self.faces.set_verts(corners)
         self.faces.set_facecolor(shades)
 

@@ -1,28 +1,25 @@
-"""Margins of all zones over time, on a scale that shows small and large ones.
+"""Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
 
-A scale for margins in degrees: linear near the limit at zero, where they matter, and logarithmic beyond.
-
-It is ``asinh(margin / width)``, so that half a degree and 130 deg are both read off one panel.
-
-Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
+The scale of a margin in degrees is ``asinh(margin / width)``: linear near the limit at zero, where margins
+matter, and logarithmic beyond, so that half a degree and 130 deg are both read off one panel.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, NullFormatter
+from matplotlib.ticker import FixedLocator, Locator
 
 from jaxplan.model.zones import sight_names
+from jaxplan.planner import Plan
 from jaxplan.plotting import samples
 from jaxplan.plotting.style import (
     GREY,
+    HALO,
     KEEP_OUT,
     SMALL,
     TEXT,
@@ -37,17 +34,22 @@ from jaxplan.plotting.style import (
     note,
     panels,
     plain,
+    plain_numbers,
 )
 from jaxplan.plotting.time_panels import curve, time_axis
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
-
 
 _WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
 _TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
 _FINEST = 0.1  # deg, of ticks without a number: finer ones would run into zero
+SIZE = (9.0, 4.2)  # inches
+_PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
+# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
+_OFFSETS = np.array(
+    [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
+)
+_BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
+_CROWD = 60  # curves, beyond which they are drawn fainter
 
 
 def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
@@ -63,9 +65,8 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
     axis: Axis = getattr(axes, f"{which}axis")
     getattr(axes, f"set_{which}scale")("asinh", linear_width=width)
     axis.set_major_locator(_DegreeLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
+    plain_numbers(axis)
     axis.set_minor_locator(FixedLocator([tick for tick in _TICKS if abs(tick) >= _FINEST]))
-    axis.set_minor_formatter(NullFormatter())
     axis.set_tick_params(which="minor", length=2, color=GREY)
 
 
@@ -89,17 +90,7 @@ class _DegreeLocator(Locator):
         return sorted(ticks)
 
 
-SIZE = (9.0, 4.2)  # inches
-MARK_SIZE = 7  # points, of the triangle
-# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
-_OFFSETS = np.array(
-    [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
-)
-_BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
-_CROWD = 60  # curves, beyond which they are drawn fainter
-
-
-def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
+def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Margin of every device to every zone that binds it, over time; so of other directions that zones bind.
 
     The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
@@ -128,60 +119,57 @@ def margins(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> Axes:
     return axes
 
 
-def draw(axes: Axes, plan: "Plan", moves: samples.Motion) -> tuple[Entries, Entries]:
+def draw(axes: Axes, plan: Plan, moves: samples.Motion) -> tuple[Entries, Entries]:
     """Draw the panel; returns the legend entries of the devices, and of all else."""
+    axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
     found = samples.margins(plan.scenario, moves)
+    if not found:
+        note(axes, "no zones")
+        axes.set_yticks([])
+        return [], []
     alpha = 0.6 if len(found) <= _CROWD else 0.3
+    of_devices: dict[int, list[samples.Margin]] = {}
     for margin in found:
         style = device_style(margin.device)
         curve(axes, moves.times, np.rad2deg(margin.values), **style, linewidth=0.7, alpha=alpha)
-    devices = sorted({margin.device for margin in found})
-    if found:
-        smallest = {device: _Smallest.of(device, found) for device in devices}
-        for device, line in smallest.items():
-            curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
-        marks = [(time, bound) for time, bound, _ in _proved(plan)]
-        _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
-        _name_zones(axes, moves.times, smallest, marks)
-    else:
-        note(axes, "no zones")
-        axes.set_yticks([])
-    axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
+        of_devices.setdefault(margin.device, []).append(margin)
+    smallest = {device: _smallest(own) for device, own in sorted(of_devices.items())}
+    for device, line in smallest.items():
+        curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
+    proved = _proved(plan)
+    marks = [(time, bound) for time, bound, _ in proved]
+    _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
+    _name_zones(axes, moves.times, smallest, marks)
     names = device_entries(sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints))
     kinds: Entries = [
         (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
         (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),
+        (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken"),
     ]
-    proved = _mark_proved(axes, plan)
-    limit = Line2D([], [], color=KEEP_OUT, **barrier(-1))
-    kinds.append((limit, "limit: below it\na zone is broken"))
-    return [names[device] for device in devices], [*(kinds if found else []), *proved]
+    for time, bound, text in proved:
+        axes.plot([time], [bound], **_PROVED, zorder=5, clip_on=False)
+        kinds.append((Line2D([], [], **_PROVED), text))
+    return [names[device] for device in smallest], kinds
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Smallest:
+class _Smallest(NamedTuple):
     """A device's smallest margin over time, deg, with its lowest instant and the zone that it is to then."""
 
     values: np.ndarray
     lowest: int
     zone: str
 
-    @classmethod
-    def of(cls, device: int, found: list[samples.Margin]) -> Self:
-        own = [margin for margin in found if margin.device == device]
-        table = np.rad2deg([margin.values for margin in own])
-        table[np.isnan(table)] = np.inf
-        values = np.min(table, axis=0)
-        lowest = int(np.argmin(values))
-        zone = own[int(np.argmin(table[:, lowest]))].zone
-        return cls(values=np.where(np.isinf(values), np.nan, values), lowest=lowest, zone=zone)
+
+def _smallest(own: Sequence[samples.Margin]) -> _Smallest:
+    table = np.rad2deg([margin.values for margin in own])
+    values = np.fmin.reduce(table)
+    lowest = int(np.nanargmin(values))
+    return _Smallest(values, lowest, own[int(np.nanargmin(table[:, lowest]))].zone)
 
 
 def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
     """Scale the vertical axis to all that is drawn, deg, and mark the limit and what lies below it."""
-    before = (
-        [] if axes.get_autoscaley_on() else [np.array(axes.get_ylim())]
-    )  # of a panel that shares the axis
+    before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # of a panel that shares the axis
     values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
     open_near_zero(axes, "y", lowest)
@@ -208,50 +196,27 @@ def _name_zones(
 
     drawn = [np.zeros_like(times), *(line.values for line in smallest.values())]  # with the line at zero
     labels = Labels(np.concatenate([on_page(times, values) for values in drawn]))
-    labels.taken.extend((on_page(*mark), np.full(2, MARK_SIZE + 2.0)) for mark in marks)
+    labels.taken.extend((on_page(*mark), np.full(2, _PROVED["markersize"] + 2.0)) for mark in marks)
     for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
         lowest = float(times[line.lowest]), float(line.values[line.lowest])
         corner, extent = on_page(*lowest), SMALL * np.array([0.62 * len(line.zone) + 0.5, 1.2])
         places = [corner + offset for offset in _OFFSETS * (extent / 2 + 2)]
-        spot = labels.place([p for p in places if _within(p, extent, size)], extent)
-        if spot is None:
-            continue
-        text = axes.annotate(
-            line.zone,
-            lowest,
-            xytext=tuple(spot - corner),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            color=device_style(device)["color"],
-            fontsize=SMALL,
-            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        spot = labels.place(
+            [p for p in places if np.all(np.abs(p - size / 2) <= (size - extent) / 2)], extent
         )
-        plain(text)
+        if spot is not None:
+            place: Look = {"xytext": tuple(spot - corner), "textcoords": "offset points"}
+            colour = device_style(device)["color"]
+            plain(axes.annotate(line.zone, lowest, color=colour, fontsize=SMALL, **place, **HALO))
 
 
-def _within(centre: np.ndarray, extent: np.ndarray, size: np.ndarray) -> bool:
-    """Whether a label is on the panel, all of it."""
-    return bool(np.all((centre >= extent / 2) & (centre <= size - extent / 2)))
-
-
-def _proved(plan: "Plan") -> list[tuple[float, float, str]]:
+def _proved(plan: Plan) -> list[tuple[float, float, str]]:
     """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
-    report = plan.certificate
-    if report is None or report.min_margin is None or report.worst_time is None:
+    proof = plan.certificate
+    if proof is None or proof.min_margin is None or proof.worst_time is None:
         return []
-    bound = float(np.rad2deg(report.min_margin))
-    word = "proved for all time:" if report.certified else "not certified; bound:"
-    where = f"{report.worst_device} to {report.worst_zone}\nat {report.worst_time:.2f} s"
+    bound = float(np.rad2deg(proof.min_margin))
+    word = "proved for all time:" if proof.certified else "not certified; bound:"
+    where = f"{proof.worst_device} to {proof.worst_zone}\nat {proof.worst_time:.2f} s"
     text = f"{word}\nat least {bound:.3f} deg,\n{where}"
-    return [(report.worst_time, bound, text)] if np.isfinite(bound) else []
-
-
-def _mark_proved(axes: Axes, plan: "Plan") -> Entries:
-    """Mark the certificate's lower bound; returns the legend entry that explains the mark."""
-    look: Look = {"marker": "^", "color": "black", "markersize": MARK_SIZE, "linestyle": "none"}
-    entries: Entries = []
-    for time, bound, text in _proved(plan):
-        axes.plot([time], [bound], **look, zorder=5, clip_on=False)
-        entries.append((Line2D([], [], **look), text))
-    return entries
+    return [(proof.worst_time, bound, text)] if np.isfinite(bound) else []

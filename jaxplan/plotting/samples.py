@@ -6,18 +6,15 @@ it is plain numpy, so no number of devices, nodes or zones has anything compiled
 
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxplan import so3
 from jaxplan.model.constraints import chosen_entries, state_margins
+from jaxplan.model.scenario import Scenario
+from jaxplan.planner import Plan
 from jaxplan.plotting.style import expect_plan
-
-if TYPE_CHECKING:
-    from jaxplan.model.scenario import Scenario
-    from jaxplan.planner import Plan
-    from jaxplan.trajectory.curve import Samples
+from jaxplan.trajectory.curve import Samples
 
 INSTANTS = 1024  # of the grid; the paper's manoeuvres have 14 to 50 nodes
 
@@ -34,7 +31,7 @@ class Motion:
     """
 
     times: np.ndarray
-    values: "Samples"
+    values: Samples
     boresights: np.ndarray
     node_times: np.ndarray
 
@@ -54,7 +51,7 @@ class Margin:
     values: np.ndarray
 
 
-def motion(plan: "Plan") -> Motion:
+def motion(plan: Plan) -> Motion:
     """A plan's trajectory on the grid.
 
     Raises:
@@ -77,7 +74,7 @@ def motion(plan: "Plan") -> Motion:
     )
 
 
-def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
+def path_boresights(plan: Plan, points_an_edge: int = 24) -> np.ndarray:
     """Boresights along a plan's path: geodesics of the platform with linear joints.
 
     Args:
@@ -99,7 +96,7 @@ def path_boresights(plan: "Plan", points_an_edge: int = 24) -> np.ndarray:
     return np.asarray(plan.scenario.spacecraft.boresights(attitudes, joints))
 
 
-def margins(scenario: "Scenario", moves: Motion) -> list[Margin]:
+def margins(scenario: Scenario, moves: Motion) -> list[Margin]:
     """Margins of all that is bound to every constraint that binds it, equations (11) and (12).
 
     A group counts as the best of its entries: at every instant the one whose worst member has most margin.

@@ -1,26 +1,19 @@
-"""Studies in figures: success rates, outcomes, and how quantities are spread.
-
-What the figures of studies draw: rows of scenes, whose they are, and how they look.
-
-The panels of studies: how many scenes are planned, how the others ended, and how plans are spread.
+"""Studies side by side: success rates, outcomes, and how time, length, duration and margin are spread.
 
 Curves count all scenes of a study, also those without a plan: their values are not known, only that no plan
 was found, so a curve ends at the success rate and goes on as a thin dotted line.
-
-Studies side by side: success, outcomes, and how time, length, duration and margin are spread.
 """
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, LogLocator
 
 from jaxplan.model.status import Status
 from jaxplan.plotting.comparison import planner_colour
@@ -35,123 +28,23 @@ from jaxplan.plotting.style import (
     Entries,
     Look,
     legend_beside,
-    new_figure,
+    name_lines,
     note,
     panels,
     plain,
+    plain_numbers,
     tidy,
 )
 from jaxplan.runtime.arguments import expect_like, several
 
-OK = "OK"
-_PARTS = ("kind", "planner", "settings", "table", "timings")
+if TYPE_CHECKING:
+    from jaxplan.study import Study
 
+Studies: TypeAlias = "Study | Iterable[Study] | Mapping[str, Study]"
+Named: TypeAlias = "dict[str, Study]"
 
-class Studied(Protocol):
-    """A study of many scenes, such as a `jaxplan.study.Study`.
-
-    Attributes:
-        kind: of random scenes; None where scenarios were given.
-        planner: its name.
-        settings: that differ from the scenes' own.
-        table: a row a scene, with its status and what was found, by column.
-        timings: likewise its seconds.
-        interval: bounds of its success rate.
-    """
-
-    @property
-    def kind(self) -> str | None: ...  # noqa: D102
-
-    @property
-    def planner(self) -> str: ...  # noqa: D102
-
-    @property
-    def settings(self) -> Mapping[str, Any]: ...  # noqa: D102
-
-    @property
-    def table(self) -> Sequence[Mapping[str, Any]]: ...  # noqa: D102
-
-    @property
-    def timings(self) -> Sequence[Mapping[str, Any]]: ...  # noqa: D102
-
-    @property
-    def interval(self) -> tuple[float, float]: ...  # noqa: D102
-
-
-Studies: TypeAlias = Studied | Iterable[Studied] | Mapping[str, Studied]
-
-
-def named(studies: Studies) -> dict[str, Studied]:
-    """Studies by their names: given ones, or what tells them apart of planner, kind and settings.
-
-    Raises:
-        TypeError: if something else is given.
-        ValueError: if there are none, or one has no scenes yet.
-    """
-    if isinstance(studies, Mapping):
-        result = dict(studies)
-        for name, one in result.items():
-            expect_like(f"studies[{name!r}]", one, _PARTS, "a Study, as jp.run_study returns")
-    else:
-        wanted = "studies, as jp.run_study returns, or one"
-        every: list[Any] = (
-            [studies] if hasattr(studies, "table") else list(several("studies", studies, wanted))
-        )
-        for place, one in enumerate(every):
-            expect_like(f"studies[{place}]", one, _PARTS, "a Study, as jp.run_study returns")
-        result = dict(zip(_names(every), every, strict=True))
-    if not result:
-        raise ValueError("there are no studies to draw")
-    for name, study in result.items():
-        if not study.table:
-            raise ValueError(f"study {name} has no scenes to draw yet")
-    return result
-
-
-def _names(studies: Sequence[Studied]) -> list[str]:
-    kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
-    names = []
-    for study in studies:
-        parts = [study.planner]
-        if len(kinds) > 1:
-            parts.append(study.kind or "scenarios")
-        if any(other != settings[0] for other in settings):
-            parts += [f"{name} = {value}" for name, value in study.settings.items()]
-        names.append(", ".join(parts))
-    often, seen = Counter(names), Counter[str]()
-    for place, name in enumerate(names):
-        if often[name] > 1:
-            seen[name] += 1
-            names[place] = f"{name} ({seen[name]})"
-    return names
-
-
-def looks(studies: Sequence[Studied]) -> list[Look]:
-    """Colour and line style of each: the planner's colour, unless two are by the same.
-
-    Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
-    """
-    planners = [study.planner for study in studies]
-    distinct = len(set(planners)) == len(planners)
-    return [
-        {
-            "color": planner_colour(name) if distinct else COLOURS[place % len(COLOURS)],
-            "linestyle": LINE_STYLES[place % len(LINE_STYLES)],
-            "zorder": 2 + 0.1 * (place % len(LINE_STYLES)),
-        }
-        for place, name in enumerate(planners)
-    ]
-
-
-def planned_values(study: Studied, column: str) -> np.ndarray:
-    """A column of table or times, of the scenes that are planned, in ascending order."""
-    planned = [row for row in study.table if row["status"] == OK]
-    if planned and column not in planned[0]:
-        scenes = {row["scene"] for row in planned}
-        planned = [row for row in study.timings if row["scene"] in scenes]
-    return np.sort(np.array([row[column] for row in planned if row[column] is not None], dtype=float))
-
-
+OK = Status.OK.name
+_PARTS = ("kind", "planner", "settings", "table", "timings")  # of a study
 _SIZE = (8.0, 4.2)  # inches
 _ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
 _BAR = 0.6  # of a line
@@ -173,10 +66,12 @@ _OUTCOMES = {
     Status.UNCERTIFIED.name: "#762A83",
     "crashed": "black",
 }
+_SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
+_CURVES = 2.6  # inches: of a row of curves
+_LINE, _ABOVE = 0.26, 0.75  # inches: of a study's line, and of what is around the lines
 
 
-@dataclass(frozen=True)
-class Quantity:
+class Quantity(NamedTuple):
     """What a curve is of.
 
     Attributes:
@@ -204,6 +99,56 @@ QUANTITIES = {
 }
 
 
+def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Success rates, outcomes, and the spreads of planning time, path length, duration and margin.
+
+    Args:
+        studies: one, several such as of several planners, or several by their names.
+        ax: six axes, a figure to put them in, or None for a new one.
+        legend: whether to name statuses and studies beside the panels.
+
+    Returns:
+        The axes, from left to right and from top to bottom.
+
+    Raises:
+        TypeError: if something else than studies is given.
+        ValueError: if there is nothing to draw, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.study([jp.run_study(range(50), planner=name) for name in ("mha", "rrt_connect")])
+    """
+    every = named(studies)
+    heights = [_ABOVE + _LINE * len(every), _CURVES, _CURVES]
+    grid = panels(ax, 6, _size(len(every)), columns=2, heights=heights, shared=False)
+    success_rates(every, grid[0])
+    outcomes(every, grid[1], legend=legend)
+    grid[1].tick_params(axis="y", labelleft=False)
+    for place, (quantity, axes) in enumerate(zip(_SPREADS, grid[2:], strict=True)):
+        distribution(every, quantity, axes, legend=legend and place == 1)
+    kinds = ", ".join(sorted({one.kind or "given scenarios" for one in every.values()}))
+    counts = sorted({len(one.table) for one in every.values()})
+    told = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    plain(grid[0].set_title(f"{kinds}: {told} scene{'s' * (counts != [1])}", loc="left", fontsize=10))
+    return grid
+
+
+def study_figure(studies: Studies) -> Figure:
+    """The same on a page of its own, which does not belong to pyplot.
+
+    Args:
+        studies: see `study`.
+    """
+    every = named(studies)
+    figure = Figure(figsize=_size(len(every)), layout="constrained")
+    study(every, figure)
+    return figure
+
+
+def _size(studies: int) -> tuple[float, float]:
+    """Width and height of the page, inches."""
+    return 11.0, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
+
+
 def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
     """Shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
 
@@ -220,23 +165,16 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
     """
     every = named(studies)
     (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
-    _lines(axes, every)
+    name_lines(axes, list(every))
     axes.grid(False, axis="y")
-    for line, (study, look) in enumerate(zip(every.values(), looks([*every.values()]), strict=True)):
+    for line, (study, look) in enumerate(zip(every.values(), _looks(every), strict=True)):
         planned, scenes = sum(row["status"] == OK for row in study.table), len(study.table)
         low, high = (100 * bound for bound in study.interval)
         axes.plot([low, high], [line, line], color=look["color"], linewidth=1.6, solid_capstyle="butt")
         axes.plot([100 * planned / scenes], [line], color=look["color"], marker="o", clip_on=False, zorder=3)
-        axes.annotate(
-            f"{planned}/{scenes}",
-            (low if low > 25 else high, line),
-            xytext=(-6 if low > 25 else 6, 0),
-            textcoords="offset points",
-            ha="right" if low > 25 else "left",
-            va="center",
-            fontsize=SMALL,
-            color=GREY,
-        )
+        end, aside, anchor = (low, -6, "right") if low > 25 else (high, 6, "left")
+        place: Look = {"xytext": (aside, 0), "textcoords": "offset points", "ha": anchor, "va": "center"}
+        axes.annotate(f"{planned}/{scenes}", (end, line), fontsize=SMALL, color=GREY, **place)
     axes.set(xlim=(-2, 102), xticks=range(0, 101, 25))
     axes.set_xlabel("success rate, 95 % interval (%)", fontsize=TEXT)
     return axes
@@ -259,17 +197,17 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
     """
     every = named(studies)
     (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
-    _lines(axes, every)
+    name_lines(axes, list(every))
     axes.grid(False)
-    seen = []
+    seen = set()
     for line, study in enumerate(every.values()):
-        left = 0.0
-        for name, colour in _OUTCOMES.items():
-            share = 100 * sum(row["status"] == name for row in study.table) / len(study.table)
-            if share:
-                axes.barh(line, share, _BAR, left=left, color=colour, edgecolor="white", linewidth=0.5)
-                left += share
-                seen.append(name)
+        left, counts = 0.0, Counter(row["status"] for row in study.table)
+        for name in (name for name in _OUTCOMES if counts[name]):
+            share = 100 * counts[name] / len(study.table)
+            look: Look = {"color": _OUTCOMES[name], "edgecolor": "white", "linewidth": 0.5}
+            axes.barh(line, share, _BAR, left=left, **look)
+            left += share
+            seen.add(name)
     axes.set(xlim=(0, 100), xticks=range(0, 101, 25))
     axes.set_xlabel("outcome (% of scenes)", fontsize=TEXT)
     if legend:
@@ -303,7 +241,7 @@ def distribution(
     every, what = named(studies), QUANTITIES[quantity]
     (axes,) = panels(ax, 1, _SIZE)
     tidy(axes)
-    curves = [planned_values(study, quantity) for study in every.values()]
+    curves = [_planned_values(study, quantity) for study in every.values()]
     known = [values for values in curves if len(values)]
     if known:
         low, high = min(values[0] for values in known), max(values[-1] for values in known)
@@ -313,7 +251,7 @@ def distribution(
             if what.margin:
                 open_near_zero(axes, "x", low)
             axes.set_xlim(min(0.0, 1.05 * low), 1.05 * high if high > 0 else 1.0)
-        for study, values, look in zip(every.values(), curves, looks([*every.values()]), strict=True):
+        for study, values, look in zip(every.values(), curves, _looks(every), strict=True):
             if len(values):
                 _curve(axes, values, len(study.table), look, what)
     else:
@@ -323,17 +261,15 @@ def distribution(
     axes.set_xlabel(what.label, fontsize=TEXT)
     axes.set_ylabel(f"scenes with at {'least' if what.margin else 'most'} that (%)", fontsize=TEXT)
     if legend:
-        legend_beside(axes, study_entries(every, censored=any(_failures(study) for study in every.values())))
+        entries: Entries = [
+            (Line2D([], [], linewidth=1.8, **look), name)
+            for name, look in zip(every, _looks(every), strict=True)
+        ]
+        failures = any(row["status"] != OK for study in every.values() for row in study.table)
+        legend_beside(
+            axes, entries + [(Line2D([], [], color=GREY, **_FAINT), "no plan for\nthe others")] * failures
+        )
     return axes
-
-
-def study_entries(every: dict[str, Studied], *, censored: bool) -> Entries:
-    """Legend entries of curves."""
-    entries: Entries = [
-        (Line2D([], [], linewidth=1.8, **look), name)
-        for name, look in zip(every, looks([*every.values()]), strict=True)
-    ]
-    return entries + [(Line2D([], [], color=GREY, **_FAINT), "no plan for\nthe others")] * censored
 
 
 def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
@@ -360,79 +296,72 @@ def _use_decades(axes: Axes, low: float, high: float) -> None:
         axes.set_xscale("symlog", linthresh=1)
         axes.set_xlim(0, 1.4 * max(high, 1.0))
         axes.xaxis.set_major_locator(FixedLocator([0, *(10.0 ** np.arange(10))]))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    plain_numbers(axes.xaxis)
 
 
-def _failures(study: Studied) -> bool:
-    return any(row["status"] != OK for row in study.table)
-
-
-def _lines(axes: Axes, names: Sequence[str] | dict[str, Studied]) -> None:
-    """A line a study, from top to bottom, with its name to the left."""
-    tidy(axes)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.set_yticks(range(len(names)), list(names))
-    axes.tick_params(axis="y", length=0)
-    for label in axes.get_yticklabels():
-        plain(label)
-
-
-_SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
-_ROWS, _COLUMNS = 3, 2
-_CURVES = 2.6  # inches: of a row of curves
-_LINE, _AROUND = 0.26, 0.75  # inches: of a study's line, and of what is around the lines
-
-
-def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Success rates, outcomes, and the spreads of planning time, path length, duration and margin.
-
-    Args:
-        studies: one, several such as of several planners, or several by their names.
-        ax: six axes, a figure to put them in, or None for a new one.
-        legend: whether to name statuses and studies beside the panels.
-
-    Returns:
-        The axes, from left to right and from top to bottom.
+def named(studies: Studies) -> Named:
+    """Studies by their names: given ones, or what tells them apart of planner, kind and settings.
 
     Raises:
-        TypeError: if something else than studies is given.
-        ValueError: if there is nothing to draw, or another number of axes is given.
-
-    Example:
-        >>> jp.plot.study([jp.run_study(range(50), planner=name) for name in ("mha", "rrt_connect")])
+        TypeError: if something else is given.
+        ValueError: if there are none, or one has no scenes yet.
     """
-    every = named(studies)
-    if ax is None:
-        ax = new_figure(_size(len(every)))
-    if isinstance(ax, Figure | SubFigure):
-        heights = [_AROUND + _LINE * len(every), _CURVES, _CURVES]
-        ax = ax.subplots(_ROWS, _COLUMNS, gridspec_kw={"height_ratios": heights})
-    grid = panels(ax, _ROWS * _COLUMNS, _size(len(every)))
-    success_rates(every, grid[0])
-    outcomes(every, grid[1], legend=legend)
-    grid[1].tick_params(axis="y", labelleft=False)
-    for place, (quantity, axes) in enumerate(zip(_SPREADS, grid[2:], strict=True)):
-        distribution(every, quantity, axes, legend=legend and place == 1)
-    kinds = ", ".join(sorted({one.kind or "given scenarios" for one in every.values()}))
-    counts = sorted({len(one.table) for one in every.values()})
-    told = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    plain(grid[0].set_title(f"{kinds}: {told} scene{'s' * (counts != [1])}", loc="left", fontsize=10))
-    return grid
+    if isinstance(studies, Mapping):
+        places, every = [repr(name) for name in studies], list(studies.values())
+    else:
+        wanted = "studies, as jp.run_study returns, or one"
+        every = [studies] if hasattr(studies, "table") else list(several("studies", studies, wanted))
+        places = [str(place) for place in range(len(every))]
+    for place, one in zip(places, every, strict=True):
+        expect_like(f"studies[{place}]", one, _PARTS, "a Study, as jp.run_study returns")
+    result = dict(zip(studies if isinstance(studies, Mapping) else _names(every), every, strict=True))
+    if not result:
+        raise ValueError("there are no studies to draw")
+    for name, one in result.items():
+        if not one.table:
+            raise ValueError(f"study {name} has no scenes to draw yet")
+    return result
 
 
-def study_figure(studies: Studies) -> Figure:
-    """The same on a page of its own, which does not belong to pyplot.
+def _names(studies: "Sequence[Study]") -> list[str]:
+    kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
+    names = []
+    for study in studies:
+        parts = [study.planner]
+        if len(kinds) > 1:
+            parts.append(study.kind or "scenarios")
+        if any(other != settings[0] for other in settings):
+            parts += [f"{name} = {value}" for name, value in study.settings.items()]
+        names.append(", ".join(parts))
+    often, seen = Counter(names), Counter[str]()
+    for place, name in enumerate(names):
+        if often[name] > 1:
+            seen[name] += 1
+            names[place] = f"{name} ({seen[name]})"
+    return names
 
-    Args:
-        studies: see `study`.
+
+def _looks(studies: Named) -> list[Look]:
+    """Colour and line style of each: the planner's colour, unless two are by the same.
+
+    Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
     """
-    every = named(studies)
-    figure = Figure(figsize=_size(len(every)), layout="constrained")
-    study(every, figure)
-    return figure
+    planners = [study.planner for study in studies.values()]
+    distinct = len(set(planners)) == len(planners)
+    return [
+        {
+            "color": planner_colour(name) if distinct else COLOURS[place % len(COLOURS)],
+            "linestyle": LINE_STYLES[place % len(LINE_STYLES)],
+            "zorder": 2 + 0.1 * (place % len(LINE_STYLES)),
+        }
+        for place, name in enumerate(planners)
+    ]
 
 
-def _size(studies: int) -> tuple[float, float]:
-    """Width and height of the page, inches."""
-    return 11.0, _AROUND + _LINE * studies + 2 * _CURVES + 0.3
+def _planned_values(study: "Study", column: str) -> np.ndarray:
+    """A column of table or times, of the scenes that are planned, in ascending order."""
+    planned = [row for row in study.table if row["status"] == OK]
+    if planned and column not in planned[0]:
+        scenes = {row["scene"] for row in planned}
+        planned = [row for row in study.timings if row["scene"] in scenes]
+    return np.sort(np.array([row[column] for row in planned if row[column] is not None], dtype=float))

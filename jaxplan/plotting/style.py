@@ -1,50 +1,48 @@
-"""Looks that all figures share: colours, marks, axes, legends, and names that do not cover data.
+"""What all figures share: looks, limits, legends, places of names, and where a figure is drawn.
 
-How the figures look: one colour and line style a device, limits, legends beside the data.
+A device has one colour and line style in all figures. The colours keep apart for the kinds of colour
+blindness, above all those that share a line style, and the line styles keep apart in print without colour.
+There are 7 colours and 4 styles; as these have no common divisor, 28 devices differ in one or the other.
+Limits are barriers with ticks on the far side. Legends stand beside the data. Nothing here changes
+matplotlib's global settings.
 
-The colours keep apart for the kinds of colour blindness, above all those that share a line style, and the
-line styles keep apart in print without colour. There are 7 colours and 4 styles; as these have no common
-divisor, 28 devices differ in one or the other. Limits are barriers with ticks on the far side. Nothing here
-changes matplotlib's global settings.
+A figure is drawn on given axes, in a given figure, or in a new one. A new one belongs to pyplot where pyplot
+can show it: in a notebook it appears below its cell, with a window system after ``plt.show()``. Where nothing
+can be shown (the backends that only write files) it is a plain figure, which nobody has to close; save it
+with ``axes.figure.savefig(...)``.
 
-Where a figure is drawn: on given axes, in a given figure, or in a new one.
+A name stands at the first of some places where it covers no other name, and the fewest points of curves.
 
-A new figure belongs to pyplot where pyplot can show it: in a notebook it appears below its cell, with a
-window system after ``plt.show()``. Where nothing can be shown (the backends that only write files) it is a
-plain figure, which nobody has to close; save it with ``axes.figure.savefig(...)``.
-
-Where a label goes: at the first of some places where it covers no other label, and the fewest curves.
-
-Any unit will do, as long as places, sizes and points share it; a label is a box around its place.
-
-What figures are given: anything that cannot be drawn is refused by the name of its argument.
+Arguments that cannot be drawn are refused by their names.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.registry import BackendFilter, backend_registry
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withTickedStroke
+from matplotlib.patheffects import withStroke, withTickedStroke
 from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import ArrayLike
 
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import as_floats, expect, show
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
-
+from jaxplan.trajectory import Trajectory
 
 Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
 Entry: TypeAlias = tuple[Artist, str]  # of a legend
 Entries: TypeAlias = list[Entry]
+Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
+Box: TypeAlias = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each, in any unit
 
 COLOURS = ("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733", "#CC79A7")
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)))
@@ -55,6 +53,11 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
 )
 KEEP_OUT, KEEP_IN, GREY = "#B2182B", "#1B7837", "0.35"
 TEXT, SMALL = 9, 7.5  # points
+HALO: Look = {  # of a name at a place
+    "ha": "center",
+    "va": "center",
+    "path_effects": [withStroke(linewidth=2.5, foreground="white")],
+}
 _LEGEND_ROWS = 14
 _STILL = 1e-3  # of a limit, up to which nothing is said to move
 
@@ -85,6 +88,21 @@ def tidy(axes: Axes) -> None:
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TEXT)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[Text]:
+    """A line for each name at heights 0, 1, ... downward; returns the names at the left, if shown."""
+    tidy(axes)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_yticks(range(len(names)), list(names))
+    axes.tick_params(axis="y", length=0, labelleft=shown)
+    return [plain(label) for label in axes.get_yticklabels()] if shown else []
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Numbers at the larger ticks as a person writes them, without powers; none at the smaller ones."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def barrier(side: int) -> Look:
@@ -153,9 +171,6 @@ def device_entries(names: Sequence[str]) -> Entries:
     return [(Line2D([], [], linewidth=1.8, **device_style(i)), name) for i, name in enumerate(names)]
 
 
-Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
-
-
 def new_figure(size: tuple[float, float]) -> Figure:
     """An empty figure that makes room for legends beside its axes.
 
@@ -176,16 +191,21 @@ def panels(
     *,
     columns: int = 1,
     heights: Sequence[float] | None = None,
+    widths: Sequence[float] | None = None,
+    shared: bool = True,
     alone: int = 0,
 ) -> list[Axes]:
     """The axes to draw on, from top to bottom, and of each row from left to right.
 
     Args:
         where: as many axes as panels, a figure to put them in, or None for a new one.
-        count: of panels; new ones share their horizontal axis with those above and below.
+        count: of panels.
         size: of a new figure, inches.
-        columns: panels a row; new ones share their vertical axis.
+        columns: panels a row.
         heights: of the rows, in proportion; equal if None.
+        widths: of the columns likewise.
+        shared: whether new panels share their horizontal axis with those above and below, and their vertical
+            one with those of their row.
         alone: of the columns, so many last ones have a vertical axis of their own.
 
     Raises:
@@ -195,12 +215,13 @@ def panels(
     if where is None:
         where = new_figure(size)
     if isinstance(where, Figure | SubFigure):
-        shape = (count // columns, columns)
-        spread = {"height_ratios": heights, "wspace": None if columns == 1 else 0.04}
-        grid = where.subplots(*shape, sharex="col", squeeze=False, gridspec_kw=spread)
-        for row in grid:
-            for axes in row[1 : columns - alone]:
-                axes.sharey(row[0])
+        apart = 0.04 if shared and columns > 1 else None
+        spread = {"height_ratios": heights, "width_ratios": widths, "wspace": apart}
+        share: Literal["col", "none"] = "col" if shared else "none"
+        grid = where.subplots(count // columns, columns, sharex=share, squeeze=False, gridspec_kw=spread)
+        for first, *others in grid if shared else ():
+            for axes in others[: columns - 1 - alone]:
+                axes.sharey(first)
                 axes.tick_params(axis="y", labelleft=False)
         return list(grid.ravel())
     given: list[Axes] = list(np.ravel(np.asarray(where, dtype=object)))
@@ -211,9 +232,6 @@ def panels(
             f"the figure has {count} panel{'s' * (count != 1)}, but {len(given)} axes were given"
         )
     return given
-
-
-Box = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each
 
 
 @dataclass(frozen=True)
@@ -256,17 +274,13 @@ def _touch(one: Box, other: Box) -> bool:
     return bool(np.all(np.abs(one[0] - other[0]) < (one[1] + other[1]) / 2))
 
 
-def expect_plan(plan: object) -> "Plan":
+def expect_plan(plan: object) -> Plan:
     """A plan of any status; a TypeError for anything else."""
-    from jaxplan.planner import Plan
-
     return expect("plan", plan, Plan, "jp.plan makes one, jp.load_plan reads one")
 
 
 def expect_trajectories(given: object, spacecraft: object) -> None:
     """Raise a TypeError for what are no trajectories by their names, or no spacecraft."""
-    from jaxplan.trajectory.curve import Trajectory
-
     for name, trajectory in expect_mapping("trajectories", given).items():
         advice = "a plan has one as plan.trajectory"
         expect(f"trajectories[{name!r}]", trajectory, Trajectory, advice)

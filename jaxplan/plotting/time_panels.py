@@ -1,17 +1,21 @@
-"""Angles, rates, accelerations and torques over time, with their limits.
+"""Angles, rates, accelerations and torques over time with their limits, of a plan or of several trajectories.
 
-What every figure over time shares: curves with their limits, the nodes as ticks, and the time axis.
+A figure of a plan is a table of `Panel`, each with curves, limits and labels; what there is, by which name
+and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 11 and 13 to 15.
 
-Angles, rates and accelerations over time with their limits (the paper's Figures 8 to 10 and 13 to 15).
+Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
+place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
 
-Beside them are the loads that a spacecraft may limit in addition, by body axis. What there is, by which name
-and in which unit, is the list of `jaxplan.model.limits`.
+A limit far from all curves of its panel is told above it instead of drawn, since the curves would shrink to a
+line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from itertools import product
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,73 +23,244 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
-from jaxplan.model.limits import QUANTITIES, Limit, Quantity, timed_limits
+from jaxplan.model.limits import QUANTITIES, Kinematics, Quantity, timed_limits
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.planner import Plan
 from jaxplan.plotting.samples import Motion, motion
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
+    SMALL,
     TEXT,
     Canvas,
     Entries,
     Look,
     device_entries,
     device_style,
+    expect_trajectories,
     legend_beside,
     limit_lines,
     note,
     panels,
+    plain,
     tidy,
 )
-
-if TYPE_CHECKING:
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.planner import Plan
-
+from jaxplan.trajectory import Trajectory
 
 _LONG = 10  # letters of a word, beside more of which its unit has no place
-FAR = 4.0  # times the highest value: a limit beyond is told and not drawn
+_FAR = 4.0  # times the highest value of a plan, beyond which a limit is told and not drawn
+_FAR_OF_SEVERAL = 1.5  # likewise of several trajectories, whose panels are small
+_BODY = ("body x", "body y", "body z")
+_AXIS_ENTRIES: Entries = [
+    (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
+]
+_NODE: Look = {"marker": ".", "linestyle": "none"}
+_INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
+_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
+# Of the platform's rate, acceleration and jerk.
+_SPIN = sorted((q for q in QUANTITIES if not q.of_joints and not q.by_inertia), key=lambda q: q.power)
 
 
-def labelled(words: str, quantity: Quantity) -> str:
+class Panel(NamedTuple):
+    """What one panel of a figure over time shows.
+
+    Attributes:
+        quantity: what is drawn.
+        words: the quantity by the name of what it is of.
+        values: (c, k) a row for each curve, in SI units.
+        limits: (c,) likewise; an infinite one is none.
+        styles: of the curves.
+        nodes: (c, m) at the path's nodes, or none.
+    """
+
+    quantity: Quantity
+    words: str
+    values: np.ndarray
+    limits: np.ndarray
+    styles: Sequence[Look]
+    nodes: np.ndarray | None = None
+
+    def draw(self, axes: Axes, moves: Motion) -> Entries:
+        """Draw it; returns legend entries for limits, if there are any."""
+        if not self.styles:
+            note(axes, "no terminals")
+        shown = self.quantity.in_unit(self.values)
+        for values, style in zip(shown, self.styles, strict=True):
+            curve(axes, moves.times, values, **style)
+        highest = float(np.max(np.abs(shown), initial=0.0))
+        far = _FAR if self.quantity.power else np.inf
+        entries = limit_lines(axes, self.quantity.in_unit(self.limits), self.styles, highest, far=far)
+        for values, style in zip(() if self.nodes is None else self.nodes, self.styles, strict=False):
+            dots = self.quantity.in_unit(values)
+            axes.plot(moves.node_times, dots, color=style["color"], markersize=4.5, **_NODE)
+        if not self.quantity.power:
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
+        axes.set_ylabel(_labelled(self.words, self.quantity), fontsize=TEXT)
+        return entries
+
+
+def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Panel]:
+    """Yaws and pitches, or a derivative of them."""
+    styles = [device_style(number) for number in range(len(craft.terminals))]
+    found = []
+    for quantity in (each for each in QUANTITIES if each.of_joints and each.power == power):
+        words = [f"{joint} {quantity.word}" for joint in ("yaw", "pitch")] if power else [quantity.word]
+        halves = (np.split(part, len(words)) for part in (quantity.values(values), quantity.given(craft)))
+        for word, own, bounds in zip(words, *halves, strict=True):
+            found.append(Panel(quantity, word, own, bounds, styles))
+    return found
+
+
+def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
+    given = quantity.given(craft)
+    bounds = np.broadcast_to(np.inf if given is None else given, 3)
+    return Panel(quantity, quantity.caption, quantity.values(values), bounds, AXIS_STYLES)
+
+
+def _figure(
+    plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
+) -> list[Axes]:
+    """Panels from top to bottom, each group with a legend beside its first."""
+    count = sum(len(group) for _, group in groups)
+    grid = panels(ax, count, size(count))
+    left = iter(grid)
+    for owners, group in groups:
+        own = [next(left) for _ in group]
+        drawn = [panel.draw(axes, moves) for panel, axes in zip(group, own, strict=True)]
+        if legend and owners:  # limits may be drawn on one panel and told on another
+            legend_beside(own[0], [*owners, *max(drawn, key=len)])
+    time_axis(grid, moves)
+    return grid
+
+
+def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Yaw and pitch of every terminal over time, with limits and the path's nodes.
+
+    Args:
+        plan: with a trajectory.
+        ax: two axes (yaws, pitches), a figure to put them in, or None for a new one.
+        legend: whether to name the terminals beside the upper panel.
+
+    Returns:
+        The two axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory, or other than two axes are given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    shown = _joint_panels(craft, moves.values.kinematics(), 0)
+    owners = _terminals(craft)
+    if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
+        nodes = np.split(plan.path.joints.T, 2)
+        shown = [panel._replace(nodes=own) for panel, own in zip(shown, nodes, strict=True)]
+        owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] * bool(owners)
+    return _figure(plan, ax, [(owners, shown)], moves, legend)
+
+
+def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Joint rates and the platform's angular velocity over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: three axes (pitch rates, yaw rates, platform), or one if there are no terminals; a figure to put
+            them in; None for a new one.
+        legend: whether to name curves beside the panels.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory, or another number of axes is given.
+    """
+    return _derivatives(plan, ax, 1, legend)
+
+
+def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Joint accelerations and the platform's angular acceleration over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: as for `rates`.
+        legend: whether to name curves beside the panels.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory, or another number of axes is given.
+    """
+    return _derivatives(plan, ax, 2, legend)
+
+
+def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
+    """A derivative of pitches, yaws (the paper's order) and the platform's attitude."""
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    values = moves.values.kinematics()
+    joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
+    groups = [(_terminals(craft), joints)] * bool(joints)
+    groups.append((_AXIS_ENTRIES, [_platform_panel(craft, values, _SPIN[power - 1])]))
+    return _figure(plan, ax, groups, moves, legend)
+
+
+def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Torque, angular momentum and jerk of the platform over time, with limits.
+
+    Args:
+        plan: with a trajectory.
+        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, from top to bottom; a
+            figure to put them in; None for a new one. If it limits none, torque and momentum are shown.
+        legend: whether to name curves beside the upper panel.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
+            or another number of axes is given.
+    """
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    shown = limited_loads(craft) or [q for q in QUANTITIES if q.by_inertia and craft.inertia is not None]
+    if not shown:
+        raise ValueError(
+            f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
+            "so there is no torque to draw"
+        )
+    values = moves.values.kinematics(craft.inertia)
+    group = [_platform_panel(craft, values, quantity) for quantity in shown]
+    return _figure(plan, ax, [(_AXIS_ENTRIES, group)], moves, legend)
+
+
+def limited_loads(craft: Spacecraft) -> list[Quantity]:
+    """What a spacecraft limits beside rates and accelerations: the panels of its `torque`."""
+    limited = (limit.quantity for limit in timed_limits(craft)[0])
+    return [quantity for quantity in limited if quantity.by_inertia or quantity.power > 2]
+
+
+def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
+    """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
+    panel = _platform_panel(craft, moves.values.kinematics(), _SPIN[0])
+    return [*_AXIS_ENTRIES, *panel.draw(axes, moves)]
+
+
+def _terminals(craft: Spacecraft) -> Entries:
+    return device_entries([terminal.name for terminal in craft.terminals])
+
+
+def _labelled(words: str, quantity: Quantity) -> str:
     """What a panel of a quantity is labelled with: words and the unit, which stands below a long word."""
     below = len(words.split()[-1]) > _LONG and "\n" not in words
     between = "\n" if below else " "
     return f"{words}{between}({quantity.printed_unit})"
 
 
-def panel(
-    axes: Axes,
-    motion: Motion,
-    values: np.ndarray,
-    limits: np.ndarray,
-    styles: Sequence[Look],
-    label: str,
-    *,
-    degrees: bool = True,
-    far: float = FAR,
-) -> Entries:
-    """Draw curves over time with their limits.
-
-    Args:
-        axes: where to.
-        motion: whose times are meant.
-        values: (k, c) a column for each curve, in radians and seconds; drawn in degrees.
-        limits: (c,) likewise; an infinite one is not drawn.
-        styles: of the curves.
-        label: of the vertical axis, with the unit.
-        degrees: False if the values are drawn as they are.
-        far: times the highest value, beyond which a limit is told above the panel and not drawn.
-
-    Returns:
-        Legend entries for the limits, if there are any.
-    """
-    shown = np.rad2deg if degrees else np.asarray
-    for column, style in zip(shown(values).T, styles, strict=True):
-        curve(axes, motion.times, column, **style)
-    highest = float(np.max(np.abs(shown(values)), initial=0.0))
-    entries = limit_lines(axes, shown(limits), styles, highest, far=far)
-    axes.set_ylabel(label, fontsize=TEXT)
-    return entries
+def size(count: int) -> tuple[float, float]:
+    """Width and height in inches of a figure of so many panels."""
+    return 9.0, 0.8 + 1.9 * count
 
 
 def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
@@ -94,15 +269,15 @@ def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> No
     axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
 
 
-def time_axis(panels: Sequence[Axes], motion: Motion) -> None:
+def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
     """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
-    time_span(panels, float(motion.times[-1]), motion.node_times)
+    _time_span(grid, float(moves.times[-1]), moves.node_times)
 
 
-def time_span(panels: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
-    """The same from zero to an end, s, with ticks for nodes."""
-    lowest = panels[-1]
-    for axes in panels:
+def _time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
+    """Time from zero to an end, s, with ticks for nodes."""
+    lowest = grid[-1]
+    for axes in grid:
         tidy(axes)
         axes.set_xticks(np.asarray(node_times), minor=True)
         axes.tick_params(axis="x", which="minor", length=3, color="0.35")
@@ -137,213 +312,180 @@ def _seconds(end: float, time: float, _: int | None = None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def size(count: int) -> tuple[float, float]:
-    """Width and height in inches of a figure of so many panels."""
-    return 9.0, 0.8 + 1.9 * count
+def compare(
+    trajectories: Mapping[str, Trajectory],
+    spacecraft: Spacecraft,
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Rates, accelerations and jerks of several trajectories, with limits.
 
-
-def _count(craft: "Spacecraft") -> int:
-    """Panels of rates or accelerations: pitches and yaws, if there are any, and the platform."""
-    return 3 if craft.terminals else 1
-
-
-def angles(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Yaw and pitch of every terminal over time, with limits and the path's nodes.
-
-    Args:
-        plan: with a trajectory.
-        ax: two axes (yaws, pitches), a figure to put them in, or None for a new one.
-        legend: whether to name the terminals beside the upper panel.
-
-    Returns:
-        The two axes.
-
-    Raises:
-        TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, or other than two axes are given.
-    """
-    moves, craft = motion(plan), plan.scenario.spacecraft
-    kinematics = moves.values.kinematics()
-    axes = panels(ax, 2, size(2))
-    for panel_axes in axes:
-        panel_axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
-    entries = [
-        _joints(
-            axes[row],
-            moves,
-            quantity.values(kinematics).T,
-            quantity.given(craft),
-            quantity.word,
-            quantity,
-            far=np.inf,
-        )
-        for row, quantity in enumerate(each for each in QUANTITIES if each.power == 0)
-    ]
-    if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
-        for row, nodes in enumerate(np.split(np.rad2deg(plan.path.joints), 2, axis=1)):
-            for number, column in enumerate(nodes.T):
-                colour = device_style(number)["color"]
-                axes[row].plot(moves.node_times, column, ".", color=colour, markersize=4.5)
-        node = Line2D([], [], color=GREY, marker=".", linestyle="none")
-        entries[0] = [(node, "node of the path"), *entries[0]]
-    time_axis(axes, moves)
-    if legend and craft.terminals:
-        legend_beside(axes[0], [*_terminals(craft), *entries[0]])
-    return axes
-
-
-def rates(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint rates and the platform's angular velocity over time, with limits.
+    There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
+    comes nearest to a limit of its rate or acceleration in any of the trajectories.
 
     Args:
-        plan: with a trajectory.
-        ax: three axes (pitch rates, yaw rates, platform), or one if there are no terminals; a figure to put
-            them in; None for a new one.
-        legend: whether to name curves beside the panels.
+        trajectories: by what they are called.
+        spacecraft: whose limits are meant.
+        ax: twelve axes in three rows of four, without terminals nine in rows of three; a figure to put them
+            in, or None for a new one.
+        legend: whether to name the trajectories beside the panels.
 
     Returns:
-        The axes.
+        The axes, row by row: rates, accelerations and jerks.
 
     Raises:
-        TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, or another number of axes is given.
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
     """
-    return _derivatives(plan, ax, 1, legend=legend)
-
-
-def accelerations(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint accelerations and the platform's angular acceleration over time, with limits.
-
-    Args:
-        plan: with a trajectory.
-        ax: as for `rates`.
-        legend: whether to name curves beside the panels.
-
-    Returns:
-        The axes.
-
-    Raises:
-        TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, or another number of axes is given.
-    """
-    return _derivatives(plan, ax, 2, legend=legend)
-
-
-def _derivatives(plan: "Plan", ax: Canvas, power: int, *, legend: bool) -> list[Axes]:
-    """A derivative of the joints, and the one of the platform's attitude that falls as fast with the pace."""
-    moves, craft = motion(plan), plan.scenario.spacecraft
-    axes = panels(ax, _count(craft), size(_count(craft)))
-    for limit in timed_limits(craft)[1]:
-        if limit.quantity.power == power:
-            _joint_pair(axes, moves, craft, limit, legend)
-    entries = _of_attitude(axes[-1], moves, craft, power)
+    sampled = _sampled(trajectories, spacecraft)
+    bounds = np.repeat(_spin_limits(spacecraft)[:, None], 3, axis=1)
+    titles, values = [*_BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
+    if spacecraft.terminals:
+        # of rates and accelerations, (2, 2n)
+        limits = np.stack([limit.bound for limit in timed_limits(spacecraft)[1]])
+        peaks = np.max([np.max(np.abs(one.joints[:2]), axis=1) for one in sampled.values()], axis=0)
+        joint = int(np.argmax(np.max(peaks / limits, axis=0)))
+        titles.append(spacecraft.joint_names[joint])
+        values = [
+            np.dstack([own, one.joints[..., joint]])
+            for own, one in zip(values, sampled.values(), strict=True)
+        ]
+        bounds = np.column_stack([bounds, [*limits[:, joint], np.inf]])
+    across = len(titles)
+    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across, alone=across - 3)
+    styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
+    highest = np.max([np.max(np.abs(own), axis=1) for own in values], axis=0)  # (3, across)
+    highest[:, :3] = np.max(highest[:, :3], axis=1, keepdims=True)  # the body axes share their scale
+    limited: Entries = []
+    for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
+        for one, own, look in zip(sampled.values(), values, styles, strict=True):
+            curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
+        limited = _limit(axes, float(bounds[row, column]), highest[row, column]) or limited
+    for quantity, axes in zip(_SPIN, every[::across], strict=True):
+        axes.set_ylabel(_labelled(quantity.word, quantity), fontsize=TEXT)
+    _finish(every, titles, sampled)
     if legend:
-        legend_beside(axes[-1], entries)
-    time_axis(axes, moves)
-    return axes
+        entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
+        legend_beside(every[across - 1], [*entries, *limited])
+    return every
 
 
-def torque(plan: "Plan", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Torque, angular momentum and jerk of the platform over time, with limits.
+def segments(
+    trajectories: Mapping[str, Trajectory],
+    spacecraft: Spacecraft,
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Angular acceleration and jerk of the platform, a trajectory a column, with their joins (Figure 11).
+
+    Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
 
     Args:
-        plan: with a trajectory.
-        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, from top to bottom; a
-            figure to put them in; None for a new one. If it limits none, torque and momentum are shown.
-        legend: whether to name curves beside the upper panel.
+        trajectories: by what they are called, such as the number of their segments.
+        spacecraft: whose limits are meant.
+        ax: two rows of as many axes as trajectories, a figure to put them in, or None for a new one.
+        legend: whether to name the curves beside the panels.
 
     Returns:
-        The axes.
+        The axes, those of the accelerations first.
 
     Raises:
-        TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
-            or another number of axes is given.
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> tries = [replace(query, settings=replace(settings, segments=n)) for n in (4, 5, 6)]
+        >>> fits = zip(("4 segments", "5 segments", "6 segments"), fit_batch(tries))
+        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits}, craft)
     """
-    moves, craft = motion(plan), plan.scenario.spacecraft
-    limited = {limit.quantity: limit.bound for limit in _loads(craft)}
-    shown = list(limited) or [each for each in QUANTITIES if each.by_inertia and craft.inertia is not None]
-    if not shown:
-        raise ValueError(
-            f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
-            "so there is no torque to draw"
-        )
-    axes = panels(ax, len(shown), size(len(shown)))
-    every = [
-        _platform(axes[row], moves, craft, quantity, limited.get(quantity, np.full(3, np.inf)))
-        for row, quantity in enumerate(shown)
-    ]
+    sampled = _sampled(trajectories, spacecraft)
+    across = len(sampled)
+    every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
+    bounds, limited, joins = _spin_limits(spacecraft), Entries(), Entries()
+    highest = np.max([np.max(np.abs(one.platform), axis=(1, 2)) for one in sampled.values()], axis=0)
+    for axes, (row, one) in zip(every, product((1, 2), sampled.values()), strict=True):
+        for time in one.joins:
+            axes.axvline(time, zorder=1.4, **_JOIN)
+            joins = [(Line2D([], [], **_JOIN), "join")]
+        for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
+            curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
+        limited = _limit(axes, bounds[row], highest[row]) or limited
+    _finish(every, list(sampled), sampled)
+    for quantity, axes in zip(_SPIN[1:], every[::across], strict=True):
+        axes.set_ylabel(f"platform angular\n{_labelled(quantity.word, quantity)}", fontsize=TEXT)
+    for axes, one in zip(every[across:], sampled.values(), strict=True):
+        jump = f"largest jump {np.rad2deg(one.jump):.2g} deg/s³" if len(one.joins) else "no jumps"
+        axes.set_title(jump, fontsize=SMALL, color=GREY)
     if legend:
-        legend_beside(axes[0], max(every, key=len))  # limits may be drawn on one panel and told on another
-    time_axis(axes, moves)
-    return axes
+        legend_beside(every[across - 1], [*_AXIS_ENTRIES, *joins, *limited])
+    return every
 
 
-def load_limits(craft: "Spacecraft") -> int:
-    """How many loads a spacecraft limits beside its rate and acceleration: the panels of its `torque`."""
-    return len(_loads(craft))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sampled:
+    """A trajectory on a grid with both sides of every break.
 
+    Attributes:
+        times: (k,) s, a single one if it takes no time.
+        platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
+        joints: (3, k, 2n) likewise.
+        joins: (j,) s, where the platform's jerk may jump.
+        jump: rad/s^3, the largest one there; 0 without joins.
+    """
 
-def _loads(craft: "Spacecraft") -> list[Limit]:
-    """The platform's limits that have no panel among rates and accelerations."""
-    return [each for each in timed_limits(craft)[0] if each.quantity.by_inertia or each.quantity.power > 2]
+    times: np.ndarray
+    platform: np.ndarray
+    joints: np.ndarray
+    joins: np.ndarray
+    jump: float
 
-
-def platform_rate(axes: Axes, moves: Motion, craft: "Spacecraft") -> Entries:
-    """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
-    return _of_attitude(axes, moves, craft, 1)
-
-
-def _of_attitude(axes: Axes, moves: Motion, craft: "Spacecraft", power: int) -> Entries:
-    """The angular velocity or its derivative on one panel."""
-    (limit,) = (
-        each
-        for each in timed_limits(craft)[0]
-        if each.quantity.power == power and not each.quantity.by_inertia
-    )
-    return _platform(axes, moves, craft, limit.quantity, limit.bound)
-
-
-def _platform(
-    axes: Axes, moves: Motion, craft: "Spacecraft", quantity: Quantity, limits: np.ndarray
-) -> Entries:
-    """A quantity by body axis, with its limits (3,), which may be infinite."""
-    values = quantity.values(moves.values.kinematics(craft.inertia)).T
-    label = labelled(quantity.caption, quantity)
-    entries = panel(axes, moves, values, limits, AXIS_STYLES, label, degrees=quantity.angular)
-    lines = [Line2D([], [], linewidth=1.6, **look) for look in AXIS_STYLES]
-    return [*zip(lines, ("body x", "body y", "body z"), strict=True), *entries]
-
-
-def _joint_pair(axes: list[Axes], moves: Motion, craft: "Spacecraft", limit: Limit, legend: bool) -> None:
-    """Pitches on the first panel and yaws on the second, the paper's order."""
-    values = np.split(limit.quantity.values(moves.values.kinematics()).T, 2, axis=1)
-    bounds, names = np.split(limit.bound, 2), ("yaw", "pitch")
-    yaws, pitches = (
-        _joints(
-            axes[1 - half], moves, values[half], bounds[half], f"{name} {limit.quantity.word}", limit.quantity
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Self:
+        end = trajectory.duration
+        grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
+        after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
+        after = after[(after > 0) & (after < end)]
+        times = np.unique(np.concatenate([grid, after, np.nextafter(after, 0.0)]))
+        values = trajectory.sample(times)
+        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH else np.zeros(0)
+        jerk = values.angular_jerk
+        ends = np.searchsorted(times, joins)
+        return cls(
+            times=times,
+            platform=np.stack([values.angular_velocity, values.angular_acceleration, jerk]),
+            joints=np.stack([values.joint_rates, values.joint_accelerations, values.joint_jerks]),
+            joins=joins,
+            jump=float(np.max(np.abs(jerk[ends] - jerk[ends - 1]), initial=0.0)),
         )
-        for half, name in enumerate(names)
-    )
-    if legend:
-        legend_beside(axes[0], [*_terminals(craft), *(pitches or yaws)])
 
 
-def _joints(
-    axes: Axes,
-    moves: Motion,
-    values: np.ndarray,
-    limits: np.ndarray,
-    words: str,
-    quantity: Quantity,
-    far: float = FAR,
-) -> Entries:
-    """A joint of every terminal on one panel, with values (k, n) and limits (n,)."""
-    styles = [device_style(number) for number in range(len(limits))]
-    if not styles:
-        note(axes, "no terminals")
-    return panel(axes, moves, values, limits, styles, labelled(words, quantity), far=far)
+def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> dict[str, _Sampled]:
+    expect_trajectories(trajectories, spacecraft)
+    if not trajectories:
+        raise ValueError("there are no trajectories to draw")
+    return {name: _Sampled.of(trajectory) for name, trajectory in trajectories.items()}
 
 
-def _terminals(craft: "Spacecraft") -> Entries:
-    return device_entries([terminal.name for terminal in craft.terminals])
+def _spin_limits(craft: Spacecraft) -> np.ndarray:
+    """Limits of rate, acceleration and jerk about every axis, (3,); infinite where there is none."""
+    given = [quantity.given(craft) for quantity in _SPIN]
+    return np.array([np.inf if limit is None else limit for limit in given], dtype=float)
+
+
+def _limit(axes: Axes, limit: float, highest: float) -> Entries:
+    """A limit of panels whose highest value is known, both in radians; its legend entry if it is drawn."""
+    style: Look = {"color": GREY}
+    return limit_lines(axes, np.rad2deg([limit]), [style], np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+
+
+def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
+    """Titles above the columns and time below them."""
+    end = max(float(one.times[-1]) for one in sampled.values())
+    for column, title in enumerate(titles):
+        plain(every[column].set_title(title, fontsize=TEXT))
+        _time_span(every[column :: len(titles)], end)

@@ -2,19 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import (
-    FuncFormatter,
-    LogLocator,
-    MaxNLocator,
-    NullFormatter,
-    ScalarFormatter,
-    SymmetricalLogLocator,
-)
+from matplotlib.ticker import LogLocator, MaxNLocator, ScalarFormatter, SymmetricalLogLocator
 
 from jaxplan.plotting.style import (
     COLOURS,
@@ -27,9 +20,13 @@ from jaxplan.plotting.style import (
     legend_beside,
     panels,
     plain,
+    plain_numbers,
     tidy,
 )
 from jaxplan.runtime.arguments import expect_like
+
+if TYPE_CHECKING:
+    from jaxplan.tuning import SearchTuning, Tuning
 
 Row = Mapping[str, float]
 
@@ -51,27 +48,7 @@ _ANSWER: Look = {
 _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
 
 
-class Tuned(Protocol):
-    """What tuning found, such as a `jaxplan.tuning.Tuning` or `jaxplan.tuning.SearchTuning`.
-
-    Attributes:
-        label: what was lowered, with its unit.
-        history: a row a step or trial, with its number, the objective, of trials the success rate, and the
-            numbers by name.
-        answer: the step or trial whose numbers are the answer; None if it is none of them.
-    """
-
-    @property
-    def label(self) -> str: ...  # noqa: D102
-
-    @property
-    def history(self) -> Sequence[Row]: ...  # noqa: D102
-
-    @property
-    def answer(self) -> int | None: ...  # noqa: D102
-
-
-def tuning(result: Tuned, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+def tuning(result: "Tuning | SearchTuning", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
 
     A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
@@ -161,8 +138,7 @@ def _use_decades(axes: Axes, values: np.ndarray) -> None:
         least = float(np.min(positive))
         axes.set_yscale("symlog", linthresh=least)
         axes.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=least, subs=subs))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    plain_numbers(axes.yaxis)
 
 
 class _WholeNumbers(ScalarFormatter):

@@ -1,35 +1,38 @@
-"""A plan in one figure, all its figures one by one, and as data for a page.
-
-A plan in one figure, and all figures of a plan.
-
-Figures of a plan as data, for pages that hold their pictures in themselves.
-"""
+"""All figures of a plan: several in one, one by one, and as data for a page that holds its pictures."""
 
 import base64
 import io
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from jaxplan.plotting import margin_panels, samples, sky_maps, time_panels
+from jaxplan.planner import Plan
+from jaxplan.plotting import margin_panels, samples
 from jaxplan.plotting.margin_panels import margins
-from jaxplan.plotting.sky_maps import sphere
+from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
 from jaxplan.plotting.style import expect_plan, legend_beside, new_figure
-from jaxplan.plotting.time_panels import accelerations, angles, platform_rate, rates, time_axis, torque
-
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
-
+from jaxplan.plotting.time_panels import (
+    accelerations,
+    angles,
+    draw_platform_rate,
+    limited_loads,
+    rates,
+    size,
+    time_axis,
+    torque,
+)
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
 FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "torque", "margins")
-"""Of all the figures that a plan may have."""
+"""Names of all figures that a plan may have."""
+
+_DPI = 200  # dots an inch of pictures that are no SVG
 
 
-def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
+def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     """The unfolded sphere, and below it yaws and pitches, margins and the platform's angular velocity.
 
     Args:
@@ -55,13 +58,13 @@ def overview(plan: "Plan", ax: Figure | SubFigure | None = None) -> list[Axes]:
     named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
     legend_beside(others[0], [*further, *lines])
-    legend_beside(others[1], platform_rate(others[1], moves, craft))
+    legend_beside(others[1], draw_platform_rate(others[1], moves, craft))
     for column in [others] if joints else [[axes] for axes in others]:
         time_axis(column, moves)
     return [top, *joints, *others]
 
 
-def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
+def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
     """Every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
@@ -75,31 +78,27 @@ def figures(plan: "Plan") -> Iterator[tuple[str, Figure]]:
         TypeError: if it is no plan.
     """
     expect_plan(plan)
-    terminals = bool(plan.scenario.spacecraft.terminals)
-    zones = bool(plan.scenario.zones)
-    dynamic = time_panels.size(3 if terminals else 1)
-    loads = time_panels.load_limits(plan.scenario.spacecraft)
-    moves = plan.trajectory is not None
-    drawings: list[tuple[Callable[..., Any], tuple[float, float], bool]] = [
-        (overview, OVERVIEW_SIZE, moves),
-        (sphere, sky_maps.SPHERE_SIZE, True),
-        (angles, time_panels.size(2), moves and terminals),
-        (rates, dynamic, moves),
-        (accelerations, dynamic, moves),
-        (torque, time_panels.size(max(loads, 1)), moves and loads > 0),
-        (margins, margin_panels.SIZE, moves and zones),
-    ]
-    for name, (draw, size, there) in zip(FIGURE_NAMES, drawings, strict=True):
+    moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
+    loads = len(limited_loads(craft))
+    dynamic = size(3 if craft.terminals else 1)
+    drawings: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
+        "overview": (overview, OVERVIEW_SIZE, moves),
+        "sphere": (sphere, SPHERE_SIZE, True),
+        "angles": (angles, size(2), moves and bool(craft.terminals)),
+        "rates": (rates, dynamic, moves),
+        "accelerations": (accelerations, dynamic, moves),
+        "torque": (torque, size(loads), moves and loads > 0),
+        "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
+    }
+    for name in FIGURE_NAMES:
+        draw, inches, there = drawings[name]
         if there:
-            figure = Figure(figsize=size, layout="constrained")
+            figure = Figure(figsize=inches, layout="constrained")
             draw(plan, ax=figure)
             yield name, figure
 
 
-_DPI = 200  # of those that are no SVG
-
-
-def inline_figures(plan: "Plan") -> Iterator[tuple[str, str]]:
+def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
     """The globe and the figures of a plan but the overview, which repeats the others.
 
     Args:
@@ -109,8 +108,8 @@ def inline_figures(plan: "Plan") -> Iterator[tuple[str, str]]:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
         shapes, or PNG where there are hatched areas. The ground is transparent.
     """
-    ball = Figure(figsize=sky_maps.GLOBE_SIZE, layout="constrained")
-    sky_maps.globe(plan, ax=ball)
+    ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
+    globe(plan, ax=ball)
     yield "globe", _address(ball)
     for name, figure in figures(plan):
         if name != "overview":

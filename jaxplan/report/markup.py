@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Any
+
+import numpy as np
 
 NONE = "\N{EN DASH}"
 _VOID = ("img", "meta")
@@ -57,53 +58,34 @@ def share(value: float) -> str:
     return number(100 * value, 1)
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of a table.
-
-    Attributes:
-        title: over it.
-        unit: of its numbers, beside the title.
-        numeric: whether it stands to the right, digit under digit.
-    """
-
-    title: str
-    unit: str = ""
-    numeric: bool = False
-
-    @property
-    def look(self) -> str | None:
-        """Class of its cells."""
-        return "number" if self.numeric else None
-
-    def head(self) -> Markup:
-        """Its heading."""
-        unit = (tag("span", self.unit, class_="unit"),) if self.unit else ()
-        return tag("th", self.title, *unit, scope="col", class_=self.look)
+def degrees(angle: Any, digits: int = 2) -> str:
+    """An angle, rad, as a number of degrees."""
+    return number(float(np.rad2deg(angle)), digits)
 
 
-def numeric(title: str, unit: str = "") -> Column:
-    """A column of numbers."""
-    return Column(title, unit, numeric=True)
-
-
-def table(columns: Sequence[Column], rows: Iterable[Row], caption: str, marked: int | None = None) -> Markup:
+def table(titles: Sequence[str], rows: Iterable[Row], caption: str, marked: int | None = None) -> Markup:
     """A table whose first column names its rows.
 
     Args:
-        columns: from left to right.
+        titles: of the columns, from left to right. One of numbers, which stand to the right, digit under
+            digit, is followed by "|" and their unit, as in "Rate|deg/s", or "|" alone.
         rows: as many cells each.
         caption: over it.
         marked: number of a row to set off from the others.
     """
+    heads, looks = [], []
+    for text in titles:
+        title, numeric, unit = text.partition("|")
+        looks.append("number" if numeric else None)
+        beside = [tag("span", unit, class_="unit")] * bool(unit)
+        heads.append(tag("th", title, *beside, scope="col", class_=looks[-1]))
     lines = []
     for index, row in enumerate(rows):
-        first, *others = zip(columns, row, strict=True)
-        cells = [tag("th", first[1], scope="row"), *(tag("td", cell, class_=c.look) for c, cell in others)]
+        (_, first), *others = zip(looks, row, strict=True)
+        cells = [tag("th", first, scope="row"), *(tag("td", cell, class_=look) for look, cell in others)]
         lines.append(tag("tr", *cells, class_="marked" if index == marked else None))
-    head = tag("thead", tag("tr", *(column.head() for column in columns)))
-    look = "narrow" if len(columns) <= _NARROW else None
-    parts = (tag("caption", caption), head, tag("tbody", *lines))
+    parts = (tag("caption", caption), tag("thead", tag("tr", *heads)), tag("tbody", *lines))
+    look = "narrow" if len(titles) <= _NARROW else None
     return tag("div", tag("table", *parts, class_=look), class_="scroll")
 
 

@@ -1,84 +1,51 @@
-"""Tables of a report: the scene, its constraints, and what was found.
+"""Tables of a report: what was asked for, and what was found.
 
-What was asked: the spacecraft, its devices and limits, the zones, and the two ends of the manoeuvre.
+What was asked for are the spacecraft with its limits, the zones, and the two ends of the manoeuvre; what was
+found are path, trajectory, and what the certificate proves of it. Peaks are upper bounds and margins lower
+bounds over all time, from the proof and not from samples.
 
-Angles in degrees. Directions are azimuth and elevation, as on the unfolded sphere: of zones and targets in
+Degrees and seconds. Directions are azimuth and elevation, as on the unfolded sphere: of zones and targets in
 the inertial frame, of instruments in body axes.
-
-What was found: path, trajectory, and what the certificate proves of it, quantity by quantity.
-
-Peaks are upper bounds and margins lower bounds over all time, from the proof and not from samples. Degrees
-and seconds.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from jaxplan.certificate import Certificate, ProvedMargin
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation
 from jaxplan.model.limits import limits
-from jaxplan.model.scenario import GivenState, paths
+from jaxplan.model.scenario import GivenState, Scenario, paths
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, Zone, binds_all
-from jaxplan.report.markup import (
-    NONE,
-    Column,
-    Markup,
-    Row,
-    facts,
-    join,
-    number,
-    numeric,
-    share,
-    table,
-    tag,
-)
+from jaxplan.planner import Plan
+from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, share, table, tag
 from jaxplan.trajectory import excess
 
-if TYPE_CHECKING:
-    from jaxplan.certificate import Certificate, ProvedMargin
-    from jaxplan.model.scenario import Scenario
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.planner import Plan
+_STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
+_AIM = ("Azimuth|deg", "Elevation|deg")
 
 
-def spacecraft_tables(craft: "Spacecraft") -> Markup:
+def spacecraft_tables(craft: Spacecraft) -> Markup:
     """The platform's limits, and the devices with theirs."""
     parts = [facts(_platform(craft), "Platform, limits of each body axis")]
     if craft.terminals:
-        columns = [
-            Column("Terminal"),
-            numeric("Mount", "deg"),
-            numeric("Yaw \N{PLUS-MINUS SIGN}", "deg"),
-            numeric("Pitch \N{PLUS-MINUS SIGN}", "deg"),
-            numeric("Rate", "deg/s"),
-            numeric("Acceleration", "deg/s\N{SUPERSCRIPT TWO}"),
+        titles = [
+            *("Terminal", "Mount|deg", "Yaw \N{PLUS-MINUS SIGN}|deg", "Pitch \N{PLUS-MINUS SIGN}|deg"),
+            *("Rate|deg/s", "Acceleration|deg/s\N{SUPERSCRIPT TWO}"),
         ]
-        rows = [
-            [
-                terminal.name,
-                *(
-                    number(float(np.rad2deg(value)))
-                    for value in (
-                        terminal.mount,
-                        terminal.yaw_limit,
-                        terminal.pitch_limit,
-                        terminal.rate_limit,
-                        terminal.acceleration_limit,
-                    )
-                ),
-            ]
-            for terminal in craft.terminals
-        ]
-        parts.append(table(columns, rows, "Terminals, with the limits of their joints"))
+        keys = ("mount", "yaw_limit", "pitch_limit", "rate_limit", "acceleration_limit")
+        rows = [[one.name, *(degrees(getattr(one, key)) for key in keys)] for one in craft.terminals]
+        parts.append(table(titles, rows, "Terminals, with the limits of their joints"))
     if craft.instruments:
-        columns = [Column("Instrument"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
         rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
-        parts.append(table(columns, rows, "Instruments, fixed to the body; boresights in body axes"))
+        caption = "Instruments, fixed to the body; boresights in body axes"
+        parts.append(table(["Instrument", *_AIM], rows, caption))
     return join(parts)
 
 
-def _platform(craft: "Spacecraft") -> list[tuple[str, str]]:
+def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
     rows = [
         (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
         for limit in limits(craft)
@@ -102,7 +69,7 @@ def _list(values: Any, digits: int) -> str:
 def _direction(vector: Any) -> tuple[str, str]:
     """Azimuth and elevation, deg."""
     azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
-    return number(float(np.rad2deg(azimuth))), number(float(np.rad2deg(elevation)))
+    return degrees(azimuth), degrees(elevation)
 
 
 def kind_of(zone: Zone) -> str:
@@ -119,10 +86,9 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
     if isinstance(zone, JointBound):
         yaw, pitch = (float(weight) for weight in zone.normal)
         sign = "+" if pitch >= 0 else "\N{MINUS SIGN}"
-        least = number(float(np.rad2deg(zone.least)))
         weighted = f"{number(yaw, 3)} yaw {sign} {number(abs(pitch), 3)} pitch"
-        return f"{weighted}, at least {least} deg", NONE, NONE, NONE
-    half_angle = number(float(np.rad2deg(zone.half_angle)))
+        return f"{weighted}, at least {degrees(zone.least)} deg", NONE, NONE, NONE
+    half_angle = degrees(zone.half_angle)
     if zone.axis_device is not None:
         return f"boresight of {zone.axis_device}", NONE, NONE, half_angle
     if zone.axis_body is not None:
@@ -138,60 +104,43 @@ def _bound(zone: Zone) -> str:
     return "all devices" if binds_all(zone) else ", ".join([*zone.devices, *of])
 
 
-def zones_table(scenario: "Scenario") -> Markup:
+def zones_table(scenario: Scenario) -> Markup:
     """The zones, or that there are none."""
     if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
-    columns = [
-        Column("Zone"),
-        Column("Kind"),
-        Column("About"),
-        numeric("Azimuth", "deg"),
-        numeric("Elevation", "deg"),
-        numeric("Half angle", "deg"),
-        Column("Binds"),
-    ]
+    titles = ["Zone", "Kind", "About", *_AIM, "Half angle|deg", "Binds"]
     rows = [[zone.name, kind_of(zone), *_where(zone), _bound(zone)] for zone in scenario.zones]
-    return table(columns, rows, "Zones; axes that move as they are at first")
+    return table(titles, rows, "Zones; axes that move as they are at first")
 
 
-def motion_table(plan: "Plan") -> Markup:
+def motion_table(plan: Plan) -> Markup:
     """How zones and targets move between start and goal; nothing where none does."""
     goal = plan.goal
     moving = list(paths(plan.scenario))
     if not moving:
         return join(())
     last = goal.time if goal is not None else min(float(path.times[-1]) for _, path in moving)
-    columns = [
-        Column("What moves"),
-        numeric("Azimuth at first", "deg"),
-        numeric("Elevation at first", "deg"),
-        numeric(f"Azimuth after {last:.2f} s", "deg"),
-        numeric("Elevation then", "deg"),
-        numeric("Turns at most at", "deg/s"),
+    titles = [
+        *("What moves", "Azimuth at first|deg", "Elevation at first|deg"),
+        *(f"Azimuth after {last:.2f} s|deg", "Elevation then|deg", "Turns at most at|deg/s"),
     ]
-    rows = [
-        [
-            name,
-            *_direction(path.at(0.0)),
-            *_direction(path.at(last)),
-            number(float(np.rad2deg(path.largest_rate(0.0, last))), 4),
-        ]
-        for name, path in moving
-    ]
-    return table(columns, rows, "Zones and targets that move, inertial")
+    rows = []
+    for name, path in moving:
+        ends = *_direction(path.at(0.0)), *_direction(path.at(last))
+        rows.append([name, *ends, degrees(path.largest_rate(0.0, last), 4)])
+    return table(titles, rows, "Zones and targets that move, inertial")
 
 
-def ends_tables(plan: "Plan") -> Markup:
+def ends_tables(plan: Plan) -> Markup:
     """Start and goal: attitudes, joints, and the targets that were asked for."""
     scenario, goal = plan.scenario, plan.goal
-    start = scenario.start.attitude
-    attitudes = [("Start", start), *([("Goal", goal.attitude)] if goal is not None else [])]
-    rows = []
-    for name, matrix in attitudes:
-        rows.append((f"{name}, quaternion w x y z", _list(quaternion.from_matrix(matrix), 6)))
+    attitudes = {"Start": scenario.start.attitude} | ({} if goal is None else {"Goal": goal.attitude})
+    rows = [
+        (f"{name}, quaternion w x y z", _list(quaternion.from_matrix(matrix), 6))
+        for name, matrix in attitudes.items()
+    ]
     if goal is not None:
-        turn = f"{number(float(np.rad2deg(goal.slew_angle)), 3)} deg, {number(goal.slew_angle, 4)} rad"
+        turn = f"{degrees(goal.slew_angle, 3)} deg, {number(goal.slew_angle, 4)} rad"
         rows.append(("Platform turns by", turn))
     parts = [facts(rows, "Attitude, body to inertial")]
     if scenario.spacecraft.terminals:
@@ -199,47 +148,27 @@ def ends_tables(plan: "Plan") -> Markup:
     asked = scenario.goal
     if not isinstance(asked, GivenState) and len(asked.directions):
         then = asked.at(0.0 if goal is None else goal.time)
-        columns = [Column("Terminal"), numeric("Azimuth", "deg"), numeric("Elevation", "deg")]
         targets = [
             [terminal.name, *_direction(direction)]
             for terminal, direction in zip(scenario.spacecraft.terminals, then.directions, strict=True)
         ]
-        parts.append(table(columns, targets, "Targets asked for, inertial"))
+        parts.append(table(["Terminal", *_AIM], targets, "Targets asked for, inertial"))
     return join(parts)
 
 
-def _joints_table(plan: "Plan") -> Markup:
-    craft, goal = plan.scenario.spacecraft, plan.goal
-    start = np.rad2deg(plan.scenario.start.joints)
-    end = None if goal is None else np.rad2deg(goal.joints)
-    columns = [
-        Column("Joint"),
-        *(numeric(title, "deg") for title in ("Start", "Goal", "Change", "Limit \N{PLUS-MINUS SIGN}")),
-    ]
-    rows = [
-        [
-            name,
-            number(float(start[i])),
-            NONE if end is None else number(float(end[i])),
-            NONE if end is None else number(float(end[i] - start[i])),
-            number(float(np.rad2deg(craft.joint_limits[i]))),
-        ]
-        for i, name in enumerate(craft.joint_names)
-    ]
-    return table(columns, rows, "Joints")
+def _joints_table(plan: Plan) -> Markup:
+    craft, start = plan.scenario.spacecraft, plan.scenario.start.joints
+    rows = []
+    for i, name in enumerate(craft.joint_names):
+        end = [NONE, NONE]
+        if plan.goal is not None:
+            end = [degrees(plan.goal.joints[i]), degrees(plan.goal.joints[i] - start[i])]
+        rows.append([name, degrees(start[i]), *end, degrees(craft.joint_limits[i])])
+    titles = ["Joint", "Start|deg", "Goal|deg", "Change|deg", "Limit \N{PLUS-MINUS SIGN}|deg"]
+    return table(titles, rows, "Joints")
 
 
-_STEP_NAMES = {
-    "decompose": "goal",
-    "search": "path",
-    "trajectory": "trajectory",
-    "certificate": "certificate",
-    "compile": "compiling",
-    "total": "in all",
-}
-
-
-def path_table(plan: "Plan") -> Markup:
+def path_table(plan: Plan) -> Markup:
     """How the search went, and the path if there is one."""
     assert plan.search is not None
     settings = plan.scenario.search
@@ -257,7 +186,7 @@ def path_table(plan: "Plan") -> Markup:
     return facts(rows, "How it was found")
 
 
-def trajectory_table(plan: "Plan") -> Markup:
+def trajectory_table(plan: Plan) -> Markup:
     """Method, duration and smoothness."""
     trajectory, bound = plan.trajectory, plan.duration_bound
     assert trajectory is not None
@@ -279,49 +208,32 @@ def trajectory_table(plan: "Plan") -> Markup:
     return facts(rows, "Method and duration")
 
 
-def highest_peak(certificate: "Certificate", craft: "Spacecraft") -> tuple[str, str]:
+def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]:
     """The quantity that comes closest to its limit, and its share of that in percent."""
     name = max(certificate.peaks, key=lambda name: certificate.peaks[name])
     return _limited(name, craft)[0].lower(), share(certificate.peaks[name])
 
 
-def peaks_table(certificate: "Certificate", craft: "Spacecraft") -> Markup:
+def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
     """Peaks beside their limits."""
-    columns = [
-        Column("Quantity"),
-        numeric("Largest, at most"),
-        numeric("Limit"),
-        Column("Unit"),
-        numeric("Share", "%"),
-        Column(""),
-        numeric("At", "s"),
-    ]
+    titles = ["Quantity", "Largest, at most|", "Limit|", "Unit", "Share|%", "", "At|s"]
     rows = []
     for name, peak in certificate.peaks.items():
-        label, unit, limits = _limited(name, craft)
-        same = len(limits) > 0 and np.ptp(limits) <= 1e-12 * np.max(limits)
-        rows.append(
-            [
-                label,
-                number(peak * float(limits[0]), 3) if same else NONE,
-                f"{number(float(limits[0]), 3)}" if same else _range(limits),
-                unit,
-                share(peak),
-                _bar(peak),
-                number(certificate.peak_times.get(name)),
-            ]
-        )
-    return table(columns, rows, "Peaks over all time, as proved")
+        label, unit, bounds = _limited(name, craft)
+        largest, limit = NONE, NONE
+        if len(bounds):
+            ends = [number(float(end), 3) for end in (np.min(bounds), np.max(bounds))]
+            if np.ptp(bounds) <= 1e-12 * np.max(bounds):
+                largest, limit = number(peak * float(bounds[0]), 3), number(float(bounds[0]), 3)
+            else:
+                limit = " to ".join(ends)
+        time = number(certificate.peak_times.get(name))
+        rows.append([label, largest, limit, unit, share(peak), _bar(peak), time])
+    return table(titles, rows, "Peaks over all time, as proved")
 
 
-def _range(limits: np.ndarray) -> str:
-    if not len(limits):
-        return NONE
-    return f"{number(float(np.min(limits)), 3)} to {number(float(np.max(limits)), 3)}"
-
-
-def _limited(name: str, craft: "Spacecraft") -> tuple[str, str, np.ndarray]:
-    """Of a peak in the certificate: its label, its unit, and the limits of its components in that unit."""
+def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
+    """Label and unit of a peak in the certificate, and the limits of its components in that unit."""
     for limit in limits(craft):
         if limit.quantity.name == name:
             return limit.quantity.label, limit.quantity.printed_unit, limit.quantity.in_unit(limit.bound)
@@ -331,46 +243,31 @@ def _limited(name: str, craft: "Spacecraft") -> tuple[str, str, np.ndarray]:
 def _bar(peak: float) -> Markup:
     """A share of one as a line; beyond one it is full, and of another colour."""
     beyond = not peak <= 1 + 1e-9
-    width = 100 if beyond else 100 * peak
-    return tag(
-        "span",
-        tag("span", class_="fill over" if beyond else "fill", style=f"width:{width:.1f}%"),
-        class_="bar",
-        aria_hidden="true",
-    )
+    width = f"width:{100 if beyond else 100 * peak:.1f}%"
+    fill = tag("span", class_="fill over" if beyond else "fill", style=width)
+    return tag("span", fill, class_="bar", aria_hidden="true")
 
 
-def margins_table(margins: tuple["ProvedMargin", ...], plan: "Plan") -> Markup:
+def margins_table(margins: tuple[ProvedMargin, ...], plan: Plan) -> Markup:
     """Margins by zone and device, the smallest first."""
     zones = {zone.name: zone for zone in plan.scenario.zones}
-    columns = [
-        Column("Zone"),
-        Column("Kind"),
-        Column("Device"),
-        numeric("Margin, at least", "deg"),
-        numeric("Smallest at", "s"),
-    ]
-    rows: list[Row] = [
-        [
-            margin.zone if len(margin.zones) == 1 else f"{margin.zone} of {', '.join(margin.zones)}",
-            kind_of(zones[margin.zone]),
-            margin.device,
-            number(float(np.rad2deg(margin.bound)), 3),
-            number(margin.time),
-        ]
-        for margin in sorted(margins, key=lambda margin: margin.bound)
-    ]
-    return table(columns, rows, "Margins over all time, as proved", marked=0)
+    rows = []
+    for margin in sorted(margins, key=lambda margin: margin.bound):
+        group = "" if len(margin.zones) == 1 else f" of {', '.join(margin.zones)}"
+        what = f"{margin.zone}{group}", kind_of(zones[margin.zone]), margin.device
+        rows.append([*what, degrees(margin.bound, 3), number(margin.time)])
+    titles = ["Zone", "Kind", "Device", "Margin, at least|deg", "Smallest at|s"]
+    return table(titles, rows, "Margins over all time, as proved", marked=0)
 
 
-def faults_list(certificate: "Certificate") -> Markup:
+def faults_list(certificate: Certificate) -> Markup:
     """What the certificate does not hold for; nothing if all is well."""
     if not certificate.faults:
         return join(())
     return tag("ul", *(tag("li", fault) for fault in certificate.faults), class_="faults")
 
 
-def timings_table(plan: "Plan") -> Markup:
+def timings_table(plan: Plan) -> Markup:
     """Seconds by step."""
     rows = [[_STEP_NAMES.get(name, name), number(seconds, 3)] for name, seconds in plan.timings.items()]
-    return table([Column("Step"), numeric("Time", "s")], rows, "Time spent planning")
+    return table(["Step", "Time|s"], rows, "Time spent planning")

@@ -8,13 +8,13 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from html import escape
 from itertools import islice
 from numbers import Integral, Real
 from pathlib import PurePath
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -109,9 +109,8 @@ def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
     return f"<table><caption>{_escaped(caption, _HEADING)}</caption>{''.join(kept)}</table>"
 
 
-@dataclass(frozen=True)
-class _Quantity:
-    """What is shown of an object: label, text and unit; `usual` if it is as by default."""
+class _Quantity(NamedTuple):
+    """A value that is shown of an object, and whether it is as usual, that is by default."""
 
     label: str
     text: str
@@ -137,31 +136,20 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
     found = []
     for entry in wanted or own:
         path, _, unit = entry.partition(" ")
+        label = path.rpartition(".")[2].replace("_", " ")
         try:
-            value = _value(thing, path)
+            value = thing
+            for name in path.split("."):
+                value = None if value is None else getattr(value, name)
             if value is None or (isinstance(value, Mapping | Sequence) and len(value) == 0):
                 continue
             text, measured = _text(value, unit)
-            usual = path in own and _is_usual(value, own[path])
+            plain = path in own and isinstance(value, bool | int | float | str)
+            usual = plain and bool(value == own[path].default)
+            found.append(_Quantity(label, text, unit if measured else "", usual))
         except Exception:
-            text, measured, usual = UNKNOWN, False, False
-        label = path.rpartition(".")[2].replace("_", " ")
-        found.append(_Quantity(label, text, unit if measured else "", usual))
+            found.append(_Quantity(label, UNKNOWN, "", False))
     return found
-
-
-def _value(thing: Any, path: str) -> Any:
-    """An attribute of an attribute; None where one on the way is None."""
-    for name in path.split("."):
-        if thing is None:
-            break
-        thing = getattr(thing, name)
-    return thing
-
-
-def _is_usual(value: Any, field: Any) -> bool:
-    """Whether a field has its default, as far as plain values tell."""
-    return isinstance(value, bool | int | float | str) and bool(value == field.default)
 
 
 def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
@@ -215,11 +203,8 @@ def _text(value: Any, unit: str) -> tuple[str, bool]:
 def _number(value: Any, unit: str, digits: int = 6) -> str:
     if isinstance(value, Integral) and "deg" not in unit:
         return f"{int(value)}"
-    return f"{float(value) * _factor(unit) + 0.0:.{digits}g}"  # never a minus before zeros alone
-
-
-def _factor(unit: str) -> float:
-    return 180 / math.pi if "deg" in unit else 1.0
+    factor = 180 / math.pi if "deg" in unit else 1.0
+    return f"{float(value) * factor + 0.0:.{digits}g}"  # never a minus before zeros alone
 
 
 def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
@@ -245,15 +230,15 @@ def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
 
 def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
     """Few numbers or words one by one; how many of what else, with their names."""
-    few = list(values[: _LISTED + 1])
-    if len(values) <= _LISTED and all(type(value) in (int, float) for value in few):
+    few, many = list(values[: _LISTED + 1]), len(values) > _LISTED
+    if not many and all(type(value) in (int, float) for value in few):
         return f"[{' '.join(_number(value, unit) for value in few)}]", True
     words = [value if isinstance(value, str) else getattr(value, "name", None) for value in few]
     if all(isinstance(word, str) for word in words):
         more = ", ..." if len(values) > len(words) else ""
         count = "" if all(isinstance(value, str) for value in few) and not more else f"{len(values)}: "
         return _plain(f"{count}{', '.join(map(str, words))}{more}"), False
-    if len(values) > _LISTED:
+    if many:
         return f"{len(values)}", False
     kinds = Counter(type(value).__name__ for value in few)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items()), False

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import reference
+from drawn import filled
 from exports import flown_plan, truth
 from matplotlib import pyplot
 from matplotlib.animation import FFMpegWriter
@@ -22,7 +23,8 @@ import jaxplan as jp
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import film as film_module
-from jaxplan.plotting.projections import View, circle, insides
+from jaxplan.plotting.projections import GlobeView, circle
+from jaxplan.plotting.sky import draw_zone
 from jaxplan.plotting.style import device_style
 
 RNG = np.random.default_rng(11)
@@ -46,7 +48,7 @@ def plan() -> Plan:
 
 def test_a_view_looks_from_where_it_is_said_with_north_up():
     azimuth, elevation = np.deg2rad(VIEW)
-    view = View.from_angles(azimuth, elevation)
+    view = GlobeView.from_angles(azimuth, elevation)
     np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(np.linalg.det(view.axes), 1)
     np.testing.assert_allclose(view.axes[2], reference.direction(azimuth, elevation))
@@ -56,14 +58,15 @@ def test_a_view_looks_from_where_it_is_said_with_north_up():
 
 def test_a_chosen_view_has_a_bundle_of_directions_in_front():
     for direction in DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.9]:
-        view = View.facing(circle(direction, 0.3))
+        view = GlobeView.facing(circle(direction, 0.3))
         assert np.all(view.depth(circle(direction, 0.3)) > 0)
 
 
 def test_the_two_sides_of_a_line_meet_and_are_the_whole_of_it():
-    view = View.from_angles(0.3, 0.2)
+    view = GlobeView.from_angles(0.3, 0.2)
     line = circle(DIRECTIONS[3], 1.2)
-    near, far = view.sides(line)
+    (near, _), (far, alpha) = view.parts(line)
+    assert alpha < 0.5
     np.testing.assert_allclose(np.where(np.isnan(near), far, near), view.project(line))
     drawn = ~np.isnan(np.stack([near, far])[:, :, 0])
     np.testing.assert_array_equal(drawn[0], view.depth(line) >= 0)
@@ -72,23 +75,34 @@ def test_the_two_sides_of_a_line_meet_and_are_the_whole_of_it():
 
 
 @pytest.mark.parametrize("half_angle", [0.05, 0.4, np.pi / 2, 2.3, 3.1])
-def test_a_cone_is_filled_where_it_is_on_either_side(half_angle):
-    view, axis = View.from_angles(1.0, -0.4), DIRECTIONS[4]
+def test_a_zone_is_filled_where_it_is_on_either_side(half_angle):
+    view, axis = GlobeView.from_angles(1.0, -0.4), DIRECTIONS[4]
     np.testing.assert_allclose(circle(axis, half_angle) @ axis, np.cos(half_angle), atol=1e-14)
-    right, up, inside = insides(view, axis, half_angle)
-    column, row = RNG.integers(0, len(right), (2, 300))
-    x, y = right[column], up[row]
-    on = x**2 + y**2 < 0.98
-    depth = np.sqrt(1 - x[on] ** 2 - y[on] ** 2)
-    for side, found in zip((1, -1), inside, strict=True):
+    for side, sheet in zip((1, -1), view.sheets(), strict=True):
+        column, row = RNG.integers(0, len(sheet.across), (2, 300))
+        x, y = sheet.across[column], sheet.upward[row]
+        on = x**2 + y**2 < 0.98
+        depth = np.sqrt(1 - x[on] ** 2 - y[on] ** 2)
         points = np.stack([x[on], y[on], side * depth], axis=1) @ view.axes
-        expected = np.arccos(np.clip(points @ axis, -1, 1)) < half_angle
-        np.testing.assert_array_equal(found[row[on], column[on]] > 0, expected)
+        np.testing.assert_allclose(sheet.directions[row[on], column[on]], points, atol=1e-12)
+        found = view.directions(np.stack([x[on], y[on]], axis=1), side * view.axes[2])
+        np.testing.assert_allclose(found, points, atol=1e-12)
+    assert np.all(np.isnan(view.directions(np.array([[0.8, 0.8]]), view.axes[2])))
+    axes = Figure().subplots()
+    zone = KeepOut(name="zone", direction=axis, half_angle=half_angle)
+    areas = [area for area in draw_zone(axes, view, zone) if hasattr(area, "get_paths")]
+    places = view.project(DIRECTIONS)
+    covered = np.any([filled(area, places) for area in areas], axis=0)
+    mirrored = DIRECTIONS - 2 * view.depth(DIRECTIONS)[:, None] * view.axes[2]
+    depth = half_angle - np.arccos(np.stack([DIRECTIONS, mirrored]) @ axis)
+    sure = np.all(np.abs(depth) > 0.03, axis=0) & (np.abs(view.depth(DIRECTIONS)) > 0.15)
+    assert np.count_nonzero(sure) > 100
+    np.testing.assert_array_equal(covered[sure], np.any(depth > 0, axis=0)[sure])
 
 
 def test_every_way_on_the_globe_is_that_of_the_boresight(plan):
     axes = jp.plot.globe(plan, view=VIEW)
-    view = View.from_angles(*np.deg2rad(VIEW))
+    view = GlobeView.from_angles(*np.deg2rad(VIEW))
     times = np.linspace(0, plan.trajectory.duration, 1024)
     expected = view.project(truth(plan, times).boresights)
     for device in range(3):
@@ -109,7 +123,7 @@ def test_every_way_on_the_globe_is_that_of_the_boresight(plan):
 def test_the_film_shows_the_beams_where_the_boresights_are(plan):
     film = jp.plot.animate(plan, view=VIEW, frames=3)
     axes = film._fig.axes[0]
-    view = View.from_angles(*np.deg2rad(VIEW))
+    view = GlobeView.from_angles(*np.deg2rad(VIEW))
     times = np.linspace(0, plan.trajectory.duration, 1024)
     html = film.to_jshtml()
     assert html.count("data:image/png;base64") == 3

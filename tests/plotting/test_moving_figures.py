@@ -12,8 +12,7 @@ import jaxplan as jp
 from jaxplan.model.zones import KeepOut
 from jaxplan.plotting import projections, samples
 from jaxplan.plotting.projections import circle
-from jaxplan.plotting.sky_maps import view_of
-from jaxplan.plotting.sky_marks import zone_ways, zones_at
+from jaxplan.plotting.sky import view_of, zone_ways, zones_at
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +111,7 @@ def test_a_film_shows_zones_where_they_are(plan):
         film.picture(number)
         bold = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 1.1]
         for zone in zones:
-            edge = view.sides(circle(zone.axis_at(time), zone.half_angle))[0]
+            edge, _ = view.parts(circle(zone.axis_at(time), zone.half_angle))[0]
             same = [line for line in bold if line.shape == edge.shape]
             assert sum(np.allclose(line, edge, atol=1e-9, equal_nan=True) for line in same) == 1
         assert [text.get_text() for text in axes.texts].count("earth") == 1

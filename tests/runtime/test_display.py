@@ -33,7 +33,7 @@ from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.search import Barrier
 from jaxplan.study.run import run_task
-from jaxplan.study.table4 import PAPER_KINDS, printed_rows
+from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
 from jaxplan.tuning import SearchTuning, Tuning
@@ -113,7 +113,10 @@ def annotated(thing):
     """The types that the annotations of a class or function name."""
     later = {
         cls.__name__: cls
-        for cls in (jp.Plan, jp.Study, jp.Trajectory, Constraints, Decomposition, Spacecraft)
+        for cls in (
+            *(jp.Plan, jp.Study, jp.Trajectory, Constraints, Decomposition, Spacecraft),
+            *(Constellation, SearchTuning, Tuning, Row),  # of which figures are drawn
+        )
     }
     later["pd"] = SimpleNamespace(DataFrame=object)  # which modules import for their annotations alone
     for annotation in typing.get_type_hints(thing, localns=later).values():
