@@ -133,6 +133,7 @@ class Scene:
         return layout, np.concatenate([array.ravel() for array in arrays], dtype=float)
 
 
+@shown("shapes", "kinds")
 @dataclass(frozen=True, slots=True)
 class Layout:
     """How the numbers of a scene lie in its vector; scenes of the same layout can be stacked.
