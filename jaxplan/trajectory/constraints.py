@@ -177,7 +177,7 @@ class LoadBlock:
             rows = curve == each
             local = self._local(each)[place[rows], axis[rows]]
             axes[rows, :, :3] = SIGNS[sign[rows]][:, None, None] * local
-        return axes, self.at.stack.rows(curve, place, 4)
+        return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, with the last place kept: unlike a margin, a load may be the worst at the end."""
@@ -224,7 +224,7 @@ class MarginBlock:
     def slopes(self, index: Index) -> Slopes:
         """Derivatives of some rows in the coefficients."""
         local = -margin_slopes(self.at, *index)
-        return local[:, None], self.at.stack.rows(index[0], index[1], 1)
+        return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Thinned, and of a constraint only the entry that holds best."""

@@ -49,6 +49,7 @@ class Stack:
     Attributes:
         members: the problems.
         places: (G, S).
+        rows: (G, 4, S, n) of the basis at the places.
         wanted: (G, D, Z) rad, margins to keep.
         free: (G, n, k) free changes of the coefficients.
         by_time: (G, n, A) how the coefficients grow with the duration.
@@ -64,6 +65,7 @@ class Stack:
 
     members: list[DiscreteProblem]
     places: np.ndarray
+    rows: np.ndarray
     wanted: np.ndarray
     free: np.ndarray
     by_time: np.ndarray
@@ -85,7 +87,7 @@ class Stack:
         def all_of(name: str, owners: Sequence[Any]) -> np.ndarray:
             return stacked([getattr(own, name) for own in owners])
 
-        names = ("places", "tube_rows", "tube_values", "tube_radius")
+        names = ("places", "rows", "tube_rows", "tube_values", "tube_radius")
         of_spaces = ("free", "by_time", "energies")
         return cls(
             members=list(members),
@@ -124,23 +126,6 @@ class Stack:
         """Whether there are rows that are not inertial."""
         return self.members[0].problem.cones.inner
 
-    def curves(self, which: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """Values and derivatives (g, 4, S, A) at the places of some curves with coefficients (g, n, A).
-
-        The basis' rows there are large, so those of the members are not copied into one array.
-        """
-        pairs = zip(which.tolist(), coefficients, strict=True)
-        return np.stack([self.members[number].rows @ own for number, own in pairs])
-
-    def rows(self, curve: np.ndarray, place: np.ndarray, derivatives: int) -> np.ndarray:
-        """Rows (R, derivatives, n) of the basis at places of curves, both (R,), the curves rising."""
-        if not len(curve):
-            return np.zeros((0, derivatives, self.free.shape[1]))
-        first = np.flatnonzero(np.diff(curve, prepend=-1))
-        each = zip(curve[first].tolist(), np.split(place, first[1:]), strict=True)
-        parts = [self.members[number].rows[:derivatives, own] for number, own in each]
-        return np.swapaxes(np.concatenate(parts, axis=1), 0, 1)
-
     def iterates(
         self, coefficients: np.ndarray, duration: np.ndarray, *, as_given: bool = False
     ) -> "Iterates":
@@ -148,7 +133,7 @@ class Stack:
 
         Those of free time and rest at both ends are taken in the time needed, unless in that which is given.
         """
-        curves = self.curves(np.arange(len(self.members)), coefficients)
+        curves = self.rows @ coefficients[:, None]
         found = [_along(own, each) for own, each in zip(self.members, curves, strict=True)]
         attitude, tangent, loads, body, cosines, margins = map(np.stack, zip(*found, strict=True))
         at = Iterates(

@@ -20,7 +20,7 @@ import numpy as np
 from jaxplan.trajectory import options
 from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
-from jaxplan.trajectory.motion import Stack, taken
+from jaxplan.trajectory.motion import taken
 
 Multipliers = dict[str, np.ndarray]  # by block, of every row
 
@@ -35,7 +35,7 @@ class QuadraticProgram:
         hessian: (G, n, n) ``H``.
         gradient: (G, n, A) ``g``.
         duration_hessian: of the duration's own term, whose slope is 1; None for a given duration.
-        stack: the problems.
+        rows: (G, 4, S, n) of the basis at the places.
         blocks: all rows of the constraints at the curves.
         penalty: (G, 3) of broken rows, by kind.
     """
@@ -45,7 +45,7 @@ class QuadraticProgram:
     hessian: np.ndarray
     gradient: np.ndarray
     duration_hessian: float | None
-    stack: Stack
+    rows: np.ndarray
     blocks: list[ConstraintBlock]
     penalty: np.ndarray
 
@@ -111,7 +111,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
         rows = active_rows(blocks, chosen, which)
         changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows)
         coefficients[which], stretch[which] = changes, stretches
-        curves = quadratic.stack.curves(which, changes)
+        curves = taken(quadratic.rows, which) @ changes[:, None]
         added, end = np.zeros(len(which), dtype=bool), 0
         for block, mask, index in zip(blocks, chosen, rows.of_block, strict=True):
             begin, end = end, end + len(index[0])

@@ -182,7 +182,7 @@ class SQPState:
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=form @ at.coefficients,
             duration_hessian=options.SQP.duration_hessian if self._free_time else None,
-            stack=stack,
+            rows=stack.rows,
             blocks=self._blocks_at(at),
             penalty=self.penalty,
         )
