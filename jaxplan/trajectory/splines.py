@@ -367,7 +367,4 @@ def weighted(energies: np.ndarray, duration: np.ndarray, weights: np.ndarray) ->
         weights: (G, 3) of the squares of rate, acceleration and jerk.
     """
     factors = weights * duration[:, None] ** -np.array([1.0, 3.0, 5.0])
-    rate, acceleration, jerk = (
-        factors[:, number, None, None] * energies[:, 1 + number] for number in range(3)
-    )
-    return np.asarray(rate + acceleration + jerk)
+    return np.asarray(np.einsum("gd,gdij->gij", factors, energies[:, 1:]))

@@ -92,6 +92,7 @@ class SQPState:
         target_duration: see `InitialGuess`.
         ftol: likewise.
         penalty: (G, 3) by kind of constraint.
+        spent: energies of the curves, as shares.
         value: merits of the curves.
         damping: of the next step.
         failed: steps in a row that did not lower the merit.
@@ -107,6 +108,7 @@ class SQPState:
     target_duration: np.ndarray
     ftol: np.ndarray
     penalty: np.ndarray
+    spent: np.ndarray
     value: np.ndarray
     damping: np.ndarray
     failed: np.ndarray
@@ -132,6 +134,7 @@ class SQPState:
             target_duration=np.array([begin.target_duration for begin in begins]),
             ftol=np.array([begin.ftol for begin in begins]),
             penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
+            spent=np.ones(count),
             value=np.zeros(count),
             damping=np.zeros(count),
             failed=np.zeros(count, dtype=int),
@@ -140,7 +143,8 @@ class SQPState:
             multipliers={},
         )
         state.share = state.energy(at)
-        state.value = state.merit(at)
+        state.spent = state.energy(at)
+        state.value = state.merit(at, state.spent)
         return state
 
     @property
@@ -154,19 +158,18 @@ class SQPState:
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
         """(G, n, n), `weighted` as shares of the first curves'."""
-        form = weighted(self.stack.energies, duration, self.stack.weights)
-        return np.asarray(form / self.share[:, None, None])
+        return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
         """Energies (G,) of curves, as shares of the first curves'."""
         product = at.coefficients * (self._form(at.duration) @ at.coefficients)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
-    def merit(self, at: Iterates) -> np.ndarray:
-        """Objectives and penalties of curves (G,)."""
-        value = self.energy(at)
+    def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
+        """Objectives and penalties (G,) of curves with energies (G,)."""
+        value = energy
         if self._free_time:
-            value = options.SQP.energy_weight * value + at.duration / self.first_duration
+            value = options.SQP.energy_weight * energy + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
@@ -198,13 +201,14 @@ class SQPState:
         ahead = self.stack.iterates(
             self.at.coefficients + proposal.coefficients, self.at.duration * (1 + proposal.stretch)
         )
-        value = self.merit(ahead)
+        energy = self.energy(ahead)
+        value = self.merit(ahead, energy)
         close = np.abs(self.value - value) <= np.minimum(own.settled, self.ftol) * self.value
-        gained = self.energy(self.at) - self.energy(ahead)
-        little = self.at.is_sound & (gained <= self.ftol * self.value)
+        little = self.at.is_sound & (self.spent - energy <= self.ftol * self.value)
         better = value < self.value
         self.falling = better & (ahead.duration <= (1 - own.falling) * self.at.duration)
         self.at = mixed(self.at, ahead, better)
+        self.spent = np.where(better, energy, self.spent)
         self.value = np.where(better, value, self.value)
         calmer = np.where(self.damping > own.no_damping, self.damping / own.damping, 0.0)
         wilder = np.maximum(own.damping * self.damping, own.first_damping)
@@ -234,7 +238,7 @@ class SQPState:
             return
         self.penalty_updates[which] += 1
         self.penalty[which] *= options.SQP.penalty_growth
-        self.value = np.where(which, self.merit(self.at), self.value)
+        self.value = np.where(which, self.merit(self.at, self.spent), self.value)
         self.damping[which] = 0.0
 
     def solution(self, member: int, steps: int) -> SQPSolution:
