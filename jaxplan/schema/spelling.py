@@ -19,33 +19,19 @@ scene. All that is said of a key, and the settings with their defaults, come fro
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
 
+from jaxplan.model.keys import unit_of
 from jaxplan.runtime.arguments import show
 from jaxplan.schema import toml
-from jaxplan.schema.arrays import Direction
-from jaxplan.schema.faults import DeviceNames, Place
+from jaxplan.schema.faults import Reading, Spelled, spell_path
 from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.states import PATH, TargetList
 from jaxplan.schema.tables import Either, Field, Rows, Table
 
-_UNITS = {
-    "_deg_s3": "deg/s³",
-    "_deg_s2": "deg/s²",
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_rad_s": "rad/s",
-    "_rad": "rad",
-    "_kg_m2": "kg m²",
-    "_km": "km",
-    "_nms": "N m s",
-    "_nm": "N m",
-    "_s": "s",
-}
+_RAISED = str.maketrans("23", "²³", "^")
 
 
 @dataclass(frozen=True)
@@ -77,28 +63,21 @@ class Entry:
 
 def entries(table: Table) -> Iterator[Entry]:
     """The keys of a table that hold values, in the order of writing; those of its inner tables are theirs."""
-    meaning = ""
     for field in table.fields:
-        meaning = meaning if field.meaning == "likewise" else field.meaning
         if isinstance(field.kind, Table | Rows):
             continue
         others = tuple(other.key for other in table.fields if other.says == field.says)
         yield Entry(
             key=field.key,
             value=field.kind.wanted.replace(f" in {field.kind.range}", ""),
-            unit=unit_of(field.key),
+            unit=unit_of(field.key).translate(_RAISED) or None,
             range=field.kind.range,
             required=field.required,
             always=field.always,
             alternatives=tuple(key for key in others if key != field.key),
             default=_default(table, field),
-            meaning=meaning,
+            meaning=field.meaning,
         )
-
-
-def unit_of(key: str) -> str | None:
-    """The unit that stands in a key; None if there is none."""
-    return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), None)
 
 
 def _default(table: Table, field: Field) -> str | None:
@@ -126,74 +105,30 @@ def inner_table(table: Table, key: str) -> tuple[Table, str]:
     raise KeyError(key)
 
 
-@dataclass(slots=True)
-class PythonPlace(Place):
-    """A place in the tables of a scenario that was made in Python.
+class PythonReading(Reading):
+    """A scenario that was made in Python is read: faults are told by attributes, in the model's units."""
 
-    Attributes:
-        kind: what stands here, of which keys are looked up; None where there are none.
-        unit: of the numbers here, as Python has them; empty for none.
-    """
+    python = True
+    root = "the scenario"
 
-    kind: Kind | None = None
-    unit: str = ""
+    def spelled(self, steps: Sequence[str | int]) -> Spelled:
+        """The attributes that keys stand for, with the unit in which Python has their numbers."""
+        kind: Kind = SCENARIO
+        path: list[str | int] = []
+        unit = ""
+        for step in steps:
+            entry = next((entry for entry in kind.fields if step in (entry.key, entry.held)), None)
+            if entry is None:
+                path.append(step)
+                continue
+            path += (entry.held or entry.attribute).split(".")
+            kind, unit = entry.kind, unit_of(entry.key)
+        factor = math.pi / 180 if "deg" in unit else 1.0
+        return Spelled(spell_path(path), unit.replace("deg", "rad").translate(_RAISED), factor)
 
-    def key(self, name: str) -> Place:
-        """The place of a key of this table, by the attribute that it is written from."""
-        field = next((field for field in _fields(self.kind) if field.key == name), None)
-        if field is None:
-            return PythonPlace(self.faults, self.devices, (*self.steps, name), self.show)
-        in_file = unit_of(field.key) or ""
-        return PythonPlace(
-            self.faults,
-            self.devices,
-            (*self.steps, *(field.held or field.attribute).split(".")),
-            self.show,
-            math.pi / 180 if "deg" in in_file else 1.0,
-            kind=field.kind,
-            unit=in_file.replace("deg", "rad"),
-        )
-
-    def item(self, index: int) -> Place:
-        """The place of an entry of this array."""
-        steps = (*self.steps, index)
-        return PythonPlace(
-            self.faults, self.devices, steps, self.show, self.factor, kind=self.kind, unit=self.unit
-        )
-
-    @property
-    def name(self) -> str:
-        """The path of attributes, or what has none."""
-        return self.path or "the scenario"
-
-    def refuse(self, complaint: str, value: object) -> None:
-        """Note a wrong type or shape, of which no unit can be told."""
-        PythonPlace(self.faults, self.devices, self.steps, self.show).fault(complaint, value)
-
-    def spelled(self, kind: Kind, value: Any) -> Any:
-        """A value of the model as Python has it, one number where a file would have one."""
-        return value if isinstance(value, float) else kind.write(value)
-
-    def told(self, value: object) -> str:
-        """The value with its unit."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return f"{Place.told(self, value)} {self.unit if number else ''}".rstrip()
-
-
-def python_root(devices: DeviceNames) -> PythonPlace:
-    """The place of the scenario itself, with no faults yet."""
-    return PythonPlace([], devices, show=show, kind=SCENARIO)
-
-
-def _fields(kind: Kind | None) -> Iterable[Field]:
-    """The fields of the table or tables that may stand here."""
-    if isinstance(kind, Rows):
-        kind = kind.table
-    if isinstance(kind, Table):
-        return kind.fields
-    if isinstance(kind, Either):
-        return [field for table in kind.tables.values() for field in table.fields]
-    return PATH.fields if isinstance(kind, TargetList | Direction) else ()
+    def show(self, value: object) -> str:
+        """As Python spells it."""
+        return show(value)
 
 
 _COLUMN = 38  # where comments begin; a longer line has its comment above
