@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 _UNITS = {
-    "_deg_s3": "deg/s^3",
-    "_deg_s2": "deg/s^2",
+    "_deg_s3": "deg/s³",
+    "_deg_s2": "deg/s²",
     "_deg_s": "deg/s",
     "_deg": "deg",
     "_rad_s": "rad/s",
     "_rad": "rad",
-    "_kg_m2": "kg m^2",
+    "_kg_m2": "kg m²",
     "_km": "km",
     "_nms": "N m s",
     "_nm": "N m",
@@ -56,7 +56,7 @@ class Key:
 
 
 def unit_of(name: str) -> str:
-    """The unit that stands in a key, such as "deg/s^2"; empty if there is none."""
+    """The unit that stands in a key, such as "deg/s²"; empty if there is none."""
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 

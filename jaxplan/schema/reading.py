@@ -10,25 +10,53 @@ Reading what is written gives every number back with the same bits, for all that
 units. Required keys are written, and settings that differ from their default.
 """
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from jaxplan.model.keys import unit_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.arguments import as_floats, expect, file_path
+from jaxplan.runtime.arguments import as_floats, expect, file_path, show
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import toml
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
-from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, quote
+from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
+from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.sky import View, resolve
-from jaxplan.schema.spelling import PythonReading
 
 SETTINGS_TABLES = ("search", "trajectory")
+
+
+class PythonReading(Reading):
+    """A scenario that was made in Python is read: faults are told by attributes, in the model's units."""
+
+    python = True
+    root = "the scenario"
+
+    def spelled(self, steps: Sequence[str | int]) -> Spelled:
+        """The attributes that keys stand for, with the unit in which Python has their numbers."""
+        kind: Kind = SCENARIO
+        path: list[str | int] = []
+        unit = ""
+        for step in steps:
+            entry = next((entry for entry in kind.fields if step in (entry.key, entry.held)), None)
+            if entry is None:
+                path.append(step)
+                continue
+            path += (entry.held or entry.attribute).split(".")
+            kind, unit = entry.kind, unit_of(entry.key)
+        factor = math.pi / 180 if "deg" in unit else 1.0
+        return Spelled(spell_path(path), unit.replace("deg", "rad"), factor)
+
+    def show(self, value: object) -> str:
+        """As Python spells it."""
+        return show(value)
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:

@@ -14,7 +14,7 @@ from functools import cached_property
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from jaxplan.model.keys import Key
+from jaxplan.model.keys import Key, unit_of
 from jaxplan.runtime.arguments import a_or_an
 from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text
@@ -51,6 +51,16 @@ class Field:
     def says(self) -> str:
         """The attribute that keys which are alternatives to each other share."""
         return self.instead_of or self.attribute
+
+    @property
+    def value(self) -> str:
+        """What the value must be, without its range."""
+        return self.kind.wanted.replace(f" in {self.kind.range}", "")
+
+    @property
+    def unit(self) -> str:
+        """The unit that stands in the key; empty if there is none."""
+        return unit_of(self.key)
 
 
 @dataclass(frozen=True)
