@@ -56,12 +56,10 @@ class Array(Kind):
 
     @property
     def range(self) -> str | None:
-        """That of each."""
         return self.of.range
 
     @property
     def wanted(self) -> str:
-        """What they are."""
         count = f"{self.shape[0]} " if isinstance(self.shape[0], int) else ""
         return self.noun or f"{count}{'numbers' if len(self.shape) == 1 else 'arrays'}"
 
@@ -72,7 +70,6 @@ class Array(Kind):
         return WRONG if None in lengths else np.zeros(lengths)  # it was told why it is not known how many
 
     def may_miss(self, reading: Reading) -> bool:
-        """Without terminals there is nothing to say of each."""
         axis = self.shape[0]
         return isinstance(axis, str) and axis in reading.sizes and not reading.sizes[axis]
 
@@ -93,12 +90,11 @@ class Array(Kind):
         if lengths != list(array.shape):
             size = f"shape {array.shape}" if len(array) == lengths[0] else f"{len(array)}"
             return place.refuse(f"must be {self._counted(reading)}, not of {size}", value)
-        within = self.of.interval.__contains__
-        if not all(map(within, array.ravel().tolist())):
-            wrong = np.argwhere([[not within(number)] for number in array.ravel().tolist()])[:, 0]
-            for number in wrong[:_MOST_FAULTS]:
-                index = np.unravel_index(number, array.shape)
-                self.of.read(float(array[index]), _within(place, index))
+        outside = [i for i, number in enumerate(array.ravel().tolist()) if number not in self.of.interval]
+        for i in outside[:_MOST_FAULTS]:
+            index = np.unravel_index(i, array.shape)
+            self.of.read(float(array[index]), _within(place, index))
+        if outside:
             return WRONG
         if self.of.degrees and not reading.python:
             array = array * (math.pi / 180)
@@ -106,7 +102,7 @@ class Array(Kind):
 
     def write(self, value: Any) -> Any:
         numbers = np.asarray(value, float).tolist()
-        same = self.single and len(set(map(repr, numbers))) == 1  # minus zero does equal zero
+        same = self.single and len(set(map(repr, numbers))) == 1  # minus zero equals zero
         return numbers[0] if same else numbers
 
     def _length(self, number: int, size: int, reading: Reading) -> int:

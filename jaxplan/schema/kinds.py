@@ -131,7 +131,6 @@ class Choice(Kind):
 
     @property
     def wanted(self) -> str:
-        """The options."""
         return either([show(option) for option in self.options])
 
     def read(self, value: Any, place: Place) -> Any:
@@ -169,12 +168,10 @@ class Number(Kind):
 
     @property
     def range(self) -> str | None:
-        """The interval."""
         return None if self.interval is ANY else self.interval.text
 
     @property
     def wanted(self) -> str:
-        """A number, the words, and the range."""
         return self._wanted(f"a number in {self.range}" if self.range else "a number")
 
     def _wanted(self, number: str) -> str:
@@ -241,12 +238,10 @@ class Integer(Kind):
 
     @property
     def range(self) -> str:
-        """The interval."""
         return self.interval.text
 
     @property
     def wanted(self) -> str:
-        """An integer, and the range."""
         return f"an integer in {self.interval.text}"
 
     def read(self, value: Any, place: Place) -> Any:
@@ -288,7 +283,6 @@ class Name(Kind):
 
     @property
     def wanted(self) -> str:
-        """What it names."""
         return f"the name of a {self.noun}"
 
     def read(self, value: Any, place: Place) -> Any:
@@ -338,12 +332,10 @@ class ByName(Kind):
 
     @property
     def range(self) -> str | None:
-        """That of each."""
         return self.of.range
 
     @property
     def wanted(self) -> str:
-        """What is named."""
         return f"a table {f'from names of {self.noun}s to' if self.noun else 'of'} numbers"
 
     def read(self, value: Any, place: Place) -> Any:
@@ -369,7 +361,6 @@ class Several(Kind):
 
     @property
     def wanted(self) -> str:
-        """What each is."""
         return f"an array, each entry {self.of.wanted}"
 
     def read(self, value: Any, place: Place) -> Any:
@@ -387,7 +378,6 @@ class Nullable(Kind):
 
     @property
     def wanted(self) -> str:
-        """What, or null."""
         return f"{self.of.wanted} or null"
 
     def read(self, value: Any, place: Place) -> Any:

@@ -73,12 +73,10 @@ class Axis(Kind):
 
     @property
     def wanted(self) -> str:
-        """A unit vector."""
         return DIRECTION.wanted
 
     @property
     def fields(self) -> Sequence[Field]:  # type: ignore[override]
-        """Those of a path."""
         return PATH.attributes
 
     def read(self, value: Any, place: Place) -> Any:
@@ -355,7 +353,6 @@ class Goal(Either):
 
     @property
     def tables(self) -> dict[str, Table]:
-        """By what tells them apart."""
         return {"with targets": TARGETS, "as a given state": GIVEN_GOAL}
 
     def read(self, value: Any, place: Place) -> Any:

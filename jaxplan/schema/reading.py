@@ -40,7 +40,6 @@ class PythonReading(Reading):
     root = "the scenario"
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        """The attributes that keys stand for, with the unit in which Python has their numbers."""
         kind: Kind = SCENARIO
         path: list[str | int] = []
         unit = ""
@@ -55,7 +54,6 @@ class PythonReading(Reading):
         return Spelled(spell_path(path), unit.replace("deg", "rad"), factor)
 
     def show(self, value: object) -> str:
-        """As Python spells it."""
         return show(value)
 
 

@@ -125,7 +125,6 @@ class Orbit(Either):
 
     @property
     def tables(self) -> dict[str, Table]:
-        """By what tells them apart."""
         return {"by two-line elements": _TWO_LINES, "on a circular orbit": _ORBIT}
 
     def read(self, value: Any, place: Place) -> Any:

@@ -184,7 +184,6 @@ class Table(Kind):
         return [[entry for entry in self.attributes if entry.says == usual] for usual in dict.fromkeys(named)]
 
     def write(self, value: Any) -> dict[str, Any]:
-        """The table as the file holds it, without what the class fills in by itself."""
         parts = self.split(value)
         written: dict[str, Any] = {}
         for entry in self.fields:
@@ -279,7 +278,6 @@ class Either(Kind):
 
     @property
     def fields(self) -> Sequence[Field]:  # type: ignore[override]
-        """Those of all."""
         return [entry for table in self.tables.values() for entry in (*table.fields, *table.attributes)]
 
 
@@ -292,7 +290,6 @@ class Rows(Kind):
 
     @property
     def fields(self) -> Sequence[Field]:  # type: ignore[override]
-        """Those of each."""
         return self.table.fields
 
     def read(self, value: Any, place: Place) -> Any:
