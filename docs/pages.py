@@ -15,8 +15,8 @@ from pathlib import Path
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.spelling import Entry, entries, template
-from jaxplan.schema.tables import Either, Rows, Table
+from jaxplan.schema.spelling import alternatives, default, entries, template
+from jaxplan.schema.tables import Either, Field, Rows, Table
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = ROOT / "notebooks"
@@ -107,10 +107,15 @@ def _table_page(path: str, table: Table) -> str:
     title = f"`{header}{']' if rest else ''}` {rest}".strip() if path else "Top of the file"
     lines = ["| key | value | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
     for entry in entries(table):
-        default = _required(entry) if entry.required else _code(entry.default)
+        usual = _required(table, entry) if entry.required else _code(default(table, entry))
         cells = [
-            f"`{entry.key}`", entry.value, entry.unit or NONE, _code(entry.range), default, entry.meaning
-        ]  # fmt: skip
+            f"`{entry.key}`",
+            entry.value,
+            entry.unit or NONE,
+            _code(entry.kind.range),
+            usual,
+            entry.meaning,
+        ]
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     return "\n".join([f"## {title}", "", *lines, ""])
 
@@ -119,8 +124,8 @@ def _code(text: str | None) -> str:
     return f"`{text}`" if text else NONE
 
 
-def _required(entry: Entry) -> str:
-    return ", or ".join(["required", *map(_code, entry.alternatives)])
+def _required(table: Table, entry: Field) -> str:
+    return ", or ".join(["required", *map(_code, alternatives(table, entry))])
 
 
 def command_line() -> str:

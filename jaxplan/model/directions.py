@@ -15,7 +15,7 @@ device, an axis of the body, or another vector of a device's moving part. Shapes
 numpy or JAX, as its arguments do.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import jax
@@ -25,6 +25,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.model.keys import key
 from jaxplan.model.spacecraft import body_boresights
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
@@ -42,14 +43,23 @@ class DirectionPath:
     """A direction over time; `through` makes it from samples, `still` of one that does not move.
 
     Attributes:
-        times: (n,) s, rising; a single one of a direction that stands still.
         samples: (n, 3) unit vectors.
+        times: (n,) s, rising; a single one of a direction that stands still.
         slopes: (n, 3) 1/s, derivatives of the spline at the samples.
     """
 
-    times: np.ndarray
-    samples: np.ndarray
-    slopes: np.ndarray
+    samples: np.ndarray = field(
+        metadata=key("direction_samples", "unit vectors over times_s, of an axis that moves", kind="samples")
+    )
+    times: np.ndarray = field(
+        metadata=key(
+            "times_s",
+            "of direction_samples; 0 where the manoeuvre starts",
+            "[-1e7, 1e7]",
+            kind="sample times",
+        )
+    )
+    slopes: np.ndarray = field(metadata=key("", kind="slopes"))
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:

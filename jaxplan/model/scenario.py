@@ -20,6 +20,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.equality import same
+from jaxplan.model.keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
 from jaxplan.runtime.display import shown
@@ -29,6 +30,7 @@ from jaxplan.runtime.once import made_once
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
+_STEP = "[1e-3, 3.14]"  # rad; a longer turn has a shorter way round
 
 
 @jax.tree_util.register_static
@@ -44,10 +46,8 @@ MINIMUM = Word("minimum")
 
 # Rates that are left out: zeros once a scenario is planned, when it is known how many.
 _AT_REST: Any = None
-
-
-def _static(**kwargs: Any) -> Any:
-    return field(metadata={"static": True}, **kwargs)
+_SPIN = key("angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity")
+_JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
 
 
 @shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
@@ -63,10 +63,12 @@ class GivenState:
         joint_rates: (2n,) rad/s; zero if left out.
     """
 
-    rotation_vector: np.ndarray
-    joints: np.ndarray
-    angular_velocity: np.ndarray = _AT_REST
-    joint_rates: np.ndarray = _AT_REST
+    rotation_vector: np.ndarray = field(
+        metadata=key("attitude", "rotation vector, rad, body to inertial", kind="rotation vector")
+    )
+    joints: np.ndarray = field(metadata=key("", kind="joints"))
+    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
+    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 
     paths: ClassVar[tuple[DirectionPath, ...]] = ()  # as of targets: nothing that it points at moves
     moves: ClassVar[bool] = False
@@ -94,11 +96,22 @@ class Targets:
         joint_rates: (2n,) rad/s at the goal; likewise.
     """
 
-    directions: Any
-    yaw_limit: float | None = None
-    pitch_limit: float | None = None
-    angular_velocity: np.ndarray = _AT_REST
-    joint_rates: np.ndarray = _AT_REST
+    directions: Any = field(
+        metadata=key(
+            "targets",
+            "where each terminal shall point, inertial; one that moves as { direction_samples, times_s }, or "
+            "the name of a satellite or body of [sky]",
+            kind="targets",
+        )
+    )
+    yaw_limit: float | None = keyed(
+        None, "yaw_limit_deg", "tighter than the joints' own, at the goal", "(0, 180]"
+    )
+    pitch_limit: float | None = keyed(
+        None, "pitch_limit_deg", "tighter than the joints' own, at the goal", "(0, 90)"
+    )
+    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
+    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 
     @property
     def paths(self) -> tuple[DirectionPath, ...]:
@@ -127,21 +140,7 @@ class Targets:
         return array_module(*each).stack(each) if each else np.zeros((0, 3))
 
 
-@shown(
-    "method",
-    "attitude_step rad",
-    "joint_step rad",
-    "terminal_step_scale",
-    "heuristic_weight",
-    "anchor_weight",
-    "attitude_moves",
-    "clearance deg",
-    "max_expansions",
-    "time_limit s",
-    "max_goals",
-    "improvements",
-    "seed",
-)
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchSettings:
@@ -165,32 +164,40 @@ class SearchSettings:
         seed: of every random choice.
     """
 
-    method: str = _static(default="mha")
-    attitude_step: float = 0.1
-    joint_step: float = 0.1
-    terminal_step_scale: dict[str, float] = field(default_factory=dict)
-    heuristic_weight: float = 8.0
-    anchor_weight: float = 2.0
-    attitude_moves: int = _static(default=6)
-    clearance: float = math.radians(0.5)
-    max_expansions: int = _static(default=2000)
-    time_limit: float = _static(default=60.0)
-    max_goals: int = _static(default=3)
-    improvements: int = _static(default=0)
-    seed: int = _static(default=0)
+    method: str = keyed("mha", "method", "the planner", options=SEARCH_METHODS, always=True, static=True)
+    attitude_step: float = keyed(
+        0.1, "attitude_step_rad", "turn of the platform in a step, delta_SO(3) of the paper", _STEP
+    )
+    joint_step: float = keyed(
+        0.1, "joint_step_rad", "change of a joint in a step, delta_h of the paper", _STEP
+    )
+    terminal_step_scale: dict[str, float] = field(
+        default_factory=dict,
+        metadata=key("terminal_step_scale", "factors on the joint step", "[1e-3, 1e3]", kind="factors"),
+    )
+    heuristic_weight: float = keyed(8.0, "heuristic_weight", "w1 of the paper", "[1, 1e6]")
+    anchor_weight: float = keyed(2.0, "anchor_weight", "w2 of the paper", "[1, 1e6]")
+    attitude_moves: int = keyed(6, "attitude_moves", "random turns an expansion", "[1, 256]", static=True)
+    clearance: float = keyed(
+        math.radians(0.5), "clearance_deg", "wanted beyond zones, tapering to zero at both ends", "[0, 90)"
+    )
+    max_expansions: int = keyed(
+        2000, "max_expansions", "a search gives up after them", "[1, inf)", static=True
+    )
+    time_limit: float = keyed(
+        60.0,
+        "time_limit_s",
+        "what a plan may take, compiling aside",
+        "(0, inf)",
+        words={"off": math.inf},
+        static=True,
+    )
+    max_goals: int = keyed(3, "max_goals", "goals of step 1 that may be tried", "[1, 100]", static=True)
+    improvements: int = keyed(0, "improvements", "searches for shorter paths", "[0, 10000]", static=True)
+    seed: int = keyed(0, "seed", "of every random choice", "[0, inf)", static=True)
 
 
-@shown(
-    "method",
-    "duration s",
-    "segments",
-    "order",
-    "rate_weight",
-    "acceleration_weight",
-    "jerk_weight",
-    "node_tube deg",
-    "end_acceleration",
-)
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectorySettings:
@@ -212,15 +219,34 @@ class TrajectorySettings:
         end_acceleration: of "global", "zero" or "free" at start and goal.
     """
 
-    method: str = _static(default="global")
-    duration: float | str = STRETCHED
-    segments: int | None = _static(default=None)
-    order: int = _static(default=12)
-    rate_weight: float = 1.0
-    acceleration_weight: float = 3.0
-    jerk_weight: float = 30.0
-    node_tube: float | None = None
-    end_acceleration: str = _static(default="zero")
+    method: str = keyed(
+        "global", "method", "the method", options=TRAJECTORY_METHODS, always=True, static=True
+    )
+    duration: float | str = keyed(
+        STRETCHED,
+        "duration_s",
+        "or as short as scaling the time, or any motion, allows",
+        "[1e-3, 1e7]",
+        words={"stretched": STRETCHED, "minimum": MINIMUM},
+    )
+    segments: int | None = keyed(
+        None, "segments", "of paper, at least; if absent as few as the path allows", "[1, 1000]", static=True
+    )
+    # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
+    order: int = keyed(12, "order", "of paper, degree of the polynomials", "[5, 24]", static=True)
+    rate_weight: float = keyed(1.0, "rate_weight", "lambda_1 of the paper", "[0, 1e6]")
+    acceleration_weight: float = keyed(3.0, "acceleration_weight", "lambda_2 of the paper", "[1e-6, 1e6]")
+    jerk_weight: float = keyed(30.0, "jerk_weight", "of global", "[0, 1e6]")
+    node_tube: float | None = keyed(
+        None,
+        "node_tube_deg",
+        'of global, how far off a node may be passed; if absent 1, and for "minimum" inf',
+        "[0, 180]",
+        words={"inf": math.inf},
+    )
+    end_acceleration: str = keyed(
+        "zero", "end_acceleration", "of global, at start and goal", options=END_ACCELERATIONS, static=True
+    )
 
     @property
     def timed(self) -> bool:
@@ -251,6 +277,8 @@ class Scenario:
 
     Attributes:
         name: for titles and tables.
+        epoch: UTC of the manoeuvre's start, which is that of what bodies and satellites stand for; None where
+            it is no matter.
         spacecraft: platform, terminals and instruments.
         start: the state the manoeuvre starts from.
         goal: directions to point at, of which some may move, or a given state.
@@ -259,20 +287,30 @@ class Scenario:
         joint_bounds: half-planes of joint angles to stay in.
         search: settings of step 2.
         trajectory: settings of step 3.
-        epoch: UTC of the manoeuvre's start, which is that of what bodies and satellites stand for; None where
-            it is no matter.
     """
 
-    name: str = _static()
-    spacecraft: Spacecraft
-    start: GivenState
-    goal: Targets | GivenState
-    keep_out: tuple[KeepOut, ...] = ()
-    keep_in: tuple[KeepIn, ...] = ()
-    joint_bounds: tuple[JointBound, ...] = ()
-    search: SearchSettings = field(default_factory=SearchSettings)
-    trajectory: TrajectorySettings = field(default_factory=TrajectorySettings)
-    epoch: np.datetime64 | None = field(default=None, metadata={"static": True})
+    name: str = field(metadata=key("name", "for titles and tables", static=True))
+    epoch: np.datetime64 | None = keyed(
+        None,
+        "epoch_utc",
+        "UTC of the start, for exports; that of [sky] where there is one",
+        kind="epoch",
+        static=True,
+    )
+    spacecraft: Spacecraft = field(metadata=key("spacecraft", "platform, terminals and instruments"))
+    start: GivenState = field(metadata=key("start", "the state the manoeuvre starts from"))
+    goal: Targets | GivenState = field(
+        metadata=key("goal", "directions to point at, or a given state", kind="goal")
+    )
+    keep_out: tuple[KeepOut, ...] = keyed((), "keep_out", "cones to stay out of")
+    keep_in: tuple[KeepIn, ...] = keyed((), "keep_in", "cones to stay in")
+    joint_bounds: tuple[JointBound, ...] = keyed((), "joint_bound", "half-planes of yaw and pitch to stay in")
+    search: SearchSettings = field(
+        default_factory=SearchSettings, metadata=key("search", "settings of step 2", always=True)
+    )
+    trajectory: TrajectorySettings = field(
+        default_factory=TrajectorySettings, metadata=key("trajectory", "settings of step 3", always=True)
+    )
 
     @property
     def zones(self) -> tuple[Zone, ...]:

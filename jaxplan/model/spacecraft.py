@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, azimuth_elevation, pointing
+from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -100,12 +101,20 @@ class Terminal:
         acceleration_limit: bound of either joint's acceleration, rad/s^2.
     """
 
-    name: str = field(metadata={"static": True})
-    mount: float
-    yaw_limit: float
-    pitch_limit: float
-    rate_limit: float
-    acceleration_limit: float
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    mount: float = field(
+        metadata=key("mount_deg", "turn of the mounting about the body's z axis", "[-5e4, 5e4]")
+    )
+    # beyond half a turn an angle would have two values
+    yaw_limit: float = field(metadata=key("yaw_limit_deg", "range of the yaw to either side", "(0, 180]"))
+    # at a right angle the yaw loses its meaning
+    pitch_limit: float = field(
+        metadata=key("pitch_limit_deg", "range of the pitch to either side", "(0, 90)")
+    )
+    rate_limit: float = field(metadata=key("rate_limit_deg_s", "of each joint", "[1e-6, 1e6]"))
+    acceleration_limit: float = field(
+        metadata=key("acceleration_limit_deg_s2", "of each joint", "[1e-9, 1e9]")
+    )
 
 
 @shown("boresight")
@@ -119,8 +128,8 @@ class Instrument:
         boresight: (3,) unit vector in body axes.
     """
 
-    name: str = field(metadata={"static": True})
-    boresight: np.ndarray
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    boresight: np.ndarray = field(metadata=key("boresight", "where it looks, body axes", kind="unit vector"))
 
 
 @shown(
@@ -139,24 +148,34 @@ class Spacecraft:
     """A platform with any number of terminals and instruments, none of either being legal.
 
     Attributes:
-        terminals: devices with joints.
-        instruments: devices without.
         rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s.
         acceleration_limit: likewise for its angular acceleration, rad/s^2.
         jerk_limit: likewise for its second derivative, rad/s^3; None for no bound.
         inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
         torque_limit: (3,) N m, bound of each component of the torque in body axes; None for no bound.
         wheel_momentum_limit: (3,) N m s, likewise of the angular momentum ``J omega``.
+        terminals: devices with joints.
+        instruments: devices without.
     """
 
-    terminals: tuple[Terminal, ...] = ()
-    instruments: tuple[Instrument, ...] = ()
-    rate_limit: float
-    acceleration_limit: float
-    jerk_limit: float | None = None
-    inertia: np.ndarray | None = None
-    torque_limit: np.ndarray | None = None
-    wheel_momentum_limit: np.ndarray | None = None
+    rate_limit: float = field(
+        metadata=key("rate_limit_deg_s", "of the platform, per body axis", "[1e-6, 1e6]")
+    )
+    acceleration_limit: float = field(
+        metadata=key("acceleration_limit_deg_s2", "of the platform, per body axis", "[1e-9, 1e9]")
+    )
+    jerk_limit: float | None = keyed(
+        None, "jerk_limit_deg_s3", "of the platform, per body axis", "[1e-12, 1e12]"
+    )
+    inertia: np.ndarray | None = keyed(None, "inertia_kg_m2", "in body axes", "[-1e12, 1e12]", kind="inertia")
+    torque_limit: np.ndarray | None = keyed(
+        None, "torque_limit_nm", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
+    )
+    wheel_momentum_limit: np.ndarray | None = keyed(
+        None, "wheel_momentum_limit_nms", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
+    )
+    terminals: tuple[Terminal, ...] = keyed((), "terminal", "devices with a yaw and a pitch joint")
+    instruments: tuple[Instrument, ...] = keyed((), "instrument", "devices fixed to the body")
 
     @property
     @made_once

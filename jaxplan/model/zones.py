@@ -21,13 +21,14 @@ import numpy as np
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
+from jaxplan.model.keys import key, keyed
 from jaxplan.model.spacecraft import stacked
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 
-
-def _static(default: Any) -> Any:
-    return field(default=default, metadata={"static": True})
+_NAME = key("name", "unique among the zones", static=True)
+_GROUP = key("any_of", "name of a group, of which one entry must hold at every instant", static=True)
+_ENTRY = key("entry", "of its group; zones of the same one must hold together", static=True)
 
 
 @shown("to", "along")
@@ -42,8 +43,16 @@ class FixedVector:
         to: name of the terminal to whose moving part it is fixed; None for the body.
     """
 
-    along: np.ndarray
-    to: str | None = _static(None)
+    along: np.ndarray = field(
+        metadata=key(
+            "along",
+            "in body axes; of a terminal along its boresight, to the left of it and upward",
+            kind="unit vector",
+        )
+    )
+    to: str | None = keyed(
+        None, "to", "whose moving part it is fixed to; the body if absent", kind="terminal", static=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,15 +61,27 @@ class _Cone:
 
     side: ClassVar[float]
 
-    name: str = field(metadata={"static": True})
-    direction: np.ndarray | DirectionPath | None = None
-    half_angle: float
-    axis_body: np.ndarray | None = None
-    axis_device: str | None = _static(None)
-    devices: tuple[str, ...] = _static(())
-    vectors: tuple[FixedVector, ...] = ()
-    any_of: str | None = _static(None)
-    entry: str | None = _static(None)
+    name: str = field(metadata=_NAME)
+    direction: np.ndarray | DirectionPath | None = keyed(
+        None, "direction", "axis of the cone, inertial", kind="axis", required=True
+    )
+    axis_body: np.ndarray | None = keyed(
+        None, "axis_body", "axis fixed in the body", kind="unit vector", instead_of="direction"
+    )
+    axis_device: str | None = keyed(
+        None, "axis_device", "whose boresight is the axis", kind="device", instead_of="direction", static=True
+    )
+    half_angle: float = field(metadata=key("half_angle_deg", "from the axis to the edge", "(0, 180)"))
+    devices: tuple[str, ...] = keyed(
+        (),
+        "devices",
+        "which it binds; all if neither these nor vectors are given",
+        kind="devices",
+        static=True,
+    )
+    vectors: tuple[FixedVector, ...] = keyed((), "vector", "further directions that it binds")
+    any_of: str | None = field(default=None, metadata=_GROUP)
+    entry: str | None = field(default=None, metadata=_ENTRY)
 
     @property
     def path(self) -> DirectionPath | None:
@@ -133,6 +154,10 @@ class KeepIn(_Cone):
 
     side: ClassVar[float] = -1.0
 
+    devices: tuple[str, ...] = keyed(
+        (), "devices", "which it binds, each by itself; these or vectors", kind="devices", static=True
+    )
+
 
 @shown("device", "normal", "least deg", "any_of", "entry")
 @jax.tree_util.register_dataclass
@@ -151,12 +176,12 @@ class JointBound:
         entry: name of its entry in the group, as of a zone.
     """
 
-    name: str = field(metadata={"static": True})
-    device: str = field(metadata={"static": True})
-    normal: np.ndarray
-    least: float
-    any_of: str | None = _static(None)
-    entry: str | None = _static(None)
+    name: str = field(metadata=_NAME)
+    device: str = field(metadata=key("device", "whose joints it bounds", kind="terminal", static=True))
+    normal: np.ndarray = field(metadata=key("normal", "weights of yaw and pitch", kind="plane unit vector"))
+    least: float = field(metadata=key("least_deg", "of the weighted sum", "[-1000, 1000]"))
+    any_of: str | None = field(default=None, metadata=_GROUP)
+    entry: str | None = field(default=None, metadata=_ENTRY)
 
     path: ClassVar[None] = None
     moves: ClassVar[bool] = False

@@ -1,15 +1,12 @@
 """Plans in files: the layout of their tables, and how they are saved and loaded.
 
-The layout of a plan file: its tables and keys with their ranges, and what must agree between them.
-
-It is read by the kinds that scenario files are read by. Lengths of arrays have names: the first array of a
-file that has an axis of a name says how long all others must be. Radians and seconds, as in the model.
-
-Plan files: a plan as JSON, and its timings in a file beside it, since they alone are not deterministic.
+A plan file is JSON, and its timings are in a file beside it, since they alone are not deterministic. It is
+read by the kinds that scenario files are read by. Lengths of arrays have names: the first array of a file
+that has an axis of a name says how long all others must be. Radians and seconds, as in the model.
 
 Numbers are written with all their digits, so a plan that is loaded again is the same to the last bit. Nothing
 in a file is executed, and nothing is taken on trust: the scenario goes through the scenario's own checks, all
-else through those of `layout`, and NaN and infinity are refused. The stored certificate is only a record;
+else through those of its table, and NaN and infinity are refused. The stored certificate is only a record;
 ``jaxplan check`` makes it anew.
 """
 
@@ -18,7 +15,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -26,25 +22,27 @@ import numpy as np
 
 from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import Scenario, moves
+from jaxplan.model.scenario import moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import sight_names
-from jaxplan.planner.arrays import (
-    Array,
-    ByName,
-    Known,
-    Lines,
-    Nullable,
-    Rotations,
-    Tables,
-    Times,
-    Words,
-)
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, scenario_from_dict, scenario_to_dict
-from jaxplan.schema.faults import DeviceNames, Place
-from jaxplan.schema.kinds import Choice, Integer, Interval, Kind, Number, Text, YesNo
+from jaxplan.schema.arrays import Array, not_falling, rotations
+from jaxplan.schema.faults import Place, Reading
+from jaxplan.schema.kinds import (
+    ByName,
+    Choice,
+    Integer,
+    Interval,
+    Kind,
+    Name,
+    Nullable,
+    Number,
+    Several,
+    Text,
+    YesNo,
+)
 from jaxplan.schema.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
@@ -70,172 +68,166 @@ _STEPS_OF = {
 _SMALLEST_MARGIN = ("min_margin", "worst_time", "worst_device", "worst_zone")
 _ROUNDING = 1e-9  # of the duration
 
-_STATUS = Choice(tuple(Status.__members__))
-_SEARCH_STATUS = Choice(("OK", "NO_PATH", "NODE_LIMIT", "TIME_LIMIT"))
 _COUNT = Integer(Interval("[0, inf)"))
 _POSITIVE = Number(Interval("[0, inf)"))
+# Beyond any angle, rate or coefficient of a manoeuvre, and small enough for what is computed from them.
+_SANE = Number(Interval("[-1e6, 1e6]"))
+_SECONDS = Number(Interval("[0, 1e12]"))
 
 
 def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
     """A table whose keys are those of the model, all of which must be there."""
-    return Table(model, tuple(Field(key, kind, key, "", required=True) for key, kind in kinds.items()), make)
+    return Table(model, [Field(key, kind, key, required=True) for key, kind in kinds.items()], make=make)
 
 
-STILL_GOAL = ("attitude", "joints", "slew_angle")
-"""What there is to keep of a goal where nothing moves: time and rates are the scenario's."""
-HEAD = _table(dict, schema_version=Choice((SCHEMA_VERSION,)), scenario=Tables())
-"""What the rest of a plan file is read by."""
-TIMINGS = ByName(_POSITIVE)
-"""What the file beside it may hold."""
+def _array(*shape: int | str) -> Array:
+    return Array(shape, _SANE)
 
 
-def plan_table(scenario: Scenario) -> Table:
-    """What the file of a plan may hold, but for its `HEAD`.
+def _rotations(*shape: int | str) -> Array:
+    return Array((*shape, 3, 3), _SANE, rule=rotations)
 
-    Args:
-        scenario: of the plan; it says how many joints there are, and the names of devices and zones.
-    """
-    craft = scenario.spacecraft
-    sizes = {"joints": 2 * len(craft.terminals)}
-    array, rotations, times = partial(Array, sizes), partial(Rotations, sizes), partial(Times, sizes)
-    zones = tuple(zone.name for zone in scenario.zones)
-    sights = tuple(sight_names(craft.device_names, scenario.constraints))
 
-    def path(edges: str) -> Table:
-        return _table(
-            Path,
-            edge_costs=array((edges,), Interval("[0, inf)")),
-            attitudes=rotations((f"{edges} + 1", 3, 3)),
-            joints=array((f"{edges} + 1", "joints")),
-        )
+def _times(*shape: int | str) -> Array:
+    return Array(shape, _SECONDS, rule=not_falling)
 
-    search = _table(
-        SearchResult,
-        _make_search,
-        status=_SEARCH_STATUS,
-        path=Nullable(path("found edges")),
-        expansions=_COUNT,
-        queue_expansions=array(("queues",), Interval("[0, inf)"), whole=True),
+
+def _path(edges: str) -> Table:
+    return _table(
+        Path,
+        edge_costs=Array((edges,), _POSITIVE),
+        attitudes=_rotations(f"{edges} + 1"),
+        joints=_array(f"{edges} + 1", "joint"),
     )
-    trajectory = _table(
+
+
+# What there is to keep of a goal where nothing moves: time and rates are the scenario's.
+_STILL_GOAL = {
+    "attitude": _rotations(),
+    "joints": _array("joint"),
+    "slew_angle": Number(Interval("[0, 3.1416]")),
+}
+_MOVING_GOAL = _STILL_GOAL | {
+    "time": _POSITIVE,
+    "angular_velocity": _array(3),
+    "joint_rates": _array("joint"),
+}
+_SEARCH_STATUSES = ("OK", "NO_PATH", "NODE_LIMIT", "TIME_LIMIT")
+_STEP_KINDS = {
+    "search": _table(
+        SearchResult,
+        status=Choice(_SEARCH_STATUSES, Status.__members__),
+        path=Nullable(_path("found edges")),
+        expansions=_COUNT,
+        queue_expansions=Several(_COUNT),
+    ),
+    "path": _path("edges"),
+    "trajectory": _table(
         Trajectory,
-        breaks=times(("pieces + 1",)),
-        chart_attitude=rotations(("pieces", 3, 3)),
-        chart_start=times(("pieces",)),
-        chart_rate=array(("pieces", 3)),
-        coefficients=array(("pieces", "terms", 3)),
-        joint_breaks=times(("joint pieces + 1",)),
-        joint_coefficients=array(("joint pieces", "joint terms", "joints")),
-        node_times=times(("edges + 1",)),
+        breaks=_times("pieces + 1"),
+        chart_attitude=_rotations("pieces"),
+        chart_start=_times("pieces"),
+        chart_rate=_array("pieces", 3),
+        coefficients=_array("pieces", "terms", 3),
+        joint_breaks=_times("joint pieces + 1"),
+        joint_coefficients=_array("joint pieces", "joint terms", "joint"),
+        node_times=_times("edges + 1"),
         smoothness=_COUNT,
         method=Text(),
-    )
-    report = _table(
+    ),
+    "report": _table(
         Certificate,
         certified=YesNo(),
         min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
         worst_time=Nullable(_POSITIVE),
-        worst_device=Nullable(Known("device", sights)),
-        worst_zone=Nullable(Known("zone", zones)),
+        worst_device=Nullable(Name("device")),
+        worst_zone=Nullable(Name("zone")),
         peaks=ByName(_POSITIVE),
         peak_times=ByName(_POSITIVE),
         jumps=ByName(_POSITIVE),
-        faults=Lines(),
+        faults=Several(Text(empty=True)),
         evaluations=_COUNT,
+    ),
+}
+
+
+def _plan_table(moving: bool) -> Table:
+    """What the file of a plan holds beside version and scenario, in which something moves or not."""
+    steps = {"goal": _table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
+    return _table(
+        dict,
+        lambda parts, place: parts,
+        status=Choice(tuple(Status.__members__), Status.__members__),
+        message=Text(empty=True),
+        **{key: Nullable(kind) for key, kind in steps.items()},
     )
-    still = rotations((3, 3)), array(("joints",)), Number(Interval("[0, 3.1416]"))
-    of_goal: dict[str, Kind] = dict(zip(STILL_GOAL, still, strict=True))
-    if moves(scenario):
-        of_goal |= {"time": _POSITIVE, "angular_velocity": array((3,)), "joint_rates": array(("joints",))}
-    steps = {
-        "goal": _table(Goal, **of_goal),
-        "search": search,
-        "path": path("edges"),
-        "trajectory": trajectory,
-        "report": report,
-    }
-    kinds = {key: Nullable(kind) for key, kind in steps.items()}
-    return _table(dict, _make_parts, status=_STATUS, message=Words(), **kinds)
 
 
-def _make_search(*, status: str, queue_expansions: np.ndarray, **parts: Any) -> SearchResult:
-    counts = tuple(int(count) for count in queue_expansions)
-    return SearchResult(**{"path": None, **parts}, status=Status[status], queue_expansions=counts)
-
-
-def _make_parts(*, status: str, report: Certificate | None = None, **parts: Any) -> dict[str, Any]:
-    return {"status": Status[status], "certificate": report, **parts}
-
-
-def check_agreement(read: Mapping[str, Any], root: Place) -> None:
-    """Note where tables that are well by themselves contradict each other.
-
-    Args:
-        read: what `plan_table` read without fault.
-        root: the place of the file.
-    """
+def _check_agreement(read: Mapping[str, Any], root: Place) -> None:
+    """Note where tables that are well by themselves contradict each other."""
     _check_steps(read, root)
-    if "search" in read:
-        _check_found_path(read["search"], root.key("search"))
-    if "report" in read:
-        _check_report(read, root.key("report"))
-    if "trajectory" in read:
-        _check_times(read, root)
+    if read["search"] is not None:
+        _check_found_path(read["search"], root["search"])
+    if read["report"] is not None:
+        _check_report(read["status"], read["report"], root["report"])
+    if read["trajectory"] is not None:
+        _check_times(read["trajectory"], read["report"], root)
 
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
     """Which steps are filled follows from the status, and none is left out before one that is filled."""
-    least, most = _STEPS_OF[Status[read["status"]]]
-    filled = [number for number, step in enumerate(STEPS) if step in read]
-    last = max(filled, default=-1)
+    least, most = _STEPS_OF[read["status"]]
+    because = f'since status = "{read["status"].name}"'
+    last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
     for number, step in enumerate(STEPS):
-        here, because = root.key(step), f'since status = "{read["status"]}"'
-        if number in filled and number >= most:
-            here.fault(f"must be null, {because}")
-        elif number not in filled and number < least:
-            here.fault(f"must be a table, {because}", None)
-        elif number not in filled and number < last:
-            here.fault(f"must be a table, since {STEPS[last]} is one", None)
+        if read[step] is not None and number >= most:
+            root[step].fault(f"must be null, {because}")
+        elif read[step] is None and number < least:
+            root[step].fault(f"must be a table, {because}", None)
+        elif read[step] is None and number < last:
+            root[step].fault(f"must be a table, since {STEPS[last]} is one", None)
 
 
-def _check_found_path(search: Mapping[str, Any], place: Place) -> None:
-    because, found = f'since search.status = "{search["status"]}"', search["status"] == Status.OK.name
-    if found and "path" not in search:
-        place.key("path").fault(f"must be a table, {because}", None)
-    elif not found and "path" in search:
-        place.key("path").fault(f"must be null, {because}")
+def _check_found_path(search: SearchResult, place: Place) -> None:
+    found = search.status is Status.OK
+    because = f'since search.status = "{search.status.name}"'
+    if found and search.path is None:
+        place["path"].fault(f"must be a table, {because}", None)
+    elif not found and search.path is not None:
+        place["path"].fault(f"must be null, {because}")
 
 
-def _check_report(read: Mapping[str, Any], place: Place) -> None:
-    report = read["report"]
-    proved = {Status.OK.name: True, Status.UNCERTIFIED.name: False}.get(read["status"], report["certified"])
-    if report["certified"] is not proved:
-        complaint = f'must be {str(proved).lower()}, since status = "{read["status"]}"'
-        place.key("certified").fault(complaint, report["certified"])
-    if 0 < sum(key in report for key in _SMALLEST_MARGIN) < len(_SMALLEST_MARGIN):
-        missing = next(key for key in _SMALLEST_MARGIN if key not in report)
-        place.key(missing).fault(f"must not be null, unless all of {', '.join(_SMALLEST_MARGIN)} are", None)
+def _check_report(status: Status, report: Certificate, place: Place) -> None:
+    proved = {Status.OK: True, Status.UNCERTIFIED: False}.get(status, report.certified)
+    if report.certified is not proved:
+        complaint = f'must be {str(proved).lower()}, since status = "{status.name}"'
+        place["certified"].fault(complaint, report.certified)
+    missing = [key for key in _SMALLEST_MARGIN if getattr(report, key) is None]
+    if 0 < len(missing) < len(_SMALLEST_MARGIN):
+        place[missing[0]].fault(f"must not be null, unless all of {', '.join(_SMALLEST_MARGIN)} are", None)
 
 
-def _check_times(read: Mapping[str, Any], root: Place) -> None:
+def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
     """Every time lies within the trajectory, whose breaks start at zero."""
-    breaks = read["trajectory"]["breaks"]
-    if breaks[0] != 0:
-        root.key("trajectory").key("breaks").item(0).fault("must be 0", float(breaks[0]))
-    for place, time in _instants(read, root):
-        if not time <= breaks[-1] * (1 + _ROUNDING):
-            place.fault(f"must lie within the trajectory, which ends at {breaks[-1]:g} s", time)
+    first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
+    if first != 0:
+        root["trajectory"]["breaks"][0].fault("must be 0", first)
+    for place, time in _instants(trajectory, report, root):
+        if not time <= end * (1 + _ROUNDING):
+            place.fault(f"must lie within the trajectory, which ends at {end:g} s", time)
 
 
-def _instants(read: Mapping[str, Any], root: Place) -> Iterator[tuple[Place, float]]:
+def _instants(
+    trajectory: Trajectory, report: Certificate | None, root: Place
+) -> Iterator[tuple[Place, float]]:
     for key in ("chart_start", "joint_breaks", "node_times"):
-        for i, time in enumerate(read["trajectory"][key]):
-            yield root.key("trajectory").key(key).item(i), float(time)
-    report, place = read.get("report", {}), root.key("report")
-    if "worst_time" in report:
-        yield place.key("worst_time"), report["worst_time"]
-    for name, time in report.get("peak_times", {}).items():
-        yield place.key("peak_times").key(name), time
+        for i, time in enumerate(getattr(trajectory, key).tolist()):
+            yield root["trajectory"][key][i], time
+    if report is not None:
+        if report.worst_time is not None:
+            yield root["report"]["worst_time"], report.worst_time
+        for name, time in report.peak_times.items():
+            yield root["report"]["peak_times"][name], time
 
 
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
@@ -271,7 +263,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
         **{key: _plain(getattr(plan, key)) for key in STEPS},
     }
     if plan.goal is not None and not moves(plan.scenario):
-        content["goal"] = {key: content["goal"][key] for key in STILL_GOAL}
+        content["goal"] = {key: content["goal"][key] for key in _STILL_GOAL}
     timings = _timings_file(target)
     with _replacing(target, content):
         timings.unlink(missing_ok=True)
@@ -298,32 +290,42 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _parts(content: dict[str, Any]) -> dict[str, Any]:
     """The attributes that a file's content stands for; its faults are raised as those of a scenario are."""
-    root = Place(faults=[], devices=DeviceNames(None, None))
-    rest = dict(content)
-    HEAD.read({f.key: rest.pop(f.key) for f in HEAD.fields if f.key in content}, root)
-    if root.faults:
-        raise ScenarioError(root.faults)
+    root = Place(Reading())
+    if "schema_version" in content:
+        Choice((SCHEMA_VERSION,)).read(content["schema_version"], root["schema_version"])
+    else:
+        root["schema_version"].fault(f"missing, must be {SCHEMA_VERSION}")
+    if not isinstance(content.get("scenario"), dict):
+        root["scenario"].fault("must be a table", content.get("scenario"))
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
     try:
         scenario = scenario_from_dict(content["scenario"])
     except ScenarioError as error:
         raise ScenarioError([f"scenario: {fault}" for fault in error.faults]) from error
-    table = plan_table(scenario)
-    read = table.read(rest, root)
-    if not root.faults:
-        check_agreement(read or {}, root)
-    if root.faults:
-        raise ScenarioError(root.faults)
-    return {"scenario": scenario, **table.build(read)}
+    craft = scenario.spacecraft
+    names = {
+        "device": tuple(sight_names(craft.device_names, scenario.constraints)),
+        "zone": tuple(zone.name for zone in scenario.zones),
+    }
+    root = Place(Reading(names, {"joint": 2 * len(craft.terminals)}))
+    rest = {key: value for key, value in content.items() if key not in ("schema_version", "scenario")}
+    read = _plan_table(moves(scenario)).read(rest, root)
+    if not root.reading.faults:
+        _check_agreement(read, root)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
+    return {"scenario": scenario, "certificate": read.pop("report"), **read}
 
 
 def _timings(path: FilePath) -> dict[str, float]:
     """The seconds by step of a plan; none where their file is not there."""
     if not path.exists():
         return {}
-    root = Place(faults=[], devices=DeviceNames(None, None))
-    read = TIMINGS.read(_read(path, "timings"), root)
-    if read is None:
-        raise PlanFileError(str(ScenarioError(root.faults, os.fspath(path))))
+    root = Place(Reading())
+    read: dict[str, float] = ByName(_POSITIVE).read(_read(path, "timings"), root)
+    if root.reading.faults:
+        raise PlanFileError(str(ScenarioError(root.reading.faults, os.fspath(path))))
     return read
 
 

@@ -38,8 +38,9 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
     Args:
         quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
-            blank its unit, as in "trajectory.duration s", which is labelled "duration". Where the unit has
-            "deg", radians are turned into it. Without any quantities all fields of a dataclass are shown.
+            blank its unit, as in "trajectory.duration s", which is labelled "duration"; of a field with a
+            ``key`` in its metadata the unit is the key's unless told. Where it has "deg", radians are turned
+            into it. Without any quantities all fields of a dataclass are shown.
         heading: a format with the object as its argument, as in "Plan of {0.scenario.name}"; None for the
             name of the class and, where it has one, the object's own.
 
@@ -137,6 +138,8 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
     for entry in wanted or own:
         path, _, unit = entry.partition(" ")
         label = path.rpartition(".")[2].replace("_", " ")
+        if path in own:
+            unit = unit or getattr(own[path].metadata.get("key"), "unit", "")
         try:
             value = thing
             for name in path.split("."):

@@ -1,8 +1,9 @@
-"""Files that hold scenarios; their dataclasses are those of `jaxplan.model.scenario`.
+"""Scenario files: reading, writing and checking; their dataclasses are those of `jaxplan.model.scenario`.
 
-`layout` says what a file may hold, of `tables` and `kinds` of values, and `checks` what must go together;
-`reading` goes from files to the dataclasses and back, and from what Python gives to the dataclasses' own
-types. `spelling` has words for every key, `numbers` those numbers that may be tuned.
+What a file may hold is declared with the fields of these dataclasses. `kinds` and `arrays` read single
+values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
+must go together, `sky` what bodies and satellites stand for. `reading` has the entry points, `spelling` has
+words for every key, and `numbers` finds numbers that may be tuned.
 """
 
 from jaxplan.schema.faults import ScenarioError

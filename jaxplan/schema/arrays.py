@@ -1,288 +1,272 @@
-"""Kinds of arrays in a scenario file: vectors, directions and inertia.
+"""Kinds of arrays in a file: numbers in any shape, and what must hold of them together.
 
 Directions and quaternions are brought to unit length silently when they are within `UNIT_TOLERANCE` of it,
 as published ones with four digits are, and refused beyond, where an error of the file is more likely.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jaxplan.geometry import quaternion
-from jaxplan.model.directions import DirectionPath
-from jaxplan.schema.faults import Place
-from jaxplan.schema.kinds import Interval, Kind, Number, finite, read_array
+from jaxplan.runtime.arguments import as_floats
+from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.kinds import NUMBER, Kind, Number
 
 UNIT_TOLERANCE = 1e-3
+_ROUNDING = 8 * np.finfo(float).eps  # of a length
+# Of a rotation matrix; the certificate, which is not for reading files, is stricter.
+ORTHONORMAL = 1e-6
+# How long an axis of a name may be, where its first array sets that.
+LENGTHS = {"sample": (2, 10_000)} | dict.fromkeys(
+    ("pieces", "terms", "joint pieces", "joint terms"), (1, math.inf)
+)
+_MOST_FAULTS = 20  # of one array that are told; a damaged one has thousands
 
-_POSITIVE = Number(Interval("[1e-12, 1e12]"))
-_ANY = Number()
-_MOMENT = Number(Interval("[-1e12, 1e12]"))
-
-
-def _read_entries(
-    kind: Kind, count: int | None, wanted: str, value: object, place: Place
-) -> list[Any] | None:
-    """All entries of an array, read by one kind; None after noting what is wrong with them or their number.
-
-    Args:
-        kind: of each entry.
-        count: how many there must be, None for any number.
-        wanted: what they must be, for the message.
-        value: the array, as the file holds it.
-        place: where it stands.
-    """
-    if count == 1:  # one number, one direction
-        wanted = wanted.replace("s, ", ", ", 1)
-    array = f"must be an array of {wanted if count is None else f'{count} {wanted}'}"
-    if not isinstance(value, list):
-        place.fault(array, value)
-        return None
-    before = len(place.faults)
-    if count is not None and len(value) != count:
-        place.fault(f"{array}, not of {len(value)}", value)
-    read = [kind.read(entry, place.item(i)) for i, entry in enumerate(value)]
-    return read if len(place.faults) == before else None
+Rule = Callable[[np.ndarray, Any, Place], Any]
+"""Takes an array, what it was read from and its place; answers with the array as it is held, or `WRONG`."""
 
 
 @dataclass(frozen=True)
-class Vector(Kind):
-    """A fixed number of numbers, of a kind."""
-
-    length: int
-    of: Number = field(default_factory=Number)
-
-    @property
-    def range(self) -> str | None:
-        """That of each."""
-        return self.of.range
-
-    @property
-    def wanted(self) -> str:
-        """How many."""
-        return f"{self.length} numbers"
-
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(length,)."""
-        read = _read_entries(self.of, self.length, "numbers", value, place)
-        return None if read is None else np.array(read)
-
-    def take(self, value: Any, place: Place) -> np.ndarray | None:
-        """(length,)."""
-        read = read_array(value, f"an array of {self.wanted}", place, (self.length,))
-        return None if read is None else self.of.checked_array(read, place)
-
-    def write(self, value: Any) -> list[float]:
-        """A list."""
-        return [float(number) for number in value]
-
-
-@dataclass(frozen=True)
-class Each(Kind):
-    """One value each for all terminals, or for all joints.
+class Array(Kind):
+    """Numbers in an array, or in arrays of arrays.
 
     Attributes:
-        of: kind of the values.
-        per: "terminal" or "joint".
+        shape: the length of each axis: a number, a name, or a name and what is added, as "edges + 1". What a
+            name stands for is the same for all arrays that are read together.
+        of: kind of each number.
+        noun: what they are, in the plural, such as "numbers, one a terminal"; with an article ("a unit vector
+            ...") it stands for the whole.
+        hint: for who gives them in Python.
+        rule: what must hold of them together, and how they are held.
+        single: whether one number may stand for all.
+        zero: whether it is zeros where it is left out.
     """
 
-    of: Kind
-    per: str = "terminal"
+    shape: tuple[int | str, ...]
+    of: Number = NUMBER
+    noun: str = ""
+    hint: str = ""
+    rule: Rule | None = None
+    single: bool = False
+    zero: bool = False
 
     @property
     def range(self) -> str | None:
-        """That of each."""
         return self.of.range
 
     @property
     def wanted(self) -> str:
-        """What, and in which order."""
-        noun = "directions" if isinstance(self.of, Direction) else "numbers"
-        order = ", all yaws and then all pitches" if self.per == "joint" else ""
-        return f"{noun}, one a {self.per}{order}"
+        count = f"{self.shape[0]} " if isinstance(self.shape[0], int) else ""
+        return self.noun or f"{count}{'numbers' if len(self.shape) == 1 else 'arrays'}"
 
-    def entries(self, value: object, place: Place) -> list[Any] | None:
-        """The values, each by itself; of any number where the file's terminals cannot be told."""
-        return _read_entries(self.of, self.count(place), self.wanted, value, place)
-
-    def count(self, place: Place) -> int | None:
-        """How many there must be; None where the terminals cannot be told."""
-        terminals = place.devices.terminals
-        return None if terminals is None else len(terminals) * (2 if self.per == "joint" else 1)
-
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(count, ...)."""
-        read = self.entries(value, place)
-        if read is None:
+    def absent(self, reading: Reading) -> Any:
+        if not self.zero:
             return None
-        return np.array(read).reshape(len(read), *([3] if isinstance(self.of, Direction) else []))
+        lengths = [_known(axis, reading) for axis in self.shape]
+        return WRONG if None in lengths else np.zeros(lengths)  # it was told why it is not known how many
 
-    def take(self, value: Any, place: Place) -> Any:
-        """(count, ...)."""
-        count, each = self.count(place), (3,) if isinstance(self.of, Direction) else ()
-        wanted = self.wanted if count is None else f"{count} {self.wanted}"
-        wanted += ", in rows of 3 numbers" if each else ""
-        none = [(0,)] if not count else []  # as an empty list has it
-        read = read_array(value, f"an array of {wanted}", place, (count, *each), *none)
-        if read is None:
-            return None
-        if isinstance(self.of, Number):
-            return self.of.checked_array(read.reshape(len(read)), place)
-        assert isinstance(self.of, Direction)
-        rows = [self.of.checked(row, place.item(i)) for i, row in enumerate(read.reshape(len(read), 3))]
-        return None if any(row is None for row in rows) else np.array(rows).reshape(len(rows), 3)
+    def may_miss(self, reading: Reading) -> bool:
+        axis = self.shape[0]
+        return isinstance(axis, str) and axis in reading.sizes and not reading.sizes[axis]
 
-    def may_miss(self, place: Place) -> bool:
-        """Without terminals there is nothing to say."""
-        return not place.devices.terminals
+    def read(self, value: Any, place: Place) -> Any:
+        reading = place.reading
+        array = as_floats(value) if reading.python or _plain(value) else None
+        if self.single and (isinstance(value, int) if array is None else not array.ndim):
+            number = self.of.read(value, place)
+            return WRONG if number is WRONG else np.full(self.shape, number)
+        if array is None:
+            return self._blamed(value, place)
+        if array.shape == (0,) and len(self.shape) == 2:  # no rows
+            array = array.reshape(0, _known(self.shape[1], reading) or 0)
+        if array.ndim != len(self.shape):
+            size = f", not of shape {array.shape}" if array.ndim else ""
+            return place.refuse(f"must be {self._counted(reading)}{size}", value)
+        lengths = [self._length(i, size, reading) for i, size in enumerate(array.shape)]
+        if lengths != list(array.shape):
+            size = f"shape {array.shape}" if len(array) == lengths[0] else f"{len(array)}"
+            return place.refuse(f"must be {self._counted(reading)}, not of {size}", value)
+        outside = [i for i, number in enumerate(array.ravel().tolist()) if number not in self.of.interval]
+        for i in outside[:_MOST_FAULTS]:
+            index = np.unravel_index(i, array.shape)
+            self.of.read(float(array[index]), _within(place, index))
+        if outside:
+            return WRONG
+        if self.of.degrees and not reading.python:
+            array = array * (math.pi / 180)
+        return array if self.rule is None else self.rule(array, value, place)
 
-    def write(self, value: Any) -> list[Any]:
-        """A list."""
-        return [self.of.write(entry) for entry in value]
+    def write(self, value: Any) -> Any:
+        numbers = np.asarray(value, float).tolist()
+        same = self.single and len(set(map(repr, numbers))) == 1  # minus zero equals zero
+        return numbers[0] if same else numbers
+
+    def _length(self, number: int, size: int, reading: Reading) -> int:
+        """How long an axis must be; one that is not known yet is as long as that of the array."""
+        axis = self.shape[number]
+        if isinstance(axis, str) and axis not in reading.sizes:
+            name, _, more = axis.partition(" + ")
+            low, high = LENGTHS.get(name, (0, math.inf))
+            reading.sizes.setdefault(name, int(min(max(size - int(more or 0), low), high)))
+        known = _known(axis, reading)
+        return size if known is None else known
+
+    def _counted(self, reading: Reading, depth: int = 0) -> str:
+        """What it must be, or the arrays in it, with the length where that is known."""
+        count = _known(self.shape[depth], reading)
+        text = self.noun if not depth else ""
+        if text.startswith("a "):
+            return f"{text}{self.hint}" if reading.python else text
+        if not text:
+            text = "numbers" if depth == len(self.shape) - 1 else "arrays"
+        if count == 1:
+            first, comma, rest = text.partition(",")
+            text = f"{first.removesuffix('s')}{comma}{rest}"
+        counted = "" if count is None or text[0].isdigit() else f"{count} "
+        return f"an array of {counted}{text}{self.hint if reading.python else ''}"
+
+    def _blamed(self, value: Any, place: Place) -> Any:
+        """`WRONG`, after noting where something else than numbers stands, or lists have the wrong length."""
+        faults = place.reading.faults
+        before = len(faults)
+        self._blame(value, 0, place, before + _MOST_FAULTS)
+        if len(faults) == before:
+            place.refuse(f"must be {self._counted(place.reading)}", value)
+        return WRONG
+
+    def _blame(self, value: Any, depth: int, place: Place, most: int) -> None:
+        if depth == len(self.shape):
+            self.of.read(value, place)
+            return
+        wanted = self._counted(place.reading, depth)
+        if not isinstance(value, list | tuple) and not (isinstance(value, np.ndarray) and value.ndim):
+            place.refuse(f"must be {wanted}", value)
+            return
+        if len(value) != self._length(depth, len(value), place.reading):
+            place.refuse(f"must be {wanted}, not of {len(value)}", value)
+        for i, entry in enumerate(value):
+            if len(place.reading.faults) < most:
+                self._blame(entry, depth + 1, place[i], most)
 
 
-def _unit(vector: np.ndarray, value: object, what: str, place: Place) -> np.ndarray | None:
+def _known(axis: int | str, reading: Reading) -> int | None:
+    """The length of an axis; None where any will do."""
+    if isinstance(axis, int) or axis in reading.sizes:
+        return axis if isinstance(axis, int) else reading.sizes[axis]
+    name, _, more = axis.partition(" + ")
+    known = reading.sizes.get(name)
+    return None if known is None else known + int(more or 0)
+
+
+def _plain(value: Any) -> bool:
+    """Whether a value of a file is a number, or nested lists of them."""
+    if type(value) is list:
+        return all(type(entry) is float or _plain(entry) for entry in value)
+    return type(value) is float or type(value) is int
+
+
+def _within(place: Place, index: Any) -> Place:
+    for i in index:
+        place = place[int(i)]
+    return place
+
+
+def _told(array: np.ndarray, value: Any, place: Place) -> Any:
+    """What an array was read from, as it is shown."""
+    return array.tolist() if place.reading.python else value
+
+
+def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vector") -> Any:
     """The vector at unit length; one that has it to rounding keeps its bits, to be written back as it was."""
     norm = math.hypot(*vector.tolist())
     if norm == 0:
-        place.fault(f"must be {what}, not zero", value)
-    elif abs(norm - 1) > UNIT_TOLERANCE:
-        place.fault(f"must be {what}, its norm is {norm:.6g}", value)
-    else:
-        return vector if abs(norm - 1) <= 8 * np.finfo(float).eps else vector / norm
-    return None
+        return place.fault(f"must be {what}, not zero", _told(vector, value, place))
+    if abs(norm - 1) > UNIT_TOLERANCE:
+        return place.fault(f"must be {what}, its norm is {norm:.6g}", _told(vector, value, place))
+    return vector if abs(norm - 1) <= _ROUNDING else vector / norm
 
 
-@dataclass(frozen=True)
-class Direction(Kind):
-    """A unit vector, of three numbers unless told."""
-
-    length: int = 3
-
-    @property
-    def wanted(self) -> str:
-        """How many numbers."""
-        return f"a unit vector of {self.length} numbers"
-
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(length,)."""
-        vector = Vector(self.length).read(value, place)
-        return None if vector is None else _unit(vector, value, "a unit vector", place)
-
-    def take(self, value: Any, place: Place) -> Any:
-        """(length,); of a path that stands still, where it is."""
-        moving = isinstance(value, DirectionPath) and value.moves
-        if moving:
-            place.refuse(f"must be {self.wanted}, not a direction that moves", value)
-            return None
-        given = value.samples[0] if isinstance(value, DirectionPath) else value
-        vector = read_array(given, self.wanted, place, (self.length,))
-        return None if vector is None else self.checked(vector, place)
-
-    def checked(self, vector: np.ndarray, place: Place) -> np.ndarray | None:
-        """The vector at unit length, or None after noting its faults."""
-        if _ANY.checked_array(vector, place) is None:
-            return None
-        return _unit(vector, vector.tolist(), "a unit vector", place)
-
-    def holds(self, value: Any) -> bool:
-        """A direction, and none that moves."""
-        return not isinstance(value, DirectionPath) or not value.moves
-
-    def write(self, value: Any) -> list[float]:
-        """A list."""
-        return Vector(self.length).write(value)
+def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
+    """Vectors at unit length."""
+    told = _told(vectors, value, place)
+    read = [unit(vector, told[i], place[i]) for i, vector in enumerate(vectors)]
+    return WRONG if any(vector is WRONG for vector in read) else np.array(read)
 
 
-@dataclass(frozen=True)
-class Quaternion(Kind):
-    """A unit quaternion, which the model holds as a rotation vector of at most half a turn."""
-
-    wanted = "a unit quaternion of 4 numbers, w x y z"
-
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(3,) rad."""
-        vector = Vector(4).read(value, place)
-        what = "a unit quaternion in the order w x y z"
-        unit = None if vector is None else _unit(vector, value, what, place)
-        if unit is None:
-            return None
-        return np.asarray(quaternion.log(-unit if unit[0] < 0 else unit))
+def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
+    """The rotation vector, of at most half a turn, of a quaternion w x y z."""
+    read = unit(numbers, value, place, "a unit quaternion in the order w x y z")
+    return WRONG if read is WRONG else np.asarray(quaternion.log(-read if read[0] < 0 else read))
 
 
-@dataclass(frozen=True)
-class PerAxis(Kind):
-    """A positive number for all body axes, or three."""
-
-    wanted = "a number, or 3 numbers, one a body axis"
-    of = _POSITIVE
-    range = _POSITIVE.range
-
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(3,)."""
-        if isinstance(value, list):
-            read = _read_entries(_POSITIVE, 3, "numbers, one a body axis", value, place)
-            return None if read is None else np.array(read)
-        if finite(value, place, self.wanted, _POSITIVE.interval) is None:
-            return None
-        number = _POSITIVE.read(value, place)
-        return None if number is None else np.full(3, number)
-
-    def take(self, value: Any, place: Place) -> np.ndarray | None:
-        """(3,)."""
-        read = read_array(value, self.wanted, place, (), (3,))
-        if read is None:
-            return None
-        numbers = np.full(3, read)
-        if len(set(map(repr, numbers))) > 1:
-            return self.of.checked_array(numbers, place)
-        return None if self.of.checked(float(numbers[0]), place) is None else numbers
-
-    def write(self, value: Any) -> float | list[float]:
-        """One number where all three are the same."""
-        numbers = Vector(3).write(value)
-        return numbers[0] if len(set(map(repr, numbers))) == 1 else numbers  # NaN does not equal NaN
-
-
-@dataclass(frozen=True)
-class Inertia(Kind):
+def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
     """A matrix of inertia that a body can have."""
+    scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
+    small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
+    if np.max(np.abs(scaled - scaled.T)) > 1e-9:
+        complaint = "must be symmetric"
+    elif small <= 1e-12:  # rounding may leave a singular one slightly positive
+        complaint = "must be positive definite"
+    elif np.max(matrix) < 1e-12:
+        complaint = "must have its largest moment in [1e-12, 1e12]"
+    elif large > (small + middle) * (1 + 1e-9):
+        complaint = "must have no principal moment above the sum of the other two, as no body has"
+    else:
+        return matrix
+    return place.fault(complaint, _told(matrix, value, place))
 
-    wanted = "3 rows of 3 numbers"
-    range = _MOMENT.range
 
-    def read(self, value: object, place: Place) -> np.ndarray | None:
-        """(3, 3)."""
-        rows = _read_entries(Vector(3, _MOMENT), 3, "rows of 3 numbers", value, place)
-        if rows is None:
-            return None
-        return self._checked(np.array(rows), value, place)
+def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
+    """Rotation matrices, in the last two axes; the first that is none is told."""
+    gram = np.swapaxes(matrices, -1, -2) @ matrices
+    good = np.all(np.abs(gram - np.eye(3)) <= ORTHONORMAL, axis=(-1, -2)) & (np.linalg.det(matrices) > 0)
+    if np.all(good):
+        return matrices
+    index = np.argwhere(~good)[0]
+    return _within(place, index).fault(
+        f"must be a rotation matrix, to {ORTHONORMAL:g}", matrices[tuple(index)].tolist()
+    )
 
-    def _checked(self, matrix: np.ndarray, value: object, place: Place) -> np.ndarray | None:
-        """The matrix, or None after noting why no body has it."""
-        scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
-        small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
-        if np.max(np.abs(scaled - scaled.T)) > 1e-9:
-            place.fault("must be symmetric", value)
-        elif small <= 1e-12:  # rounding may leave a singular one slightly positive
-            place.fault("must be positive definite", value)
-        elif np.max(matrix) < 1e-12:
-            place.fault("must have its largest moment in [1e-12, 1e12]", value)
-        elif large > (small + middle) * (1 + 1e-9):
-            place.fault("must have no principal moment above the sum of the other two, as no body has", value)
-        else:
-            return matrix
-        return None
 
-    def take(self, value: Any, place: Place) -> np.ndarray | None:
-        """(3, 3)."""
-        read = read_array(value, f"{self.wanted}; np.diag makes them of principal moments", place, (3, 3))
-        if read is None or _MOMENT.checked_array(read, place) is None:
-            return None
-        return self._checked(read, read.tolist(), place)
+def not_falling(times: np.ndarray, value: Any, place: Place) -> Any:
+    """Times of which none is before the one in front of it."""
+    falls = np.flatnonzero(np.diff(times) < 0)
+    if not len(falls):
+        return times
+    at = int(falls[0]) + 1
+    return place[at].fault("must not be before the one in front of it", float(times[at]))
 
-    def write(self, value: Any) -> list[list[float]]:
-        """A list of rows."""
-        return [Vector(3).write(row) for row in value]
+
+def rising(times: np.ndarray, value: Any, place: Place) -> Any:
+    """Times that rise, of which the first is no later than the start of the manoeuvre."""
+    falls = np.flatnonzero(np.diff(times) <= 0)
+    if len(falls):
+        at = int(falls[0]) + 1
+        place[at].fault(f"must be later than the one before, {times[at - 1]:g}", float(times[at]))
+    if times[0] > 0:
+        place[0].fault("must be at most 0, where the manoeuvre starts", float(times[0]))
+    return WRONG if len(falls) or times[0] > 0 else times
+
+
+DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)
+PLANE_DIRECTION = Array((2,), noun="a unit vector of 2 numbers", rule=unit)
+QUATERNION = Array((4,), noun="a unit quaternion of 4 numbers, w x y z", rule=rotation_vector)
+
+
+def per_axis(of: Number) -> Array:
+    """A number for all body axes, or three."""
+    return Array((3,), of, noun="a number, or 3, one a body axis", single=True)
+
+
+def each_terminal(of: Number) -> Array:
+    """A number for each terminal."""
+    return Array(("terminal",), of, noun="numbers, one a terminal")
+
+
+def each_joint(of: Number, *, zero: bool = False) -> Array:
+    """A number for each joint."""
+    return Array(("joint",), of, noun="numbers, one a joint, all yaws and then all pitches", zero=zero)

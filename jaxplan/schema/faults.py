@@ -1,13 +1,13 @@
-"""Faults of a scenario file: where a value stands, how it is shown, and the error that lists them all.
+"""Faults of what is read: where a value stands, how it is shown, and the error that lists them all.
 
 A fault is one line, ``keep_out[2].half_angle_deg = 210: must lie in (0, 180)``: the key path as the file
-spells it with zero-based indices, the value in the file's units, and what it must be.
+spells it with zero-based indices, the value in the file's units, and what it must be. Of a scenario that was
+made in Python it names attributes instead, and the unit.
 """
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -39,25 +39,9 @@ class ScenarioError(ValueError):
         return "\n  ".join(lines)
 
 
-class DeviceNames(NamedTuple):
-    """Names that other tables refer to; None where the file is too wrong to tell."""
-
-    terminals: tuple[str, ...] | None
-    instruments: tuple[str, ...] | None
-
-    @property
-    def all(self) -> tuple[str, ...] | None:
-        """Terminals, then instruments."""
-        if self.terminals is None or self.instruments is None:
-            return None
-        return self.terminals + self.instruments
-
-
-class _Nothing:
-    """Stands for no value, since None is one that a JSON file may hold."""
-
-
-_NOTHING = _Nothing()
+_NOTHING = object()  # no value, since None is one that a JSON file may hold
+WRONG: Any = object()
+"""What is read of a value that is wrong and has been told; attributes that are wrong, too, have it."""
 
 
 def quote(text: str) -> str:
@@ -95,94 +79,110 @@ def show(value: object) -> str:
     return "null" if value is None else _cut(str(value))
 
 
-@dataclass(slots=True)
-class Place:
-    """A place in the file, where faults are noted.
+class Spelled(NamedTuple):
+    """How a place is told: its path, the unit of numbers there, and what takes a file's numbers to it."""
 
-    There is one for every value that is read, and few have faults, so the path is spelled where it is told.
+    path: str
+    unit: str = ""
+    factor: float = 1.0
+
+
+class Reading:
+    """What is known and noted while a file is read.
 
     Attributes:
-        faults: the list that all places of a file share.
-        devices: the names that other places refer to.
-        steps: keys and indices from the file to here, none for the file itself.
-        show: a short text for a value.
-        factor: what takes numbers of the file to the unit in which they are told.
+        python: whether what is read was made in Python: radians and attributes, not a file's units and keys.
+        faults: one line each.
+        refused: how many of them are of a wrong type or shape.
+        names: that may be referred to, by what they name ("device", "terminal", ...); any where None.
+        sizes: lengths of arrays by their names; any where None, set by the first array where absent.
+        terminals: how many there must be, None where that cannot be told.
     """
 
-    faults: list[str]
-    devices: DeviceNames
-    steps: tuple[str | int, ...] = ()
-    show: Callable[[object], str] = show
-    factor: float = 1.0
+    python = False
+    root = "the file"
+
+    def __init__(
+        self,
+        names: Mapping[str, tuple[str, ...] | None] | None = None,
+        sizes: Mapping[str, int | None] | None = None,
+    ) -> None:
+        self.faults: list[str] = []
+        self.refused = 0
+        self.names = dict(names or {})
+        self.sizes: dict[str, int | None] = dict(sizes or {"terminal": None, "joint": None})
+        self.terminals: int | None = None
+
+    def spelled(self, steps: Sequence[str | int]) -> Spelled:
+        """How the place is told to which keys and indices lead."""
+        return Spelled(spell_path(steps))
+
+    def show(self, value: object) -> str:
+        """A short text for a value."""
+        return show(value)
+
+
+def spell_path(steps: Iterable[str | int]) -> str:
+    """Keys and indices as a path, such as ``keep_out[2].half_angle_deg``."""
+    spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_cut(s))}" for s in steps)
+    return "".join(spelled).removeprefix(".")
+
+
+class Place:
+    """A place where a value stands, at which faults are noted; ``place["key"]`` and ``place[0]`` lead on.
+
+    There is one for every value that is read, and few have faults, so the path is spelled where it is told.
+    """
+
+    __slots__ = ("_before", "_step", "reading")
+
+    def __init__(self, reading: Reading, before: "Place | None" = None, step: str | int = "") -> None:
+        self.reading, self._before, self._step = reading, before, step
+
+    def __getitem__(self, step: str | int) -> "Place":
+        return Place(self.reading, self, step)
+
+    @property
+    def spelled(self) -> Spelled:
+        """How it is told."""
+        steps: list[str | int] = []
+        place = self
+        while place._before is not None:
+            steps.append(place._step)
+            place = place._before
+        return self.reading.spelled(steps[::-1])
 
     @property
     def path(self) -> str:
         """Key path, empty for the file itself."""
-        spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_cut(s))}" for s in self.steps)
-        return "".join(spelled).removeprefix(".")
+        return self.spelled.path
 
-    def key(self, name: str) -> "Place":
-        """The place of a key of this table."""
-        return Place(self.faults, self.devices, (*self.steps, name), self.show)
+    def told(self, value: object, *, bare: bool = False) -> str:
+        """The path with a value that stands here, and its unit unless bare."""
+        path, unit, _ = self.spelled
+        measured = isinstance(value, int | float) and not isinstance(value, bool) and not bare
+        return f"{path or self.reading.root} = {self.reading.show(value)} {unit * measured}".rstrip()
 
-    def item(self, index: int) -> "Place":
-        """The place of an entry of this array."""
-        return Place(self.faults, self.devices, (*self.steps, index), self.show)
-
-    def fault(self, complaint: str, value: object = _NOTHING) -> None:
+    def fault(self, complaint: str, value: object = _NOTHING, *, bare: bool = False) -> Any:
         """Note that this value, or what stands here, is wrong.
+
+        Returns:
+            `WRONG`.
 
         Raises:
             ScenarioError: when there are too many faults to go on.
         """
-        if len(self.faults) == _MOST_FAULTS:
-            raise ScenarioError([*self.faults, "too many faults, reading stopped here"])
-        what = self.name if value is _NOTHING else self.told(value)
-        self.faults.append(f"{what}: {complaint}")
+        faults = self.reading.faults
+        if len(faults) == _MOST_FAULTS:
+            raise ScenarioError([*faults, "too many faults, reading stopped here"])
+        what = self.path or self.reading.root if value is _NOTHING else self.told(value, bare=bare)
+        faults.append(f"{what}: {complaint}")
+        return WRONG
 
-    def refuse(self, complaint: str, value: object) -> None:
-        """Note that what Python gave is of a wrong type or shape, so that nothing can be made of it."""
-        self.fault(complaint, value)
-
-    def spelled(self, kind: Any, value: Any) -> Any:
-        """A value of the model as it is told here: as the file holds it."""
-        return kind.write(value)
-
-    @property
-    def name(self) -> str:
-        """The key path, or what has none."""
-        return self.path or "the file"
-
-    def told(self, value: object) -> str:
-        """The name with a value of the file that stands here."""
-        return f"{self.name} = {self.show(value)}"
-
-
-class Ear(Place):
-    """Hears that there are faults, and not where: for a first look, which is quick where there are none.
-
-    Attributes:
-        refused: how many of the faults are of type or shape.
-    """
-
-    refused: int = 0
-
-    def key(self, name: str) -> Place:
-        """Here."""
-        return self
-
-    def item(self, index: int) -> Place:
-        """Here."""
-        return self
-
-    def fault(self, complaint: str, value: object = _NOTHING) -> None:
-        """Count a fault."""
-        self.faults.append("")
-
-    def refuse(self, complaint: str, value: object) -> None:
-        """Count a fault of type or shape."""
-        self.refused += 1
-        self.faults.append("")
+    def refuse(self, complaint: str, value: object) -> Any:
+        """Note that a value is of a wrong type or shape, so that no unit can be told of it."""
+        self.reading.refused += 1
+        return self.fault(complaint, value, bare=True)
 
 
 def nearest(name: str, known: Sequence[str], kind: str) -> str:

@@ -1,82 +1,30 @@
-"""Values in a scenario: what each must be, and how it is read, written, and taken from Python.
+"""Kinds of single values in a file: what each must be, and how it is read and written.
 
-Numbers that Python gives for those of a scenario, or faults that say at which place they are none.
-
-Type and shape are judged here; whether numbers are finite and in range is for the kinds to say, as of a file.
-
-Kinds of single values in a scenario file: what each must be, and how it is read and written.
-
-A kind reads a value of the file to the model's units, noting every fault at its `Place` and answering None
-where there was one, and writes it back so that reading again gives the same bits. ``wanted`` completes
-"must be ..." in messages and in the reference of the file. What Python gives for the model it takes in: lists
-become arrays, and what has the wrong type or shape is a fault, as is what no file may hold.
+A kind reads a value to the model's units, noting every fault at its `Place`, and answers `WRONG` where there
+was one. It does so of what a file holds, and of what Python gives for the same attribute: there any type that
+numpy takes for real numbers will do, angles are in radians, and what is read has the bits that a file would
+give back. ``wanted`` completes "must be ..." in messages and in the reference of the file.
 """
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from datetime import date
 from typing import Any
 
 import numpy as np
 
+from jaxplan.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
-from jaxplan.schema.faults import Place, quote, show
-
-
-def read_array(
-    value: object, wanted: str, place: Place, *shapes: tuple[int | None, ...]
-) -> np.ndarray | None:
-    """An array of float64, or None after noting why it is none.
-
-    Args:
-        value: of any type.
-        wanted: what it must be, to stand after "must be".
-        place: where it stands.
-        shapes: of which it must have one, None where any number will do.
-    """
-    array = as_floats(value)
-    if array is None:
-        _blame(value, wanted, place, max(map(len, shapes)))
-    elif any(_fits(array.shape, shape) for shape in shapes):
-        return array
-    else:
-        size = f"of shape {array.shape}" if array.ndim else "a single number"
-        place.refuse(f"must be {wanted}, not {size}", value)
-    return None
-
-
-def read_number(value: object, wanted: str, place: Place) -> float | None:
-    """A number, or None after noting why it is none."""
-    number = read_array(value, wanted, place, ())
-    return None if number is None else float(number)
-
-
-def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    return len(shape) == len(wanted) and all(m in (None, n) for n, m in zip(shape, wanted, strict=True))
-
-
-def _blame(value: Any, wanted: str, place: Place, depth: int) -> None:
-    """Note a fault at the first entry of nested lists that is no number, or where all are, at the whole.
-
-    Args:
-        value: of which numpy makes no array of numbers.
-        wanted: what it must be.
-        place: where it stands.
-        depth: of the lists that were wanted.
-    """
-    entries = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
-    for i, entry in enumerate(value if entries else ()):
-        if as_floats(entry) is None:
-            of = "an array of real numbers" if depth > 1 else "a real number"
-            _blame(entry, of, place.item(i), depth - 1)
-            return
-    place.refuse(f"must be {wanted}", value)
+from jaxplan.schema.faults import WRONG, Place, Reading, nearest, quote, show
 
 
 class Kind(ABC):
-    """What a value of the file may be."""
+    """What a value may be."""
+
+    fields: Sequence[Any] = ()
+    """The keys of what stands below it, of a table."""
 
     @property
     @abstractmethod
@@ -89,27 +37,19 @@ class Kind(ABC):
         return None
 
     @abstractmethod
-    def read(self, value: object, place: Place) -> Any:
-        """The value in the model's units, or None after noting its faults."""
+    def read(self, value: Any, place: Place) -> Any:
+        """The model's value, or `WRONG` after noting its faults."""
 
-    def take(self, value: Any, place: Place) -> Any:
-        """The model's value of one that was given in Python, or None after noting its faults."""
-        return value
+    def absent(self, reading: Reading) -> Any:
+        """What a value that is left out stands for; None leaves it to the model's class."""
+        return None
 
-    def may_miss(self, place: Place) -> bool:
-        """Whether a required value may be left out of this file."""
+    def may_miss(self, reading: Reading) -> bool:
+        """Whether a required value may be left out here."""
         return False
 
-    def build(self, value: Any) -> Any:
-        """The part of the model that a value read without fault stands for."""
-        return value
-
-    def holds(self, value: Any) -> bool:
-        """Whether the file says the model's value in this way, where there are several."""
-        return True
-
     def write(self, value: Any) -> Any:
-        """The value as the file holds it."""
+        """The value as the file holds it, so that reading it again gives the same bits."""
         return value
 
 
@@ -134,6 +74,9 @@ class Interval:
         return f"lie in {self.text if factor == 1 else f'{self.text[0]}{low:g}, {high:g}{self.text[-1]}'}"
 
 
+ANY = Interval("(-inf, inf)")
+
+
 def either(options: Sequence[str]) -> str:
     """The options as words: ``a, b or c``."""
     return " or ".join([", ".join(options[:-1]), options[-1]] if len(options) > 1 else options)
@@ -154,32 +97,24 @@ def shortest_degrees(angle: float) -> float:
     return min([close, *neighbours], key=lambda degrees: abs(math.radians(degrees) - angle))
 
 
-def filed_angle(angle: float) -> float:
-    """The angle, rad, that is read where this one was written: but for a last bit in a few cases the same."""
-    close = math.degrees(angle)
-    return angle if math.radians(close) == angle else math.radians(shortest_degrees(angle))
-
-
 @dataclass(frozen=True)
 class Text(Kind):
-    """A name or title: one line that prints, since it goes into tables and figures."""
+    """A name or title: one line that prints, since it goes into tables and figures.
+
+    Attributes:
+        empty: whether it may be.
+    """
+
+    empty: bool = False
 
     wanted = "a line of text"
 
-    def read(self, value: object, place: Place) -> str | None:
-        """The text itself."""
-        if isinstance(value, str) and value.strip() and value.isprintable():
-            return value
-        blank = isinstance(value, str) and not value.strip()
-        place.fault("must not be empty" if blank else f"must be {self.wanted}", value)
-        return None
-
-    def take(self, value: Any, place: Place) -> str | None:
-        """The text itself."""
-        if isinstance(value, str):
-            return self.read(value, place)
-        place.refuse(f"must be {self.wanted}", value)
-        return None
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, str):
+            return place.refuse(f"must be {self.wanted}", value)
+        if not value.isprintable():
+            return place.fault(f"must be {self.wanted}", value)
+        return value if self.empty or value.strip() else place.fault("must not be empty", value)
 
 
 @dataclass(frozen=True)
@@ -188,55 +123,32 @@ class Choice(Kind):
 
     Attributes:
         options: there are.
+        meanings: what the model has for them, if not themselves.
     """
 
     options: Sequence[str | int]
+    meanings: Mapping[Any, Any] = field(default_factory=dict)
 
     @property
     def wanted(self) -> str:
-        """The options."""
         return either([show(option) for option in self.options])
 
-    def read(self, value: object, place: Place) -> str | int | None:
-        """The option itself."""
+    def read(self, value: Any, place: Place) -> Any:
         for option in self.options:
             if type(value) is type(option) and value == option:
-                return option
-        place.fault(f"must be {self.wanted}", value)
-        return None
-
-    def take(self, value: Any, place: Place) -> str | int | None:
-        """The option itself."""
-        if isinstance(value, str | int):
-            return self.read(value, place)
-        place.refuse(f"must be {self.wanted}", value)
-        return None
+                return self.meanings.get(value, option) if self.meanings else option
+        tell = place.fault if isinstance(value, str | int) else place.refuse
+        return tell(f"must be {self.wanted}", value)
 
 
-def finite(
-    value: object, place: Place, wanted: str = "a number", interval: Interval | None = None
-) -> float | None:
-    """A number of the file as a float, or None after noting why it is none.
+@dataclass(frozen=True)
+class YesNo(Kind):
+    """True or false."""
 
-    Args:
-        value: as the file holds it.
-        place: where it stands.
-        wanted: what it must be, where it is no number at all.
-        interval: where it must lie, for the fault of one that is not finite.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        place.fault(f"must be {wanted}", value)
-        return None
-    try:
-        number = float(value)
-    except OverflowError:  # an integer beyond the range of floats
-        number = math.inf
-    if math.isfinite(number):
-        return number
-    place.fault(
-        f"must be finite and {interval.wanted(place.factor)}" if interval else "must be finite", value
-    )
-    return None
+    wanted = "true or false"
+
+    def read(self, value: Any, place: Place) -> Any:
+        return value if isinstance(value, bool) else place.refuse(f"must be {self.wanted}", value)
 
 
 @dataclass(frozen=True)
@@ -250,91 +162,72 @@ class Number(Kind):
             the number may be infinite too.
     """
 
-    interval: Interval | None = None
+    interval: Interval = ANY
     degrees: bool = False
     words: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def range(self) -> str | None:
-        """The interval."""
-        return self.interval.text if self.interval else None
+        return None if self.interval is ANY else self.interval.text
 
     @property
     def wanted(self) -> str:
-        """A number, the words, and the range."""
-        number = f"a number in {self.interval.text}" if self.interval else "a number"
+        return self._wanted(f"a number in {self.range}" if self.range else "a number")
+
+    def _wanted(self, number: str) -> str:
         return either([number, *map(quote, self.words)])
 
-    def read(self, value: object, place: Place) -> Any:
-        """The number in radians and seconds, or what its word stands for."""
-        if isinstance(value, str) and value in self.words:
-            return self.words[value]
-        if value == math.inf and "inf" in self.words:
-            return self.words["inf"]
-        number = finite(value, place, self.wanted, self.interval)
+    def read(self, value: Any, place: Place) -> Any:
+        python = place.reading.python
+        number = value if type(value) is float else _real(value, python)
         if number is None:
-            return None
-        if self.interval and number not in self.interval:
-            place.fault(f"must {self.interval.wanted(place.factor)}", value)
-            return None
-        converted = math.radians(number) if self.degrees else number
-        if number and not converted:
-            place.fault("too small to tell from zero", value)
-            return None
-        return converted
-
-    def take(self, value: Any, place: Place) -> Any:
-        """The number as a float, or what its word stands for."""
-        if isinstance(value, str) and value in self.words:
-            return self.words[value]
-        if type(value) is not float:
-            number = "a number, in radians" if self.degrees else "a number"
-            value = read_number(value, either([number, *map(quote, self.words)]), place)
-        return None if value is None else self.checked(value, place)
-
-    def checked(self, number: float, place: Place) -> Any:
-        """A number in the model's unit, as it is read where it was written; None after noting its faults."""
-        low, high = self._bounds
-        if low < number < high:
-            return filed_angle(number) if self.degrees else number
-        if number in self.words.values():
-            return number
+            if isinstance(value, str) and value in self.words:
+                return self.words[value]
+            what = "a real number" if isinstance(value, complex) else "a number"
+            what = self._wanted(f"{what}, in radians" if self.degrees else what) if python else self.wanted
+            return place.refuse(f"must be {what}", value)
         if not math.isfinite(number):
-            where = f" and {self.interval.wanted(place.factor)}" if self.interval else ""
-            place.fault(f"must be finite{where}", number)
-            return None
-        if self.interval and (shortest_degrees(number) if self.degrees else number) not in self.interval:
-            place.fault(f"must {self.interval.wanted(place.factor)}", number)
-            return None
-        return filed_angle(number) if self.degrees else number
-
-    def checked_array(self, array: np.ndarray, place: Place) -> np.ndarray | None:
-        """An array of numbers in the model's unit; None after noting the faults of each."""
-        low, high = self._bounds
-        if all(low < number < high for number in array.ravel().tolist()):
-            return array
-        before = len(place.faults)
-        for index in np.ndindex(array.shape):
-            here = place
-            for i in index:
-                here = here.item(i)
-            self.checked(float(array[index]), here)
-        return array if len(place.faults) == before else None
-
-    @cached_property
-    def _bounds(self) -> tuple[float, float]:
-        """Between which a number of the model's is surely in range."""
-        if self.interval is None:
-            return -math.inf, math.inf
-        low, high = self.interval.low, self.interval.high
-        return (math.radians(low), math.radians(high)) if self.degrees else (low, high)
+            if number in self.words.values() and (python or ("inf" in self.words and value == number)):
+                return number  # not of an integer that is only too large for a float
+            where = f" and {self.interval.wanted(place.spelled.factor)}" if self.range else ""
+            return place.fault(f"must be finite{where}", number if python else value)
+        in_radians = python and self.degrees
+        filed = _degrees(number) if in_radians else number
+        if filed not in self.interval and not (in_radians and shortest_degrees(number) in self.interval):
+            told = number if python else value
+            return place.fault(f"must {self.interval.wanted(place.spelled.factor)}", told)
+        held = math.radians(filed) if self.degrees else filed
+        if filed and not held:
+            return place.fault("too small to tell from zero", value)
+        return number if python and held == number else held  # the very same, as that tells of no change
 
     def write(self, value: Any) -> float | str:
-        """The number in the file's units, or its word."""
         for word, meaning in self.words.items():
             if isinstance(value, str) == isinstance(meaning, str) and value == meaning:
                 return word
         return shortest_degrees(float(value)) if self.degrees else float(value)
+
+
+NUMBER = Number()
+
+
+def _degrees(angle: float) -> float:
+    """Degrees that `math.radians` turns into the angle; the nearest of an angle that has none."""
+    close = math.degrees(angle)
+    return close if math.radians(close) == angle else shortest_degrees(angle)
+
+
+def _real(value: Any, python: bool) -> float | None:
+    """A number as a float: of a file an integer, of Python whatever numpy takes for one; None for others."""
+    if python:
+        array = as_floats(value)
+        return float(array) if array is not None and not array.ndim else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond the range of floats
+        return math.inf
 
 
 @dataclass(frozen=True)
@@ -345,45 +238,147 @@ class Integer(Kind):
 
     @property
     def range(self) -> str:
-        """The interval."""
         return self.interval.text
 
     @property
     def wanted(self) -> str:
-        """An integer, and the range."""
         return f"an integer in {self.interval.text}"
 
-    def read(self, value: object, place: Place) -> int | None:
-        """The number itself."""
-        if isinstance(value, bool) or not isinstance(value, int):
-            place.fault(f"must be {self.wanted}", value)
-        elif value not in self.interval:
-            place.fault(f"must {self.interval.wanted()}", value)
-        else:
-            return value
-        return None
-
-    def take(self, value: Any, place: Place) -> int | None:
-        """The number as Python's own."""
-        if isinstance(value, int | np.integer) and not isinstance(value, bool):
-            return self.read(int(value), place)
-        place.refuse(f"must be {self.wanted}", value)
-        return None
-
-    def write(self, value: Any) -> int:
-        """The number itself."""
-        return int(value)
+    def read(self, value: Any, place: Place) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            return place.refuse(f"must be {self.wanted}", value)
+        number = value if type(value) is int else int(value)
+        if number not in self.interval:
+            return place.fault(f"must {self.interval.wanted()}", value)
+        return number
 
 
 @dataclass(frozen=True)
-class YesNo(Kind):
-    """True or false."""
+class Epoch(Kind):
+    """A time in UTC: ISO 8601 text, or a date-time or date of TOML, Python or numpy."""
 
-    wanted = "true or false"
+    wanted = "a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2099"
 
-    def read(self, value: object, place: Place) -> bool | None:
-        """The value itself."""
-        if isinstance(value, bool):
-            return value
-        place.fault(f"must be {self.wanted}", value)
-        return None
+    def read(self, value: Any, place: Place) -> Any:
+        text = self.write(value) if isinstance(value, np.datetime64) else value
+        try:
+            return parse_epoch(text if isinstance(text, str | date) else "")
+        except ValueError:
+            return place.fault(f"must be {self.wanted}", value)
+
+    def write(self, value: np.datetime64) -> str:
+        text = str(value.astype("datetime64[us]"))
+        return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+@dataclass(frozen=True)
+class Name(Kind):
+    """The name of something that there is.
+
+    Attributes:
+        noun: what it names, "device", "terminal" or "zone".
+    """
+
+    noun: str
+
+    @property
+    def wanted(self) -> str:
+        return f"the name of a {self.noun}"
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, str):
+            return place.refuse(f"must be {self.wanted}", value)
+        known = place.reading.names.get(self.noun)
+        if known is not None and value not in known:
+            return place.fault(f"no such {self.noun}, {nearest(value, known, f'{self.noun}s')}", value)
+        return value
+
+
+@dataclass(frozen=True)
+class Names(Kind):
+    """Names of devices: in a file at least one; Python may give one by itself, or none."""
+
+    wanted = "an array of names of devices"
+
+    def read(self, value: Any, place: Place) -> Any:
+        python = place.reading.python
+        if python:
+            value = [value] if isinstance(value, str) else value
+            if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+                return place.refuse("must be a tuple of names of devices", value)
+        elif not isinstance(value, list) or not value:
+            return place.refuse(f"must be {self.wanted}, at least one", value)
+        read = tuple(Name("device").read(name, place[i]) for i, name in enumerate(value))
+        twice = [i for i, name in enumerate(read) if name is not WRONG and name in read[:i]]
+        for i in twice:
+            place[i].fault("is named twice", value[i])
+        return WRONG if twice or WRONG in read else read
+
+    def write(self, value: Any) -> list[str]:
+        return list(value)
+
+
+@dataclass(frozen=True)
+class ByName(Kind):
+    """A value for each of some names.
+
+    Attributes:
+        of: kind of the values.
+        noun: what is named; anything if empty.
+    """
+
+    of: Kind
+    noun: str = ""
+
+    @property
+    def range(self) -> str | None:
+        return self.of.range
+
+    @property
+    def wanted(self) -> str:
+        return f"a table {f'from names of {self.noun}s to' if self.noun else 'of'} numbers"
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+            wanted = self.wanted.replace("a table", "a dict") if place.reading.python else self.wanted
+            return place.refuse(f"must be {wanted}", value)
+        known = place.reading.names.get(self.noun)
+        unknown = [name for name in value if known is not None and name not in known]
+        for name in unknown:
+            place[name].fault(f"no such {self.noun}, {nearest(name, known or (), f'{self.noun}s')}")
+        read = {name: self.of.read(number, place[name]) for name, number in value.items()}
+        return WRONG if unknown or WRONG in read.values() else read
+
+    def write(self, value: Any) -> dict[str, Any]:
+        return {name: self.of.write(entry) for name, entry in value.items()}
+
+
+@dataclass(frozen=True)
+class Several(Kind):
+    """Any number of values of a kind."""
+
+    of: Kind
+
+    @property
+    def wanted(self) -> str:
+        return f"an array, each entry {self.of.wanted}"
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, list):
+            return place.refuse(f"must be {self.wanted}", value)
+        read = tuple(self.of.read(entry, place[i]) for i, entry in enumerate(value))
+        return WRONG if WRONG in read else read
+
+
+@dataclass(frozen=True)
+class Nullable(Kind):
+    """A value, or null for none."""
+
+    of: Kind
+
+    @property
+    def wanted(self) -> str:
+        return f"{self.of.wanted} or null"
+
+    def read(self, value: Any, place: Place) -> Any:
+        return None if value is None else self.of.read(value, place)

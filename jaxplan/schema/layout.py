@@ -1,260 +1,400 @@
-"""The layout of a scenario file: its tables and keys with their units and ranges, in the order of writing.
+"""The layout of a scenario file: its tables, from what the model's fields say of their keys.
 
-With `states`, this is the one place that says what a file may hold. Ranges are in the file's units; defaults
-are those of the classes in `model`, `spacecraft` and `zones`. Ranges that nature does not give are wider than
-any spacecraft needs, and narrow enough that nothing computed from the numbers overflows.
+Key, range and meaning of an attribute stand with the attribute. Here is what no single field can say: kinds
+of values that have a name, and what files hold in other ways than the model does. Those are few: angles of
+yaw and pitch apart, or in degrees; a quaternion; directions that move, as samples over times or by the name
+of a body or satellite of ``[sky]``; and a goal, which is one of two tables.
+
+Ranges that nature does not give are wider than any spacecraft needs, and narrow enough that nothing computed
+from the numbers overflows.
 """
 
-import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from jaxplan.model import scenario as model
-from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
+import numpy as np
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.keys import Key
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
-from jaxplan.schema.arrays import Direction, Inertia, PerAxis
-from jaxplan.schema.bodies import SKY, DeviceList, DeviceName, Epoch, TerminalFactors, View
-from jaxplan.schema.kinds import Choice, Integer, Interval, Number, Text, YesNo
-from jaxplan.schema.states import ANGLE_DEG, PITCH_LIMIT, SAMPLES, STATE, TIMES, YAW_LIMIT, Goal, split_zone
-from jaxplan.schema.tables import Field, Rows, Table
+from jaxplan.schema.arrays import (
+    DIRECTION,
+    PLANE_DIRECTION,
+    QUATERNION,
+    Array,
+    each_joint,
+    each_terminal,
+    inertia,
+    per_axis,
+    rising,
+    units,
+)
+from jaxplan.schema.checks import check_goal_rates, check_spacecraft
+from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.kinds import (
+    ByName,
+    Choice,
+    Epoch,
+    Interval,
+    Kind,
+    Name,
+    Names,
+    Number,
+    Text,
+    YesNo,
+    shortest_degrees,
+)
+from jaxplan.schema.sky import SKY, Followed
+from jaxplan.schema.tables import Either, Field, Table, table
 from jaxplan.sky import BODIES
 
 SCHEMA_VERSION = 1
+_ANGLE = Number(Interval("[-1e3, 1e3]"))  # rad, or rad/s: any number of turns that a file may mean
+_ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, of slopes that were held with fewer digits
 
-_required = partial(Field, required=True)
-_resolved = partial(Field, resolved=True)
-_always = partial(Field, always=True)
 
-_rate_limit = Number(Interval("[1e-6, 1e6]"), degrees=True)
-_acceleration_limit = Number(Interval("[1e-9, 1e9]"), degrees=True)
-_jerk_limit = Number(Interval("[1e-12, 1e12]"), degrees=True)
-_half_angle = Number(Interval("(0, 180)"), degrees=True)
-_exclusion = Number(Interval("[0, 180)"), degrees=True)
-_step = Number(Interval("[1e-3, 3.14]"))  # a longer turn has a shorter way round
-_inflation = Number(Interval("[1, 1e6]"))
+@dataclass(frozen=True)
+class Axis(Kind):
+    """A direction: a unit vector, or a path where it moves.
 
-TERMINAL = Table(
-    Terminal,
-    (
-        _required("name", Text(), "name", "unique among the devices"),
-        _required("mount_deg", ANGLE_DEG, "mount", "turn of the mounting about the body's z axis"),
-        _required("yaw_limit_deg", YAW_LIMIT, "yaw_limit", "range of the yaw to either side"),
-        _required("pitch_limit_deg", PITCH_LIMIT, "pitch_limit", "range of the pitch to either side"),
-        _required("rate_limit_deg_s", _rate_limit, "rate_limit", "of each joint"),
-        _required("acceleration_limit_deg_s2", _acceleration_limit, "acceleration_limit", "of each joint"),
+    Attributes:
+        inline: whether a file may have it as a table of samples and times, or as a name of ``[sky]``; else
+            these stand beside it.
+        moving: whether it may move.
+    """
+
+    inline: bool = False
+    moving: bool = True
+
+    @property
+    def wanted(self) -> str:
+        return DIRECTION.wanted
+
+    @property
+    def fields(self) -> Sequence[Field]:  # type: ignore[override]
+        return PATH.attributes
+
+    def read(self, value: Any, place: Place) -> Any:
+        if isinstance(value, DirectionPath):
+            if value.moves and not self.moving:
+                return place.refuse(f"must be {self.wanted}, not a direction that moves", value)
+            return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
+        if self.inline and not place.reading.python:
+            if isinstance(value, str):
+                return Followed(value)
+            if isinstance(value, dict):
+                return PATH.read(value, place)
+        return DIRECTION.read(value, place)
+
+    def write(self, value: Any) -> Any:
+        if not isinstance(value, DirectionPath):
+            return DIRECTION.write(value)
+        return PATH.write(value) if value.moves else DIRECTION.write(value.samples[0])
+
+
+@dataclass(frozen=True)
+class TargetList(Kind):
+    """A direction for each terminal: an array of them where none moves, else a tuple of what each is."""
+
+    still = Array(("terminal", 3), noun="directions, one a terminal", rule=units)
+    wanted = still.wanted
+    fields = property(lambda self: PATH.attributes)
+
+    def read(self, value: Any, place: Place) -> Any:
+        entries = value if isinstance(value, list | tuple) else ()
+        if not any(isinstance(one, str | dict | DirectionPath) for one in entries):
+            return self.still.read(value, place)
+        count = place.reading.sizes["terminal"]
+        if count not in (None, len(value)):
+            complaint = f"must be an array of {count} {self.wanted}, not of {len(value)}"
+            return place.refuse(complaint, value)
+        read = tuple(Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value))
+        if any(one is WRONG for one in read):
+            return WRONG
+        moving = any(isinstance(one, Followed | DirectionPath) for one in read)
+        return read if moving else np.array(read)
+
+    def may_miss(self, reading: Reading) -> bool:
+        return self.still.may_miss(reading)
+
+    def write(self, value: Any) -> list[Any]:
+        return [Axis().write(direction) for direction in value]
+
+
+def _path(parts: dict[str, Any], place: Place) -> Any:
+    """The path through samples, or `WRONG` where they have faults, or after noting that there is none."""
+    place.reading.sizes.pop("sample", None)  # the next path has its own number of them
+    samples, times = parts["samples"], parts["times"]
+    if samples is WRONG or times is WRONG:
+        return WRONG
+    try:
+        return DirectionPath.through(times, samples)
+    except ValueError as error:
+        return place["direction_samples"].fault(str(error).removeprefix("samples: "), samples.tolist())
+
+
+def _taken_path(path: DirectionPath, place: Place) -> Any:
+    """A path that was made in Python, of arrays, as the same samples make it from a file."""
+    parts = {
+        entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
+        for entry in PATH.attributes
+    }
+    made = _path(parts, place)
+    slopes = parts["slopes"]
+    if made is WRONG or slopes is WRONG:
+        return WRONG
+    off = (slopes - made.slopes) * np.gradient(made.times)[:, None]
+    wrong = np.flatnonzero(~np.all(np.abs(off) <= _SLOPE_ROUNDING, axis=1))
+    if len(wrong):
+        i = int(wrong[0])
+        complaint = "must be that of the spline; DirectionPath.through finds it"
+        return place["slopes"][i].fault(complaint, slopes[i])
+    return made
+
+
+def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
+    return lambda told: make(Number(Interval(told.range)))
+
+
+_KINDS: dict[Any, Any] = {
+    "unit vector": Axis(moving=False),
+    "plane unit vector": PLANE_DIRECTION,
+    "axis": Axis(),
+    "targets": TargetList(),
+    "rotation vector": Array(
+        (3,),
+        _ANGLE,
+        noun="a rotation vector of 3 numbers",
+        hint=", as scipy's Rotation has by as_rotvec()",
     ),
-)
-
-INSTRUMENT = Table(
-    Instrument,
-    (
-        _required("name", Text(), "name", "unique among the devices"),
-        _required("boresight", Direction(), "boresight", "where it looks, body axes"),
+    "angular velocity": Array((3,), _ANGLE, zero=True),
+    "joints": each_joint(_ANGLE),
+    "joint rates": each_joint(_ANGLE, zero=True),
+    "per axis": _of_number(per_axis),
+    "inertia": _of_number(
+        lambda each: Array(
+            (3, 3),
+            each,
+            noun="3 rows of 3 numbers",
+            hint="; np.diag makes them of principal moments",
+            rule=inertia,
+        )
     ),
-)
-
-SPACECRAFT = Table(
-    Spacecraft,
-    (
-        _required("rate_limit_deg_s", _rate_limit, "rate_limit", "of the platform, per body axis"),
-        _required("acceleration_limit_deg_s2", _acceleration_limit, "acceleration_limit", "likewise"),
-        Field("jerk_limit_deg_s3", _jerk_limit, "jerk_limit", "likewise"),
-        Field("inertia_kg_m2", Inertia(), "inertia", "in body axes"),
-        Field("torque_limit_nm", PerAxis(), "torque_limit", "per body axis; needs the inertia"),
-        Field("wheel_momentum_limit_nms", PerAxis(), "wheel_momentum_limit", "likewise"),
-        Field("terminal", Rows(TERMINAL), "terminals", "devices with a yaw and a pitch joint"),
-        Field("instrument", Rows(INSTRUMENT), "instruments", "devices fixed to the body"),
+    "device": Name("device"),
+    "terminal": Name("terminal"),
+    "devices": Names(),
+    "factors": _of_number(lambda each: ByName(each, "terminal")),
+    "epoch": Epoch(),
+    "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
+    "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
+    "sample times": _of_number(
+        lambda each: Array(("sample",), each, noun="rising numbers, the first at most 0", rule=rising)
     ),
-)
+}
 
-VECTOR = Table(
-    FixedVector,
-    (
-        _required(
-            "along",
-            Direction(),
-            "along",
-            "in body axes; of a terminal along its boresight, to the left of it and upward",
-        ),
-        Field(
-            "to", DeviceName(with_joints=True), "to", "whose moving part it is fixed to; the body if absent"
-        ),
-    ),
-)
 
-_NAME = _required("name", Text(), "name", "unique among the zones")
-_BOUND = (
-    Field("devices", DeviceList(), "devices", "which it binds; all if neither these nor vectors are given"),
-    Field("vector", Rows(VECTOR), "vectors", "further directions that it binds"),
-)
-_GROUP = (
-    Field("any_of", Text(), "any_of", "name of a group, of which one entry must hold at every instant"),
-    Field("entry", Text(), "entry", "of its group; zones of the same one must hold together"),
-)
-_CONE = (
-    _NAME,
-    _required("direction", Direction(), "direction", "axis of the cone, inertial"),
-    Field("axis_body", Direction(), "axis_body", "axis fixed in the body", instead_of="direction"),
-    Field("axis_device", DeviceName(), "axis_device", "whose boresight is the axis", instead_of="direction"),
-    _required("half_angle_deg", _half_angle, "half_angle", "from the axis to the edge"),
-)
+def _table(model: type, **more: Any) -> Table:
+    """The table of a class of the model, which tables of others may have in them."""
+    _KINDS[model] = table(model, _KINDS, **more)
+    return _KINDS[model]
 
+
+PATH: Table = _table(DirectionPath, make=_path)
+TERMINAL = _table(Terminal)
+INSTRUMENT = _table(Instrument)
+SPACECRAFT = _table(Spacecraft, check=check_spacecraft)
+VECTOR = _table(FixedVector)
+SEARCH = _table(SearchSettings)
+TRAJECTORY = _table(TrajectorySettings)
+
+
+def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
+    """A zone, whose axis a file may have as samples over times, or by a name that ``[sky]`` knows."""
+    samples, times = parts.pop("samples", None), parts.pop("times", None)
+    if samples is not None:
+        if times is None:
+            times = place["times_s"].fault(f"missing, must be {_TIMES.kind.wanted}")
+        parts["direction"] = _path({"samples": samples, "times": times}, place)
+    elif times is not None:
+        place["times_s"].fault("needs direction_samples, whose times they are")
+        place.reading.sizes.pop("sample", None)
+    body, moving = parts.pop("body", None), parts.pop("moving", None)
+    exclusion, satellite = parts.pop("exclusion", None), parts.pop("satellite", None)
+    if body is None and exclusion not in (None, WRONG):
+        complaint = "needs a body, from whose limb it counts"
+        place["exclusion_deg"].fault(complaint, shortest_degrees(exclusion))
+    if body is None and moving not in (None, WRONG):
+        place["moving"].fault("needs a body, which the axis follows or not", moving)
+    if exclusion is not None:
+        parts["half_angle"] = exclusion
+    if body is not None or satellite is not None:
+        name, key = (satellite, "satellite") if body is None else (body, "body")
+        found = Followed(name, key, from_limb=exclusion is not None, moving=bool(moving))
+        parts["direction"] = WRONG if name is WRONG else found
+    return model(**parts)
+
+
+def _split_zone(zone: Any) -> dict[str, Any]:
+    """What a file has of a zone: samples and times of an axis that moves."""
+    if not zone.moves:
+        return vars(zone)
+    return vars(zone) | {"direction": None, "samples": zone.direction.samples, "times": zone.direction.times}
+
+
+_SAMPLES, _TIMES = (
+    replace(entry, required=False, held=f"direction.{entry.attribute}") for entry in PATH.fields
+)
 _MOVING = (
-    _resolved("satellite", Text(), "direction", "the axis follows it; a name of [sky]"),
-    SAMPLES,
-    TIMES,
+    Field("satellite", Text(), "satellite", "the axis follows it; a name of [sky]", instead_of="direction"),
+    replace(_SAMPLES, instead_of="direction"),
+    _TIMES,
 )
-
-KEEP_OUT = Table(
-    KeepOut,
-    (
-        *_CONE,
-        _resolved("body", Choice(BODIES), "direction", "the axis points to it, as [sky] has it"),
-        Field("exclusion_deg", _exclusion, "half_angle", "from the body's limb to the edge"),
-        _resolved(
-            "moving",
-            YesNo(),
-            "moving",
-            "whether the axis follows the body; if false or absent, a wider zone stands still for as long",
-        ),
-        *_MOVING,
-        *_BOUND,
-        *_GROUP,
+_ABOUT_BODIES = (
+    Field("body", Choice(BODIES), "body", "the axis points to it, as [sky] has it", instead_of="direction"),
+    Field(
+        "exclusion_deg",
+        Number(Interval("[0, 180)"), degrees=True),
+        "exclusion",
+        "from the body's limb to the edge",
+        instead_of="half_angle",
     ),
-    split=split_zone,
-)
-
-KEEP_IN = Table(
-    KeepIn,
-    (
-        *_CONE,
-        *_MOVING,
-        Field("devices", DeviceList(), "devices", "which it binds, each by itself; these or vectors"),
-        *_BOUND[1:],
-        *_GROUP,
-    ),
-    split=split_zone,
-)
-
-JOINT_BOUND = Table(
-    JointBound,
-    (
-        _NAME,
-        _required("device", DeviceName(with_joints=True), "device", "whose joints it bounds"),
-        _required("normal", Direction(2), "normal", "weights of yaw and pitch"),
-        _required(
-            "least_deg", Number(Interval("[-1000, 1000]"), degrees=True), "least", "of the weighted sum"
-        ),
-        *_GROUP,
+    Field(
+        "moving",
+        YesNo(),
+        "moving",
+        "whether the axis follows the body; if false or absent, a wider zone stands still for as long",
     ),
 )
+KEEP_OUT, KEEP_IN = (
+    _table(model, before={"devices": further}, make=partial(_make_zone, model), split=_split_zone)
+    for model, further in ((KeepOut, (*_ABOUT_BODIES, *_MOVING)), (KeepIn, _MOVING))
+)
+JOINT_BOUND = _table(JointBound)
 
-SEARCH = Table(
-    SearchSettings,
-    (
-        _always("method", Choice(model.SEARCH_METHODS), "method", "the planner"),
-        Field(
-            "attitude_step_rad",
-            _step,
-            "attitude_step",
-            "turn of the platform in a step, delta_SO(3) of the paper",
-        ),
-        Field("joint_step_rad", _step, "joint_step", "change of a joint in a step, delta_h of the paper"),
-        Field("terminal_step_scale", TerminalFactors(), "terminal_step_scale", "factors on the joint step"),
-        Field("heuristic_weight", _inflation, "heuristic_weight", "w1 of the paper"),
-        Field("anchor_weight", _inflation, "anchor_weight", "w2 of the paper"),
-        Field("attitude_moves", Integer(Interval("[1, 256]")), "attitude_moves", "random turns an expansion"),
-        Field(
-            "clearance_deg",
-            Number(Interval("[0, 90)"), degrees=True),
-            "clearance",
-            "wanted beyond zones, tapering to zero at both ends",
-        ),
-        Field(
-            "max_expansions", Integer(Interval("[1, inf)")), "max_expansions", "a search gives up after them"
-        ),
-        Field(
-            "time_limit_s",
-            Number(Interval("(0, inf)"), words={"off": math.inf}),
-            "time_limit",
-            "what a plan may take, compiling aside",
-        ),
-        Field("max_goals", Integer(Interval("[1, 100]")), "max_goals", "goals of step 1 that may be tried"),
-        Field("improvements", Integer(Interval("[0, 10000]")), "improvements", "searches for shorter paths"),
-        Field("seed", Integer(Interval("[0, inf)")), "seed", "of every random choice"),
+
+def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
+    """A state, whose joints a file has as yaws and pitches."""
+    none = np.zeros(0)
+    halves = [parts.pop(f"{of}_deg", parts.pop(of, none)) for of in ("yaws", "pitches")]
+    joints = WRONG if any(half is WRONG for half in halves) else np.concatenate(halves)
+    turned = parts.pop("quaternion", None)
+    return GivenState(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
+
+
+def _split_state(state: GivenState) -> dict[str, Any]:
+    parts = _without_zero_rates(state)
+    yaws, pitches = np.split(np.asarray(parts.pop("joints")), 2)
+    return parts | ({"yaws": yaws, "pitches": pitches} if len(yaws) else {})
+
+
+def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
+    """What the state holds, less the rates that an absent key stands for (minus zero is not)."""
+    parts = dict(vars(state))
+    for name in ("angular_velocity", "joint_rates"):
+        if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
+            del parts[name]
+    return parts
+
+
+def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
+    """The two keys of a joint's angles."""
+    meaning = f"angle of each terminal's {axis} joint"
+    radians = Field(f"{axis}_rad", each_terminal(_ANGLE), attribute, meaning, required=True, held="joints")
+    degrees = Field(f"{axis}_deg", each_terminal(_ANGLE_DEG), f"{attribute}_deg", meaning, held="joints")
+    return radians, replace(degrees, instead_of=attribute)
+
+
+_ANGLES = (*_angles("yaw", "yaws"), *_angles("pitch", "pitches"))
+_QUATERNION = Field(
+    "quaternion_wxyz",
+    QUATERNION,
+    "quaternion",
+    "the attitude as a quaternion, scalar first",
+    instead_of="rotation_vector",
+)
+STATE = _table(
+    GivenState,
+    before={"angular_velocity_rad_s": (_QUATERNION, *_ANGLES)},
+    make=_make_state,
+    split=_split_state,
+)
+_STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
+TARGETS = _table(
+    Targets,
+    split=_without_zero_rates,
+    check=check_goal_rates,
+    refused=dict.fromkeys(
+        _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
 )
-
-_DURATION = Number(Interval("[1e-3, 1e7]"), words={"stretched": model.STRETCHED, "minimum": model.MINIMUM})
-_TUBE = Number(Interval("[0, 180]"), degrees=True, words={"inf": math.inf})
-
-TRAJECTORY = Table(
-    TrajectorySettings,
-    (
-        _always("method", Choice(model.TRAJECTORY_METHODS), "method", "the method"),
-        Field("duration_s", _DURATION, "duration", "or as short as scaling the time, or any motion, allows"),
-        Field(
-            "segments",
-            Integer(Interval("[1, 1000]")),
-            "segments",
-            "of paper, at least; if absent as few as the path allows",
-        ),
-        # Position, rate and acceleration at both ends take six coefficients; beyond degree 24 rounding shows.
-        Field("order", Integer(Interval("[5, 24]")), "order", "of paper, degree of the polynomials"),
-        Field("rate_weight", Number(Interval("[0, 1e6]")), "rate_weight", "lambda_1 of the paper"),
-        Field(
-            "acceleration_weight",
-            Number(Interval("[1e-6, 1e6]")),
-            "acceleration_weight",
-            "lambda_2 of the paper",
-        ),
-        Field("jerk_weight", Number(Interval("[0, 1e6]")), "jerk_weight", "of global"),
-        Field(
-            "node_tube_deg",
-            _TUBE,
-            "node_tube",
-            'of global, how far off a node may be passed; if absent 1, and for "minimum" inf',
-        ),
-        Field(
-            "end_acceleration",
-            Choice(model.END_ACCELERATIONS),
-            "end_acceleration",
-            "of global, at start and goal",
-        ),
-    ),
+GIVEN_GOAL = replace(
+    STATE,
+    refused=dict.fromkeys(("yaw_limit_deg", "pitch_limit_deg"), "only a goal with targets has it"),
 )
 
 
-def _make_scenario(*, schema_version: int, sky: View | None = None, **parts: Any) -> Scenario:
-    """The scenario; what the sky was asked for is in its zones and targets, and its epoch is kept."""
-    return Scenario(**parts) if sky is None else Scenario(**{**parts, "epoch": sky.epoch})
+# A goal that is neither: its keys are read to note their faults.
+_UNDECIDED = replace(
+    STATE,
+    fields=[replace(entry, required=False) for entry in (*TARGETS.fields[:3], *STATE.fields)],
+    make=lambda parts, place: WRONG,
+)
+
+
+class Goal(Either):
+    """A goal: a table with targets, or one with a state."""
+
+    wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        return {"with targets": TARGETS, "as a given state": GIVEN_GOAL}
+
+    def read(self, value: Any, place: Place) -> Any:
+        if place.reading.python:
+            if isinstance(value, GivenState | Targets):
+                return (STATE if isinstance(value, GivenState) else TARGETS).read(value, place)
+            return place.refuse("must be Targets or a GivenState", value)
+        if isinstance(value, dict) and not value.keys() & {"targets", *_STATE_KEYS}:
+            place.fault(f"must be {self.wanted}")
+            return _UNDECIDED.read(value, place)
+        return (TARGETS if isinstance(value, dict) and "targets" in value else GIVEN_GOAL).read(value, place)
+
+    def write(self, value: Any) -> dict[str, Any]:
+        return (STATE if isinstance(value, GivenState) else TARGETS).write(value)
+
+
+def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
+    """The scenario, and its view of the sky, which is resolved and not kept but for its epoch."""
+    del parts["schema_version"]
+    view = parts.pop("sky", None)
+    return Scenario(**parts), view
 
 
 def _split_scenario(scenario: Scenario) -> dict[str, Any]:
     return {"schema_version": SCHEMA_VERSION, **vars(scenario)}
 
 
-SCENARIO = Table(
+_KINDS["goal"] = Goal()
+SCENARIO = _table(
     Scenario,
-    (
-        _required("schema_version", Choice((SCHEMA_VERSION,)), "schema_version", "of this layout"),
-        _required("name", Text(), "name", "for titles and tables"),
-        Field(
-            "epoch_utc", Epoch(), "epoch", "UTC of the start, for exports; that of [sky] where there is one"
+    before={
+        "name": (
+            Field(
+                "schema_version", Choice((SCHEMA_VERSION,)), "schema_version", "of this layout", required=True
+            ),
         ),
-        _required("spacecraft", SPACECRAFT, "spacecraft", "platform, terminals and instruments"),
-        _required("start", STATE, "start", "the state the manoeuvre starts from"),
-        _required("goal", Goal(), "goal", "directions to point at, or a given state"),
-        _resolved(
-            "sky", SKY, "sky", "whence and when bodies and satellites are seen; resolved, never written"
+        "keep_out": (
+            Field(
+                "sky", SKY, "sky", "whence and when bodies and satellites are seen; resolved, never written"
+            ),
         ),
-        Field("keep_out", Rows(KEEP_OUT), "keep_out", "cones to stay out of"),
-        Field("keep_in", Rows(KEEP_IN), "keep_in", "cones to stay in"),
-        Field("joint_bound", Rows(JOINT_BOUND), "joint_bounds", "half-planes of yaw and pitch to stay in"),
-        _always("search", SEARCH, "search", "settings of step 2"),
-        _always("trajectory", TRAJECTORY, "trajectory", "settings of step 3"),
-    ),
+    },
     make=_make_scenario,
     split=_split_scenario,
 )

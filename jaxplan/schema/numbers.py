@@ -16,11 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.model.scenario import GivenState, Scenario
-from jaxplan.schema.arrays import Direction, Each, Inertia, PerAxis, Vector
+from jaxplan.schema.arrays import Array
 from jaxplan.schema.faults import nearest
-from jaxplan.schema.kinds import Integer, Interval, Number
-from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.states import STATE, TARGETS, Goal
+from jaxplan.schema.kinds import ANY, Integer, Interval, Number
+from jaxplan.schema.layout import SCENARIO, STATE, TARGETS, Axis, Goal, TargetList
 from jaxplan.schema.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
@@ -85,38 +84,40 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
             raise KeyError(f"{name}: {key} is no table with rows")
     key, row = _parsed(last, name)
     entry = _entry(table, key, name)
-    held = next(other.key for other in table.fields if other.attribute == entry.attribute)
-    if held != key:
+    held = next(other.key for other in table.fields if other.says == entry.says)
+    if held != key and not hasattr(value, entry.attribute):
         raise KeyError(f"{name}: {key} is held as {held}")
     steps, kind = _number(entry, row, value, name)
-    return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, kind.interval)
+    interval = None if kind.interval is ANY else kind.interval
+    return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, interval)
 
 
 def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple[Any, ...], Number]:
     """The steps from a table to a number of it, and the number's kind."""
     key, kind = entry.key, entry.kind
-    attribute, first = entry.held or entry.attribute, entry.half
+    attribute = entry.held or entry.attribute
     value: Any = getattr(table, attribute, None)
     if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
         return (attribute,), kind
-    if value is None and isinstance(kind, Number | PerAxis | Vector | Each):
+    apart = isinstance(kind, Array) and kind.rule is None  # whether each number may change by itself
+    if value is None and (isinstance(kind, Number) or apart):
         raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
-    if isinstance(kind, PerAxis) and row is None:
+    if isinstance(kind, Array) and kind.single and row is None:
         if np.all(np.asarray(value) == value[0]):
             return (attribute, ...), kind.of
         raise KeyError(f"{name}: {key} has three numbers that differ, write {key}[0] for the first")
-    if isinstance(kind, PerAxis | Vector | Each) and isinstance(kind.of, Number):
-        count = len(value) // 2 if attribute != entry.attribute else len(value)
+    if isinstance(kind, Array) and apart:
+        count = len(value) // (2 if entry.held else 1)
         if row is None or not row < count:
             raise KeyError(f"{name}: {key} has {count} numbers, write {key}[0] for the first")
-        return (attribute, first * count + row), kind.of
+        return (attribute, row + count * key.startswith("pitch")), kind.of
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"
     elif isinstance(kind, Number) and isinstance(value, str):
         said = f"is not a number here but {value}"
     elif isinstance(kind, Number):
         said = "is a single number: write no index"
-    elif isinstance(kind, Direction | Inertia | Each):
+    elif isinstance(kind, Array | TargetList | Axis):
         said = "is no single number: its numbers depend on each other, and none may change by itself"
     else:
         said = "is no single number"

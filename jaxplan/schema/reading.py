@@ -1,45 +1,60 @@
-"""Scenarios from files or Python objects and back, with all faults reported at once.
+"""Scenarios from files and Python objects, and back to files, with all faults reported at once.
 
-From a scenario file, its text or the dict it holds to the model, with all faults reported at once.
+All go through one reader, the tables of `layout`, which judge single values; what concerns several of them
+is for `checks`. Whether start and goal keep the constraints is no matter of these: planning answers that
+with a status. What Python gives is taken for the model's own types: lists become tuples or float64 arrays,
+numbers of any type floats, and a single number that stands for three becomes three; what a file may not hold
+is a fault, told by its attribute and in its unit.
 
-Single values are checked by their kind (`layout`), what concerns several tables by `checks`. Whether start
-and goal keep the constraints is no matter of the file: planning answers that with a status.
-
-From what Python gives for a scenario to the model's own types, with all faults reported at once.
-
-Lists become tuples or float64 arrays, numbers of any type floats, and a single number that stands for three
-becomes three. What a file may not hold is a fault, told by its attribute and in its unit; what is taken is
-what a file would give back, to the last bit.
-
-From the model to the dict of a scenario file, its text and the file itself.
-
-Reading the result gives every number back with the same bits, for all that can be said in the file's units.
-Required keys are written, and settings that differ from their default.
-
-Settings changed by their names, as in ``{"search.max_expansions": 500}``, in a file's keys and units.
+Reading what is written gives every number back with the same bits, for all that can be said in the file's
+units. Required keys are written, and settings that differ from their default.
 """
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from jaxplan.model.keys import unit_of
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.runtime.arguments import as_floats, expect, file_path
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import as_floats, expect, file_path, show
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import toml
-from jaxplan.schema.checks import (
-    ZONES,
-    check_count,
-    check_parts,
-    check_paths,
-    check_spacecraft,
-    resolve_directions,
-)
-from jaxplan.schema.faults import DeviceNames, Ear, Place, ScenarioError, quote
+from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
+from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
+from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
-from jaxplan.schema.spelling import python_root
+from jaxplan.schema.sky import View, resolve
+
+SETTINGS_TABLES = ("search", "trajectory")
+
+
+class PythonReading(Reading):
+    """A scenario that was made in Python is read: faults are told by attributes, in the model's units."""
+
+    python = True
+    root = "the scenario"
+
+    def spelled(self, steps: Sequence[str | int]) -> Spelled:
+        kind: Kind = SCENARIO
+        path: list[str | int] = []
+        unit = ""
+        for step in steps:
+            entry = next((entry for entry in kind.fields if step in (entry.key, entry.held)), None)
+            if entry is None:
+                path.append(step)
+                continue
+            path += (entry.held or entry.attribute).split(".")
+            kind, unit = entry.kind, unit_of(entry.key)
+        factor = math.pi / 180 if "deg" in unit else 1.0
+        return Spelled(spell_path(path), unit.replace("deg", "rad"), factor)
+
+    def show(self, value: object) -> str:
+        return show(value)
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
@@ -97,43 +112,21 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
     Raises:
         ScenarioError: it is no scenario; the message lists every fault.
     """
-    root = Place(faults=[], devices=device_names(tables))
-    zones = [_rows(tables, key) or () for key in ZONES]
-    read = SCENARIO.read(tables, root) if check_count(zones, root) else None
-    if read is not None:
-        check_parts(read, root)
-        _check_epoch(tables, read, root)
-        resolve_directions(tables, read, root)
-        check_paths(read, root)
-    if root.faults:
-        raise ScenarioError(root.faults)
-    scenario: Scenario = SCENARIO.build(read)
+    root = Place(Reading())
+    given = dict(tables)
+    if check_count([given.get(key) for key in ZONES], root):
+        scenario, view = SCENARIO.read(given, root)
+        check_parts(scenario, root)
+        if isinstance(view, View) and isinstance(view.epoch, np.datetime64):
+            if scenario.epoch not in (None, WRONG, view.epoch):
+                complaint = f"is not that of [sky], {view.epoch}: give one of them"
+                root["epoch_utc"].fault(complaint, given["epoch_utc"])
+            scenario = replace(scenario, epoch=view.epoch)
+        scenario = resolve(scenario, view, root)
+        check_paths(scenario, root)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
     return scenario
-
-
-def _check_epoch(tables: Mapping[str, Any], read: Mapping[str, Any], root: Place) -> None:
-    """The start has one time."""
-    seen, given = (read.get("sky") or {}).get("epoch"), read.get("epoch")
-    if seen is not None and given is not None and seen != given:
-        root.key("epoch_utc").fault(f"is not that of [sky], {seen}: give one of them", tables["epoch_utc"])
-
-
-def _rows(table: object, key: str) -> list[dict[str, Any]] | None:
-    """The tables of an array of tables, None if it is something else; an absent one is empty."""
-    rows = table.get(key, []) if isinstance(table, dict) else None
-    return rows if isinstance(rows, list) and all(isinstance(row, dict) for row in rows) else None
-
-
-def device_names(tables: object) -> DeviceNames:
-    """The names that zones and goals may use, as far as the file gives them."""
-
-    def names(key: str) -> tuple[str, ...] | None:
-        rows = _rows(tables.get("spacecraft") if isinstance(tables, dict) else None, key)
-        found = None if rows is None else [row.get("name") for row in rows]
-        texts = tuple(name for name in found or () if isinstance(name, str))
-        return None if found is None or len(texts) < len(found) else texts
-
-    return DeviceNames(names("terminal"), names("instrument"))
 
 
 def take_in(given: object) -> Scenario:
@@ -144,44 +137,30 @@ def take_in(given: object) -> Scenario:
         ScenarioError: if an attribute is one that no file may hold, has the wrong type or shape, or does not
             go with others; the message lists every fault.
     """
-    scenario = expect("scenario", given, Scenario)
-    ear = Ear([], _device_names(scenario))
-    taken = _taken(scenario, ear)
-    if ear.faults:
-        raise _all_faults(scenario)
-    return taken
+    scenario, reading = _taken(given)
+    if reading.faults:
+        raise ScenarioError(reading.faults)
+    return scenario
 
 
 def refuse_types(given: object) -> None:
     """Raise what `take_in` raises where an attribute has the wrong type or shape, and not for its value."""
+    _, reading = _taken(given)
+    if reading.refused:
+        raise ScenarioError(reading.faults)
+
+
+def _taken(given: object) -> tuple[Any, Reading]:
+    """A scenario as it is taken, as far as it can be, and what was noted of it."""
     scenario = expect("scenario", given, Scenario)
-    ear = Ear([], _device_names(scenario))
-    _taken(scenario, ear)
-    if ear.refused:
-        raise _all_faults(scenario)
-
-
-def _all_faults(scenario: Scenario) -> ScenarioError:
-    """The error that tells them, of a scenario that has some."""
-    root = python_root(_device_names(scenario))
-    _taken(scenario, root)
-    return ScenarioError(root.faults)
-
-
-def _taken(scenario: Scenario, root: Place) -> Any:
-    """The scenario as it is taken, or what could be taken of it after noting its faults."""
-    if not check_count([getattr(scenario, attribute) for attribute in ZONES.values()], root):
-        return None
-    terminals, others = root.devices.terminals, None
-    if terminals is None:
-        terminals, others = _names(scenario, "terminals", Terminal), _of_states(scenario)
-    if terminals is not None and others is not None:
-        complaint = f"must be as many as start and goal are for, {others}, not {len(terminals)}"
-        root.key("spacecraft").key("terminal").fault(complaint)
-    taken = SCENARIO.take(scenario, root)
-    check_parts(taken, root)
-    check_paths(taken, root)
-    return taken
+    root = Place(PythonReading())
+    root.reading.terminals = _terminals(scenario)
+    taken: Any = None
+    if check_count([getattr(scenario, name) for name in ZONES.values()], root):
+        taken = SCENARIO.read(scenario, root)
+        check_parts(taken, root)
+        check_paths(taken, root)
+    return taken, root.reading
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
@@ -192,47 +171,30 @@ def checked_spacecraft(given: object) -> Spacecraft:
         ScenarioError: for what no scenario may have; the message lists every fault.
     """
     expect("spacecraft", given, Spacecraft)
-    place = python_root(DeviceNames(None, None)).key("spacecraft")
-    taken: Spacecraft = SPACECRAFT.take(given, place)
-    check_spacecraft(taken, place)
-    if place.faults:
-        raise ScenarioError(place.faults, "the argument")
+    place = Place(PythonReading())["spacecraft"]
+    taken: Spacecraft = SPACECRAFT.read(given, place)
+    if place.reading.faults:
+        raise ScenarioError(place.reading.faults, "the argument")
     return taken
 
 
-def _device_names(scenario: Scenario) -> DeviceNames:
-    """The names of the devices, as far as start and goal are for as many terminals."""
-    terminals, others = _names(scenario, "terminals", Terminal), _of_states(scenario)
-    if terminals is not None and others is not None and len(terminals) != others:
-        return DeviceNames(None, None)  # so that start and goal are not blamed, too
-    return DeviceNames(terminals, _names(scenario, "instruments", Instrument))
-
-
-def _names(scenario: Scenario, kind: str, model: type) -> tuple[str, ...] | None:
-    """The names of devices; None where something else stands among them, or in their place."""
-    devices: Any = getattr(scenario.spacecraft, kind, None)
-    if isinstance(devices, list | tuple) and all(isinstance(one, model) for one in devices):
-        return tuple(str(one.name) for one in devices)
-    return None
-
-
-def _of_states(given: Scenario) -> int | None:
-    """Of how many terminals start and goal are; None where they do not agree, or cannot be told."""
-    directions = getattr(given.goal, "directions", None)
-    if isinstance(directions, list | tuple):
-        goal: float | None = len(directions)
+def _terminals(scenario: Scenario) -> int | None:
+    """For how many terminals start and goal are; None where they do not agree, or it cannot be told."""
+    start, goal = scenario.start, scenario.goal
+    directions = getattr(goal, "directions", None)
+    if directions is None:
+        count = _length(getattr(goal, "joints", None), 2)
+    elif isinstance(directions, list | tuple):
+        count = len(directions)
     else:
-        goal = (
-            _length(directions) if directions is not None else _length(getattr(given.goal, "joints", None), 2)
-        )
-    start = _length(getattr(given.start, "joints", None), 2)
-    return int(start) if start is not None and start == goal and start % 1 == 0 else None
+        count = _length(directions)
+    return count if count == _length(getattr(start, "joints", None), 2) else None
 
 
-def _length(value: object, of: int = 1) -> float | None:
-    """How often an array has so many entries; None for what is no array of numbers."""
+def _length(value: object, of: int = 1) -> int | None:
+    """How often an array has so many entries; None for what is no array of numbers, or has some too many."""
     array = as_floats(value)
-    return len(array) / of if array is not None and array.ndim else None
+    return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None
 
 
 def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
@@ -279,9 +241,6 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
     text = dump_scenario(scenario)
     with replacing_file(file_path("path", path)) as temporary:
         temporary.write_bytes(text.encode())
-
-
-SETTINGS_TABLES = ("search", "trajectory")
 
 
 def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:

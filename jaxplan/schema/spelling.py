@@ -1,200 +1,18 @@
-"""All there is to say about the keys of a scenario: reference, template, and names in Python.
+"""All there is to say about the keys of a scenario file, and a commented file to begin with.
 
-What there is to say about each key of a scenario file: value, unit, range, default and meaning.
-
-All of it comes from the layout by which files are read. The manual shows it as tables, the template of a new
-file as comments.
-
-How faults of a scenario that was made in Python are told: by its attributes, with numbers in its units.
-
-What a file calls ``keep_out[0].half_angle_deg = 401`` is ``keep_out[0].half_angle = 7.0 rad``, and must lie
-in a range of radians. Names and units follow from the layout.
-
-A commented scenario file to begin with: a scene, and every option with its meaning, unit and range.
-
-The scene and examples of what has no default stand in ``template.toml``; its comments say what belongs to the
-scene. All that is said of a key, and the settings with their defaults, come from the layout of the file.
+It comes from the layout by which files are read: value, unit, range, default and meaning of each key. The
+manual shows it as tables, the template as comments. The scene of the template and examples of what has no
+default stand in ``template.toml``, whose comments say what belongs to the scene.
 """
 
-import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from importlib.resources import files
-from typing import Any
 
-from jaxplan.runtime.arguments import show
 from jaxplan.schema import toml
-from jaxplan.schema.arrays import Direction
-from jaxplan.schema.faults import DeviceNames, Place
-from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.states import PATH, TargetList
 from jaxplan.schema.tables import Either, Field, Rows, Table
-
-_UNITS = {
-    "_deg_s3": "deg/s³",
-    "_deg_s2": "deg/s²",
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_rad_s": "rad/s",
-    "_rad": "rad",
-    "_kg_m2": "kg m²",
-    "_km": "km",
-    "_nms": "N m s",
-    "_nm": "N m",
-    "_s": "s",
-}
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A key of a table in words.
-
-    Attributes:
-        key: as the file spells it.
-        value: what it must be, without its range.
-        unit: that stands in the key; None if there is none.
-        range: of its numbers, in the file's unit; None where there is none.
-        required: whether the key, or an alternative, must be there.
-        always: whether files that are written have it at its default, too.
-        alternatives: keys that say the same in another way.
-        default: what an absent key stands for, as a file would say it; None where that is nothing.
-        meaning: one line.
-    """
-
-    key: str
-    value: str
-    unit: str | None
-    range: str | None
-    required: bool
-    always: bool
-    alternatives: tuple[str, ...]
-    default: str | None
-    meaning: str
-
-
-def entries(table: Table) -> Iterator[Entry]:
-    """The keys of a table that hold values, in the order of writing; those of its inner tables are theirs."""
-    meaning = ""
-    for field in table.fields:
-        meaning = meaning if field.meaning == "likewise" else field.meaning
-        if isinstance(field.kind, Table | Rows):
-            continue
-        others = tuple(other.key for other in table.fields if other.says == field.says)
-        yield Entry(
-            key=field.key,
-            value=field.kind.wanted.replace(f" in {field.kind.range}", ""),
-            unit=unit_of(field.key),
-            range=field.kind.range,
-            required=field.required,
-            always=field.always,
-            alternatives=tuple(key for key in others if key != field.key),
-            default=_default(table, field),
-            meaning=meaning,
-        )
-
-
-def unit_of(key: str) -> str | None:
-    """The unit that stands in a key; None if there is none."""
-    return next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), None)
-
-
-def _default(table: Table, field: Field) -> str | None:
-    default = table.defaults().get(field.attribute)
-    if field.required or default is None or default in ((), {}):
-        return None
-    return toml.value_text(field.kind.write(default))
-
-
-def inner_table(table: Table, key: str) -> tuple[Table, str]:
-    """The table under a key of another, or of its rows, and what that is; of several the first.
-
-    Raises:
-        KeyError: if there is none.
-    """
-    for field in table.fields:
-        if field.key == key:
-            kind = field.kind
-            if isinstance(kind, Rows):
-                return kind.table, field.meaning
-            if isinstance(kind, Either):
-                return next(iter(kind.tables.values())), field.meaning
-            if isinstance(kind, Table):
-                return kind, field.meaning
-    raise KeyError(key)
-
-
-@dataclass(slots=True)
-class PythonPlace(Place):
-    """A place in the tables of a scenario that was made in Python.
-
-    Attributes:
-        kind: what stands here, of which keys are looked up; None where there are none.
-        unit: of the numbers here, as Python has them; empty for none.
-    """
-
-    kind: Kind | None = None
-    unit: str = ""
-
-    def key(self, name: str) -> Place:
-        """The place of a key of this table, by the attribute that it is written from."""
-        field = next((field for field in _fields(self.kind) if field.key == name), None)
-        if field is None:
-            return PythonPlace(self.faults, self.devices, (*self.steps, name), self.show)
-        in_file = unit_of(field.key) or ""
-        return PythonPlace(
-            self.faults,
-            self.devices,
-            (*self.steps, *(field.held or field.attribute).split(".")),
-            self.show,
-            math.pi / 180 if "deg" in in_file else 1.0,
-            kind=field.kind,
-            unit=in_file.replace("deg", "rad"),
-        )
-
-    def item(self, index: int) -> Place:
-        """The place of an entry of this array."""
-        steps = (*self.steps, index)
-        return PythonPlace(
-            self.faults, self.devices, steps, self.show, self.factor, kind=self.kind, unit=self.unit
-        )
-
-    @property
-    def name(self) -> str:
-        """The path of attributes, or what has none."""
-        return self.path or "the scenario"
-
-    def refuse(self, complaint: str, value: object) -> None:
-        """Note a wrong type or shape, of which no unit can be told."""
-        PythonPlace(self.faults, self.devices, self.steps, self.show).fault(complaint, value)
-
-    def spelled(self, kind: Kind, value: Any) -> Any:
-        """A value of the model as Python has it, one number where a file would have one."""
-        return value if isinstance(value, float) else kind.write(value)
-
-    def told(self, value: object) -> str:
-        """The value with its unit."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return f"{Place.told(self, value)} {self.unit if number else ''}".rstrip()
-
-
-def python_root(devices: DeviceNames) -> PythonPlace:
-    """The place of the scenario itself, with no faults yet."""
-    return PythonPlace([], devices, show=show, kind=SCENARIO)
-
-
-def _fields(kind: Kind | None) -> Iterable[Field]:
-    """The fields of the table or tables that may stand here."""
-    if isinstance(kind, Rows):
-        kind = kind.table
-    if isinstance(kind, Table):
-        return kind.fields
-    if isinstance(kind, Either):
-        return [field for table in kind.tables.values() for field in table.fields]
-    return PATH.fields if isinstance(kind, TargetList | Direction) else ()
-
 
 _COLUMN = 38  # where comments begin; a longer line has its comment above
 _WIDTH = 118
@@ -202,6 +20,24 @@ _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
 _LINE = re.compile(r"#?(\w+) = .*")
+
+
+def entries(table: Table) -> list[Field]:
+    """The keys of a table that hold values, in the order of writing; those of its inner tables are theirs."""
+    return [entry for entry in table.fields if not isinstance(entry.kind, Table | Rows)]
+
+
+def alternatives(table: Table, entry: Field) -> list[str]:
+    """Keys that may stand in the place of one."""
+    return [other.key for other in table.fields if other.says == entry.says and other is not entry]
+
+
+def default(table: Table, entry: Field) -> str | None:
+    """What an absent key stands for, as a file would say it; None where that is nothing."""
+    usual = table.defaults().get(entry.attribute)
+    if entry.required or usual is None or usual in ((), {}):
+        return None
+    return toml.value_text(entry.kind.write(usual))
 
 
 def template() -> str:
@@ -243,27 +79,33 @@ def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
         raise KeyError(f"{path} has no {', '.join(sorted(unknown))}")
     for key, entry in whole.items():
         line = given.get(key)
-        if line is None and (path, "") not in told and entry.default is not None:
-            line = f"{'' if entry.always else '#'}{key} = {entry.default}"
+        usual = default(table, entry)
+        if line is None and (path, "") not in told and usual is not None:
+            line = f"{'' if entry.always else '#'}{key} = {usual}"
         if line is not None:
-            yield line if (path, key) in told else _beside(line, _comment(entry))
+            yield line if (path, key) in told else _beside(line, _comment(table, entry))
             told.add((path, key))
     told.add((path, ""))
 
 
 def _table(path: str) -> tuple[Table, str]:
-    """The table under a header, and what it is."""
+    """The table under a header, of several the first, and what it is."""
     table, meaning = SCENARIO, ""
     for key in filter(None, path.split(".")):
-        table, meaning = inner_table(table, key)
+        entry = next(entry for entry in table.fields if entry.key == key)
+        kind, meaning = entry.kind, entry.meaning
+        if isinstance(kind, Either):
+            kind = next(iter(kind.tables.values()))
+        table = kind.table if isinstance(kind, Rows) else kind  # type: ignore[assignment]
     return table, meaning
 
 
-def _comment(entry: Entry) -> str:
+def _comment(table: Table, entry: Field) -> str:
     """What is to be said of a key."""
     unit = f", {entry.unit}" if entry.unit else ""
-    interval = f" in {entry.range.replace(' ', _NO_BREAK)}" if entry.range else ""
-    instead = f"; or {', '.join(entry.alternatives)}" if entry.alternatives else ""
+    interval = f" in {entry.kind.range.replace(' ', _NO_BREAK)}" if entry.kind.range else ""
+    others = alternatives(table, entry)
+    instead = f"; or {', '.join(others)}" if others else ""
     return f"{entry.meaning}; {entry.value}{unit}{interval}{instead}"
 
 

@@ -1,19 +1,26 @@
-"""Tables of a scenario file: which keys they have, and what part of the model they make.
+"""Tables of a file: which keys they have, and what part of the model they make.
 
-A table is described once, as a list of fields. Reading, writing and the reference of the file all follow
-from that description: unknown and missing keys are found by it, and a default is that of the model's class.
+A table follows from a dataclass of the model whose fields say their keys (`jaxplan.model.keys`). Reading,
+writing and the reference of the file all follow from it: unknown and missing keys are found by it, and a
+default is that of the dataclass. An object that was made in Python is read by the same table, attribute by
+attribute.
 """
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
 
+from jaxplan.model.keys import Key, unit_of
 from jaxplan.runtime.arguments import a_or_an
-from jaxplan.schema.faults import Place, nearest
-from jaxplan.schema.kinds import Kind
+from jaxplan.schema.faults import WRONG, Place, nearest
+from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text
+
+_SECOND = "stands in the place of {}, only one of them can be given"
+_CHECKED = "_schema_checked"  # attribute of objects whose numbers and texts were found good
 
 
 @dataclass(frozen=True)
@@ -23,199 +30,242 @@ class Field:
     Attributes:
         key: as the file spells it, with the unit.
         kind: what its value may be.
-        attribute: what the model calls it. Fields that share it are alternatives, of which a file gives one;
-            the first that can hold the value is the one that is written.
+        attribute: what the model calls it; also a name for what the table makes something else of.
         meaning: one line for the reference.
-        required: whether the key, or an alternative, must be there.
-        always: whether it is written at its default too, because a later version may change that.
-        resolved: whether reading puts something else in its place, so that it is never written.
-        instead_of: another attribute in whose place it stands, of which one must be given.
-        held: what holds it in the model, where that is not the attribute by itself.
-        half: which half of that it is, where there are two.
+        required: whether the key, or one that may stand in its place, must be there.
+        always: whether it is written at its default too.
+        instead_of: the attribute in whose place it may be given.
+        held: path of attributes that holds it, where that is not `attribute`.
     """
 
     key: str
     kind: Kind
     attribute: str
-    meaning: str
+    meaning: str = ""
     required: bool = False
     always: bool = False
-    resolved: bool = False
     instead_of: str = ""
     held: str = ""
-    half: int = 0
 
     @property
     def says(self) -> str:
         """The attribute that keys which are alternatives to each other share."""
         return self.instead_of or self.attribute
 
+    @property
+    def value(self) -> str:
+        """What the value must be, without its range."""
+        return self.kind.wanted.replace(f" in {self.kind.range}", "")
+
+    @property
+    def unit(self) -> str:
+        """The unit that stands in the key; empty if there is none."""
+        return unit_of(self.key)
+
 
 @dataclass(frozen=True)
 class Table(Kind):
-    """A table with known keys.
-
-    It is read to a dict of attributes, as complete as the faults allow, so that checks across tables can
-    look at it; `build` turns that into the model.
+    """A table with known keys. What cannot be read of it has `WRONG` in the model, so that the rest is there.
 
     Attributes:
         model: the class it makes.
         fields: its keys, in the order in which they are written.
-        make: builds the model from attributes, the class itself unless told.
-        split: gives the attributes of a model, what it holds unless told.
+        attributes: those of the model, by which an object of Python's is read.
+        make: makes the model from what was read, by attribute; the class itself unless told.
+        split: gives what is written of a model, by attribute; all that it holds unless told.
+        check: notes what does not go together in a model that was read.
         refused: keys that are refused with a reason of their own.
-        whole: kinds of the model's attributes that a file has in parts, for which `split` gives others.
-        fill: gives the attributes of what Python gave, with those that were left out; all unless told.
     """
 
     model: type
-    fields: tuple[Field, ...]
-    make: Callable[..., Any] | None = None
+    fields: Sequence[Field]
+    attributes: Sequence[Field] = ()
+    make: Callable[[dict[str, Any], Place], Any] | None = None
     split: Callable[[Any], Mapping[str, Any]] = vars
+    check: Callable[[Any, Place], None] | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
-    whole: Mapping[str, Kind] = field(default_factory=dict)
-    fill: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     wanted = "a table"
 
-    def read(self, value: object, place: Place) -> dict[str, Any] | None:
-        """What could be read, by attribute, None for what is wrong; None if it is no table."""
+    def read(self, value: Any, place: Place) -> Any:
+        read = self._of_python(value, place) if place.reading.python else self._of_file(value, place)
+        if self.check is not None and read is not WRONG:
+            self.check(read, place)
+        return read
+
+    def _of_file(self, value: Any, place: Place) -> Any:
         if not isinstance(value, dict):
-            place.fault(f"must be {self.wanted}", value)
-            return None
+            return place.refuse(f"must be {self.wanted}", value)
         self._refuse_unknown(value, place)
-        read: dict[str, Any] = {}
+        parts: dict[str, Any] = {}
         given: dict[str, str] = {}
         for entry in self.fields:
             if entry.key not in value:
                 continue
-            here = place.key(entry.key)
+            here = place[entry.key]
             if entry.says in given:
-                here.fault(_second(entry, given[entry.says]))
+                here.fault(_SECOND.format(given[entry.says]))
             given[entry.says] = entry.key
-            before = len(place.faults)
-            content = entry.kind.read(value[entry.key], here)
-            if content is not None or len(place.faults) > before:
-                read[entry.attribute] = content
-        self._note_missing(given, place)
-        return read
+            parts[entry.attribute] = entry.kind.read(value[entry.key], here)
+        for entry in self.fields:
+            if entry.says not in given:
+                if entry.required and not entry.kind.may_miss(place.reading):
+                    parts[entry.attribute] = self._absent(entry, place)
+                elif (usual := entry.kind.absent(place.reading)) is not None:
+                    parts[entry.attribute] = usual
+        return self.model(**parts) if self.make is None else self.make(parts, place)
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
         known = [entry.key for entry in self.fields]
         for key in value:
             if key in self.refused:
-                place.key(key).fault(self.refused[key])
+                place[key].fault(self.refused[key])
             elif key not in known:
-                place.key(key).fault(f"unknown key, {nearest(key, known, 'keys')}")
+                place[key].fault(f"unknown key, {nearest(key, known, 'keys')}")
 
-    def _note_missing(self, given: Mapping[str, str], place: Place) -> None:
-        for entry in self.fields:
-            if entry.required and entry.attribute not in given and not entry.kind.may_miss(place):
-                self._note_absent(entry, place)
+    def _absent(self, entry: Field, place: Place) -> Any:
+        """Note that a key is missing."""
+        known = self.attributes if place.reading.python else self.fields
+        others = [place[other.key] for other in known if other.says == entry.says and other is not entry]
+        names = [here.path.removeprefix(f"{place.path}.") for here in others]
+        instead = f" (or {', '.join(names)})" if names else ""
+        return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
-    def _note_absent(self, entry: Field, place: Place) -> None:
-        here = place.key(entry.key)
-        alike = [place.key(f.key).path for f in self.fields if f.says == entry.says]
-        others = [path for path in alike if path != here.path and not path.startswith(f"{here.path}.")]
-        named = [path.removeprefix(f"{place.path}.") for path in others]
-        instead = f" (or {', '.join(named)})" if named else ""
-        here.fault(f"missing{instead}, must be {entry.kind.wanted}")
-
-    def take(self, value: Any, place: Place) -> Any:
-        """The model, each attribute as its kind takes it; where some are wrong its parts, of these None."""
-        model: Any = self.model
-        if not isinstance(value, model):
-            place.refuse(f"must be {a_or_an(model.__name__)}", value)
-            return None
-        before = len(place.faults)
-        parts: dict[str, Any] = {}
-        same = True
-        for name, may_miss, key, kinds in self._attributes:
-            content = getattr(value, name)
+    def _of_python(self, value: Any, place: Place) -> Any:
+        """The object, or where something in it must be taken for something else, one with that."""
+        if not isinstance(value, self.model):
+            return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
+        own = value.__dict__
+        checked = _CHECKED in own
+        changed: dict[str, Any] = {}
+        for name, key, kind, read, may_miss in self._unsure if checked else self._all:
+            content = own[name]
             if content is None and may_miss:
-                continue
-            kind = kinds[0]
-            if len(kinds) > 1:
-                kind = next((kind for kind in kinds if kind.holds(content)), kind)
-            parts[name] = kind.take(content, place.key(key))
-            same = same and parts[name] is content
-        for alike in self._choices:
-            given = [entry for entry in alike if entry.attribute in parts]
+                content = kind.absent(place.reading)
+            else:
+                content = read(content, place[key])
+            if content is not own[name]:
+                changed[name] = content
+        if not checked and not changed.keys() & self._sure:
+            own[_CHECKED] = True
+        for alike in self._alternatives:
+            given = [entry for entry in alike if own[entry.attribute] is not None]
             if not given:
-                self._note_absent(alike[0], place)
+                self._absent(alike[0], place)
             for entry in given[1:]:
-                place.key(entry.key).fault(_second(entry, given[0].key))
-        if len(place.faults) > before:
-            return parts
-        if same and not self.fill:
-            return value  # of which nothing can be changed by those who made it
-        return replace(value, **(self.fill(parts) if self.fill else parts))
+                place[entry.key].fault(_SECOND.format(place[given[0].key].path))
+        if not changed:
+            return value
+        return self.model(**{name: changed.get(name, own[name]) for name, *_ in self._all})
 
     @cached_property
-    def _attributes(self) -> tuple[tuple[str, bool, str, tuple[Kind, ...]], ...]:
-        """The model's attributes: whether each may be left at None, its key, and the kinds it may be of."""
-        found = []
-        for part in fields(self.model):
-            written = [entry for entry in self.fields if not entry.resolved]
-            own = [entry for entry in written if entry.attribute == part.name]
-            halves = [entry for entry in written if entry.held == part.name]
-            kinds = tuple(entry.kind for entry in own) or (self.whole[part.name],)
-            found.append((part.name, part.default is None, (own or halves)[0].key, kinds))
-        return tuple(found)
+    def _all(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
+        """The attributes: name, key, kind, how it is read, and whether it may be None."""
+        usual = {part.name: part.default for part in fields(self.model)}
+        return [
+            (e.attribute, e.key, e.kind, e.kind.read, usual[e.attribute] is None) for e in self.attributes
+        ]
 
     @cached_property
-    def _choices(self) -> tuple[tuple[Field, ...], ...]:
-        """Keys of attributes of which one must be given, the first of which is the usual one."""
-        others = {entry.instead_of for entry in self.fields if entry.instead_of}
-        first = [entry for entry in self.fields if entry.required and entry.attribute in others]
-        return tuple(
-            (usual, *(entry for entry in self.fields if entry.instead_of == usual.attribute))
-            for usual in first
-        )
+    def _sure(self) -> set[str]:
+        """Attributes that hold what nobody can change, and that are judged by themselves."""
+        return {
+            entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
+        }
 
-    def build(self, value: Any) -> Any:
-        """The model of attributes read without fault; the class fills in its defaults."""
-        kinds = {entry.attribute: entry.kind for entry in self.fields}
-        parts = {attribute: kinds[attribute].build(content) for attribute, content in value.items()}
-        return (self.make or self.model)(**parts)
+    @cached_property
+    def _unsure(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
+        return [entry for entry in self._all if entry[0] not in self._sure]
+
+    @cached_property
+    def _alternatives(self) -> list[list[Field]]:
+        """Attributes of which one must be given, the first of which is the usual one."""
+        named = [entry.instead_of for entry in self.attributes if entry.instead_of]
+        return [[entry for entry in self.attributes if entry.says == usual] for usual in dict.fromkeys(named)]
 
     def write(self, value: Any) -> dict[str, Any]:
-        """The table as the file holds it, without what the class fills in by itself."""
-        values = self.split(value)
+        parts = self.split(value)
         written: dict[str, Any] = {}
-        done: set[str] = set()
         for entry in self.fields:
-            content = values.get(entry.attribute)
-            passed = content is None or entry.attribute in done or entry.resolved
-            if passed or not entry.kind.holds(content):
+            content = parts.get(entry.attribute)
+            if content is None:
                 continue
-            done.add(entry.attribute)
             text = entry.kind.write(content)
-            if entry.key not in self._usual or repr(text) != self._usual[entry.key]:
+            if entry.always or repr(text) != self._usual.get(entry.key):
                 written[entry.key] = text
         return written
 
     @cached_property
     def _usual(self) -> dict[str, str]:
         """By key, what is not written since the class fills it in."""
-        usual = {}
-        for entry in self.fields:
-            default = self.defaults().get(entry.attribute)
-            if not entry.always and default is not None and entry.kind.holds(default):
-                usual[entry.key] = repr(entry.kind.write(default))
-        return usual
+        usual = self.defaults()
+        return {
+            entry.key: repr(entry.kind.write(usual[entry.attribute]))
+            for entry in self.fields
+            if usual.get(entry.attribute) is not None
+        }
 
     def defaults(self) -> dict[str, Any]:
         """What the model's class fills in, by attribute."""
+        if self.model is dict:
+            return {}
         given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
         made = {f.name: f.default_factory() for f in fields(self.model) if f.default_factory is not MISSING}
         return given | made
 
 
-def _second(entry: Field, first: str) -> str:
-    """What is wrong with a key, as another one is given that says the same."""
-    same = "stands in the place of" if entry.instead_of else "says the same as"
-    return f"{same} {first}, only one of them can be given"
+def table(
+    model: type,
+    kinds: Mapping[Any, Any],
+    *,
+    before: Mapping[str, Sequence[Field]] | None = None,
+    **more: Any,
+) -> Table:
+    """The table that the fields of a dataclass tell of.
+
+    Args:
+        model: the dataclass.
+        kinds: by name, or by type, what makes a kind of a `Key`, or the kind itself.
+        before: further keys of the file, by the key that they stand in front of; the last ones by "".
+        more: other attributes of `Table`.
+    """
+    hints = get_type_hints(model)
+    attributes = [_declared(part, hints[part.name], kinds) for part in fields(model)]
+    further = dict(before or {})
+    filed: list[Field] = []
+    for part, entry in zip(fields(model), attributes, strict=True):
+        filed += further.pop(entry.key, ())
+        filed += [entry] if part.metadata["key"].name else ()
+    return Table(model, (*filed, *further.pop("", ())), tuple(attributes), **more)
+
+
+def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
+    """What a field of a dataclass tells of its key; of an attribute without one, its name stands for it."""
+    told: Key = part.metadata["key"]
+    return Field(
+        told.name or part.name,
+        _kind(told, hint, kinds),
+        part.name,
+        told.meaning,
+        required=told.required or (part.default is MISSING and part.default_factory is MISSING),
+        always=told.always,
+        instead_of=told.instead_of,
+    )
+
+
+def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
+    """The kind of a field's values: by its name or the field's type."""
+    types = [each for each in get_args(hint) or (hint,) if each is not NoneType]
+    if told.kind or types[0] in kinds:
+        found = kinds[told.kind or types[0]]
+        kind: Kind = found if isinstance(found, Kind) else found(told)
+        return Rows(kind) if get_origin(hint) is tuple and isinstance(kind, Table) else kind
+    interval = Interval(told.range) if told.range else ANY
+    if float in types:
+        return Number(interval, degrees="_deg" in told.name, words=told.words)
+    if int in types:
+        return Integer(interval)
+    return Choice(told.options) if told.options else Text()  # type: ignore[arg-type]
 
 
 class Either(Kind):
@@ -226,6 +276,10 @@ class Either(Kind):
     def tables(self) -> Mapping[str, Table]:
         """The tables by words that tell them apart, for the reference."""
 
+    @property
+    def fields(self) -> Sequence[Field]:  # type: ignore[override]
+        return [entry for table in self.tables.values() for entry in (*table.fields, *table.attributes)]
+
 
 @dataclass(frozen=True)
 class Rows(Kind):
@@ -234,25 +288,20 @@ class Rows(Kind):
     table: Table
     wanted = "an array of tables"
 
-    def read(self, value: object, place: Place) -> list[dict[str, Any] | None] | None:
-        """What could be read of each table; None for the entries that are none."""
-        if not isinstance(value, list):
+    @property
+    def fields(self) -> Sequence[Field]:  # type: ignore[override]
+        return self.table.fields
+
+    def read(self, value: Any, place: Place) -> Any:
+        if place.reading.python:
+            if not isinstance(value, list | tuple):
+                return place.refuse(f"must be a tuple of {self.table.model.__name__}, or a list", value)
+        elif not isinstance(value, list):
             header = re.sub(r"\[\d+\]", "", place.path)
-            place.fault(f"must be an array of tables, each under [[{header}]]", value)
-            return None
-        return [self.table.read(row, place.item(i)) for i, row in enumerate(value)]
-
-    def take(self, value: Any, place: Place) -> tuple[Any, ...] | None:
-        """The models, in their order."""
-        if not isinstance(value, list | tuple):
-            place.refuse(f"must be a tuple of {self.table.model.__name__}, or a list", value)
-            return None
-        return tuple(self.table.take(row, place.item(i)) for i, row in enumerate(value))
-
-    def build(self, value: Any) -> tuple[Any, ...]:
-        """The models, in the file's order."""
-        return tuple(self.table.build(row) for row in value)
+            return place.refuse(f"must be an array of tables, each under [[{header}]]", value)
+        read = tuple(self.table.read(row, place[i]) for i, row in enumerate(value))
+        same = isinstance(value, tuple) and all(one is row for one, row in zip(read, value, strict=True))
+        return value if same else read
 
     def write(self, value: Any) -> list[dict[str, Any]]:
-        """A list of tables."""
         return [self.table.write(row) for row in value]

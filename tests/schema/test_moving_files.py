@@ -145,7 +145,7 @@ def test_satellites_and_bodies_of_the_sky_become_paths_as_seen_from_the_observer
 
 
 OUT, TARGET = ("keep_out", 0), ("goal", "targets", 0)
-NUMBERS = "must be an array of rising numbers"
+NUMBERS = "must be rising numbers"
 
 
 @pytest.mark.parametrize(
@@ -155,14 +155,18 @@ NUMBERS = "must be an array of rising numbers"
         (
             (*OUT, "direction_samples"),
             None,
-            ".times_s = [0.0, 20.0, 40.0, 60.0, 80.5]: needs direction_samples",
+            ".times_s: needs direction_samples",
         ),
         ((*OUT, "times_s"), [0, 20, 20, 60, 81], ".times_s[2] = 20.0: must be later than the one before, 20"),
         ((*OUT, "times_s"), [1, 20, 40, 60, 81], ".times_s[0] = 1.0: must be at most 0"),
-        ((*OUT, "times_s"), [0, 20, 40, 81], ".times_s = [0, 20, 40, 81]: must have as many numbers"),
+        (
+            (*OUT, "times_s"),
+            [0, 20, 40, 81],
+            ".times_s = [0, 20, 40, 81]: must be an array of 5 rising numbers, the first at most 0, not of 4",
+        ),
         ((*OUT, "times_s"), [0, 20, 40, 60, 79], ".times_s: must reach trajectory.duration_s = 80"),
-        ((*OUT, "times_s"), [0], f".times_s = [0]: {NUMBERS}"),
-        ((*OUT, "times_s"), 5, f".times_s = 5: {NUMBERS}"),
+        ((*OUT, "times_s"), [0], ".times_s = [0]: must be an array of 5 rising numbers"),
+        ((*OUT, "times_s"), 5, ".times_s = 5: must be an array of 5 rising numbers"),
         ((*OUT, "times_s", 1), "soon", '.times_s[1] = "soon": must be a number'),
         (
             (*OUT, "direction_samples", 3),
@@ -174,9 +178,9 @@ NUMBERS = "must be an array of rising numbers"
             [0, 0, -1],
             ".direction_samples = (an array of 5): the direction turns",
         ),
-        ((*OUT, "direction"), [0, 0, 1], ".direction_samples: says the same as direction"),
+        ((*OUT, "direction"), [0, 0, 1], ".direction_samples: stands in the place of direction"),
         ((*OUT, "moving"), True, ".moving = true: needs a body"),
-        ((*OUT, "satellite"), "n", ".direction_samples: says the same as satellite"),
+        ((*OUT, "satellite"), "n", ".direction_samples: stands in the place of satellite"),
         ((*TARGET, "times_s"), None, ".times_s: missing"),
         ((*TARGET, "colour"), 1, ".colour: unknown key"),
         ((*TARGET, "times_s"), [0, 20, 40, 60, 70], ".times_s: must reach trajectory.duration_s"),

@@ -86,14 +86,14 @@ spacecraft.acceleration_limit_deg_s2 = 0: must lie in [1e-9, 1e9]
 spacecraft.jerk_limit_deg_s3 = 0: must lie in [1e-12, 1e12]
 spacecraft.torque_limit_nm = 0: must lie in [1e-12, 1e12]
 spacecraft.torque_limit_nm[1] = -0.3: must lie in [1e-12, 1e12]
-spacecraft.torque_limit_nm = "much": must be a number, or 3 numbers, one a body axis
-spacecraft.wheel_momentum_limit_nms = [1, 2]: must be an array of 3 numbers, one a body axis, not of 2
+spacecraft.torque_limit_nm = "much": must be a number, or 3, one a body axis
+spacecraft.wheel_momentum_limit_nms = [1, 2]: must be a number, or 3, one a body axis, not of 2
 spacecraft.inertia_kg_m2 = 12.0: must be an array of 3 rows of 3 numbers
 keep_out[0].name = "": must not be empty
 keep_in[0].any_of = "  ": must not be empty
 spacecraft.terminal[0].name = 7: must be a line of text
 spacecraft.instrument[0].boresight = [0.0, 0.0, 0.0]: must be a unit vector, not zero
-spacecraft.instrument[0].boresight = [0, 1]: must be an array of 3 numbers, not of 2
+spacecraft.instrument[0].boresight = [0, 1]: must be a unit vector of 3 numbers, not of 2
 keep_in[0].name = "earth": the same as keep_out[1].name
 keep_out[0].direction = [0.0, 0.0, 1.0011]: must be a unit vector, its norm is 1.0011
 keep_out[0].direction[1] = "north": must be a number
@@ -104,7 +104,7 @@ keep_in[0].devices[0] = "camera": no such device, the devices are fore, aft, sta
 keep_out[0].devices[1] = "star-tracker": is named twice
 keep_out[0].devices[1] = 3: must be the name of a device
 keep_in[0].any_of = false: must be a line of text
-start.attitude = [0.0, 0.0]: must be an array of 3 numbers, not of 2
+start.attitude = [0.0, 0.0]: must be a rotation vector of 3 numbers, not of 2
 start.yaw_rad = [0.1]: must be an array of 2 numbers, one a terminal, not of 1
 start.pitch_rad = 0.1: must be an array of 2 numbers, one a terminal
 goal.targets = [[0.0, 0.0, 1.0]]: must be an array of 2 directions, one a terminal, not of 1
@@ -292,7 +292,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6]",
         "spacecraft.terminal[1].pitch_limit_deg: missing, must be a number in (0, 90)",
         "spacecraft.instrument[0].boresight: missing, must be a unit vector of 3 numbers",
-        "start.attitude: missing (or quaternion_wxyz), must be 3 numbers",
+        "start.attitude: missing (or quaternion_wxyz), must be a rotation vector of 3 numbers",
         "start.yaw_rad: missing (or yaw_deg), must be numbers, one a terminal",
         "start.pitch_rad: missing (or pitch_deg), must be numbers, one a terminal",
         "keep_out[1].half_angle_deg: missing (or exclusion_deg), must be a number in (0, 180)",
@@ -308,9 +308,12 @@ def test_a_missing_key_is_named_with_what_it_must_be(line):
     [
         (
             {"start.quaternion_wxyz": [1, 0, 0, 0]},
-            "start.quaternion_wxyz: says the same as attitude, only one of them can be given",
+            "start.quaternion_wxyz: stands in the place of attitude, only one of them can be given",
         ),
-        ({"start.yaw_deg": [1, 2]}, "start.yaw_deg: says the same as yaw_rad, only one of them can be given"),
+        (
+            {"start.yaw_deg": [1, 2]},
+            "start.yaw_deg: stands in the place of yaw_rad, only one of them can be given",
+        ),
         (
             {"start.attitude": ABSENT, "start.quaternion_wxyz": [0.1, 0.2, 0.3, 0.4]},
             "start.quaternion_wxyz = [0.1, 0.2, 0.3, 0.4]: must be a unit quaternion in the order w x y z, "

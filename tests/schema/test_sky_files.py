@@ -193,7 +193,7 @@ EPOCH_FAULT = "must be a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2
         (
             'body = "moon"',
             'direction = [0, 0, 1]\nbody = "moon"',
-            "keep_out[3].body: says the same as direction",
+            "keep_out[3].body: stands in the place of direction",
         ),
         ("half_angle_deg = 12.5", "", "keep_out[3].half_angle_deg: missing (or exclusion_deg)"),
         (
@@ -204,7 +204,7 @@ EPOCH_FAULT = "must be a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2
         (
             "half_angle_deg = 5",
             "exclusion_deg = 5",
-            "keep_out[1].exclusion_deg = 5: needs a body, from whose limb",
+            "keep_out[1].exclusion_deg = 5.0: needs a body, from whose limb",
         ),
         (
             "exclusion_deg = 0",

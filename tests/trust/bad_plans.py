@@ -73,7 +73,10 @@ def plans() -> dict[str, tuple[Make, str]]:
             changed("path", "attitudes", 0, value=[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]),
             "path.attitudes[0] = ",
         ),
-        "joints of another craft": (changed("goal", "joints", value=[0.0] * 8), "must have 4 entries"),
+        "joints of another craft": (
+            changed("goal", "joints", value=[0.0] * 8),
+            "must be an array of 4 numbers, not of 8",
+        ),
         "a bad scenario": (
             changed("scenario", "spacecraft", "rate_limit_deg_s", value=-1),
             "scenario: spacecraft.rate_limit_deg_s = -1: must lie in [1e-6, 1e6]",

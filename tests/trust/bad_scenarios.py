@@ -28,7 +28,7 @@ mount_deg = 120.0 | mount_deg = -inf | spacecraft.terminal[1].mount_deg = -inf: 
     "no direction": """\
 [-0.1504, -0.8529, -0.5000] | [0.0, 0.0, 0.0] | keep_out[2].direction = [0.0, 0.0, 0.0]: must be a unit vector
 [-0.1504, -0.8529, -0.5000] | [0.0, 0.0, 2.0] | must be a unit vector, its norm is 2
-[-0.1504, -0.8529, -0.5000] | [0.0, 1.0] | must be an array of 3 numbers, not of 2
+[-0.1504, -0.8529, -0.5000] | [0.0, 1.0] | must be a unit vector of 3 numbers, not of 2
 [-0.1504, -0.8529, -0.5000] | "north" | keep_out[2].direction = "north": must be
 [0.4212, -0.9032, -0.0832] | [0.4212, -0.9032, 0.9] | goal.targets[1] = [0.4212, -0.9032, 0.9]: must be a unit
 [0.4212, -0.9032, -0.0832], | # | goal.targets""",
