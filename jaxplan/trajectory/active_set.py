@@ -99,42 +99,55 @@ class FitRecord:
         multipliers = proposal.multipliers
         if discrete.free_time:  # limits by coefficients ask for more time than those at the places
             at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
-        binding = {name: own > 0 for name, own in multipliers.items()}
-        crowded, share = False, float(objective.share[0])
+        share = float(objective.share[0])
+        near = {name: (own > 0) | _broken(rows[name]) for name, own in multipliers.items()}
         for _ in range(options.ACTIVE_SET.looks):
-            held = self._held(at, rows, binding, multipliers, share)
-            root = self._root(held)
+            held = self._held(at, rows, near, multipliers, share)
+            ahead, pushes = self._step(held)
+            pushing = _named(rows, near, held, pushes)
+            binding = {name: own > 0 for name, own in pushing.items()}
+            root = self._root(self._held(at, rows, binding, pushing, share))
             if root is not None:
                 coefficients, found, duration = root
-                at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
-                quadratic = objective.program(at, np.zeros(1), penalty)
-                rows = {block.name: block for block in quadratic.blocks}
-                multipliers = _named(rows, binding, held, found)
-                least = -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
-                after = {
-                    name: next_rows(rows[name], own, multipliers[name], least)
-                    for name, own in binding.items()
-                }
-                if all(np.array_equal(after[name], own) for name, own in binding.items()):
-                    held = replace(held, x=self._free(at), multipliers=found, duration=at.duration[0])
-                    by_flank = self._by_flank(rows, binding)
+                there = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
+                blocks = {block.name: block for block in objective.program(there, np.zeros(1), penalty).blocks}
+                broken = {name: _broken(block) & ~binding[name] for name, block in blocks.items()}
+                wrong = np.min(found, initial=0.0) < -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
+                if not wrong and not any(map(np.any, broken.values())):
+                    held = self._held(there, blocks, binding, pushing, share)
+                    held = replace(held, multipliers=found)
+                    by_flank = self._by_flank(blocks, binding)
                     by_flank |= {name: by_flank[name] / share for name in by_flank if name == "energies"}
                     return replace(held, by_flank=by_flank)
-                binding = after
-            elif crowded:
-                break
-            # Where a rate stays at its limit, rows beside each other follow from each other.
-            crowded = crowded or root is None
-            if crowded:
-                multipliers = independent(quadratic, binding)
-                binding = {name: own > 0 for name, own in multipliers.items()}
+                near = {name: own | broken[name] for name, own in near.items()}
+            multipliers = pushing
+            at = stack.iterates(ahead[0][None], np.array([ahead[1]]), as_given=True)
+            rows = {block.name: block for block in objective.program(at, np.zeros(1), penalty).blocks}
+            near = {name: own | _broken(rows[name]) for name, own in near.items()}
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
             "trajectory.duration_s a little"
         )
 
-    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Coefficients, multipliers and duration where ``F`` is zero, by Newton's method, or None."""
+    def _step(self, held: ActiveSet) -> tuple[tuple[np.ndarray, float], np.ndarray]:
+        """Coefficients and duration after a step, and multipliers of the rows that are near."""
+        on = np.flatnonzero(np.concatenate([held.linear.on, held.loads.on, held.zones.on]))
+        size = held.x.size
+        z = flat(held)
+        with jax.enable_x64(True):
+            own, inputs = self._inputs(held)
+            left, matrix = (np.asarray(array) for array in linearised(own, inputs, z))
+            primal = np.concatenate([np.arange(size), np.arange(size + len(held.multipliers), len(z))])
+            slopes = matrix[np.ix_(size + on, primal)]
+            gradient = left[primal] - slopes.T @ z[size + on]
+            step, pushes = solve_exactly(matrix[np.ix_(primal, primal)], gradient, slopes, left[size + on])
+            z[primal] += step
+            coefficients, duration = (np.asarray(part) for part in curve_of(own, inputs, z))
+        multipliers = np.zeros(len(held.multipliers))
+        multipliers[on] = pushes
+        return (coefficients, float(duration)), multipliers
+
+    def _inputs(self, held: ActiveSet):
         problem = self.problem
         path = Path(
             attitudes=padded(problem.attitudes, FEWEST_NODES),
@@ -143,9 +156,13 @@ class FitRecord:
         )
         asked = problem.settings.duration
         settings = replace(problem.settings, duration=0.0 if isinstance(asked, str) else asked)
+        return _inputs(held, path, problem.spacecraft, settings, problem.cones, problem.rates)
+
+    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Coefficients, multipliers and duration where ``F`` is zero, by Newton's method, or None."""
         z = flat(held)
         with jax.enable_x64(True):
-            held, inputs = _inputs(held, path, problem.spacecraft, settings, problem.cones, problem.rates)
+            held, inputs = self._inputs(held)
             best, least = z, np.inf
             for _ in range(options.ACTIVE_SET.steps):
                 left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
@@ -384,24 +401,50 @@ def _windings(chart: Chart, attitudes: np.ndarray, places: np.ndarray) -> np.nda
     return np.round((along - angles) / (2 * np.pi))
 
 
-def next_rows(
-    block: ConstraintBlock, binding: np.ndarray, multipliers: np.ndarray, least: float
-) -> np.ndarray:
-    """The next active set of a block: rows with multipliers of the wrong sign dropped, broken ones added.
-
-    Of rows at places only the worst of each zone or load, since those beside it mean the same.
-    """
-    pulling = binding & (multipliers < least)
+def _broken(block: ConstraintBlock) -> np.ndarray:
+    """The rows of one curve that are broken; of those at places next to each other the worst."""
     slack = block.slack
-    broken = ~binding & block.chosen(
-        slack < -options.PROGRAM.broken * block.tolerance, slack, np.zeros(1, int)
-    )
+    broken: np.ndarray = slack < -options.ACTIVE_SET.broken
     if not block.linear:
-        worst = np.arange(slack.shape[1]).reshape(-1, *[1] * (slack.ndim - 2))
-        if np.any(pulling):
-            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=1)))
-        broken &= worst == np.argmin(np.where(broken, slack, np.inf), axis=1)
-    return (binding & ~pulling) | broken
+        least = np.pad(slack, [(0, 0), (1, 1), *[(0, 0)] * (slack.ndim - 2)], constant_values=np.inf)
+        with np.errstate(invalid="ignore"):
+            broken &= (slack <= least[:, :-2]) & (slack <= least[:, 2:])
+    return broken
+
+
+def solve_exactly(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The step of least ``d^T H d / 2 + g^T d`` with ``G d + e <= 0``, and its rows' multipliers.
+
+    None of the rows that push follows from the others. A Hessian that is not positive is made so.
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
+    try:
+        factor = np.linalg.cholesky(hessian)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(hessian)
+        values = np.maximum(np.abs(values), 1e-6 * np.max(np.abs(values)))
+        factor = np.linalg.cholesky((vectors * values) @ vectors.T)
+    towards = solve_triangular(factor, slopes.T, lower=True)  # in the unknowns u = L^T d + L^-1 g
+    down = solve_triangular(factor, gradient, lower=True)
+    rest = excess - towards.T @ down
+    aim = np.zeros(len(down) + 1)
+    aim[-1] = 1.0
+    pushes = np.zeros(len(excess))
+    if len(pushes):
+        scale = max(1.0, float(np.linalg.norm(down)))
+        try:
+            found, left = nnls(np.vstack([-towards, rest / scale]), aim)
+            print('   nnls', len(pushes), (found>0).sum(), left)
+            short = 1 - rest / scale @ found
+            pushes = scale * found / short
+        except RuntimeError:
+            pass
+    step = solve_triangular(factor, -towards @ pushes - down, lower=True, trans=1)
+    return step, pushes
 
 
 def independent(quadratic: program.QuadraticProgram, binding: Masks) -> Masks:

@@ -135,6 +135,7 @@ class ActiveSetOptions:
     ftol: float = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
     looks: int = 20  # at sets of rows that may bind
     wrong_sign: float = 1e-9  # of the largest multiplier; a row whose own is more negative does not bind
+    broken: float = 1e-8  # of a limit, or rad; a row that is broken by more binds, or the root is no optimum
     residual: float = 1e-10  # at which a root is found
     steps: int = 12  # of Newton's method on the way to it
     rounded: float = 1e-8  # residual that rounding may leave, where little moves
