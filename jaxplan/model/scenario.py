@@ -210,6 +210,8 @@ class TrajectorySettings:
         node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
             first guess. None for 1 deg, and in the shortest motion for infinite.
         end_acceleration: of "global", "zero" or "free" at start and goal.
+        optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
+            else it may end some thousandths of its energy above.
     """
 
     method: str = _static(default="global")
@@ -221,6 +223,7 @@ class TrajectorySettings:
     jerk_weight: float = 30.0
     node_tube: float | None = None
     end_acceleration: str = _static(default="zero")
+    optimal: bool = _static(default=False)
 
     @property
     def timed(self) -> bool:

@@ -222,6 +222,12 @@ TRAJECTORY = Table(
             "end_acceleration",
             "of global, at start and goal",
         ),
+        Field(
+            "optimal",
+            YesNo(),
+            "optimal",
+            "of global, whether a fit goes on to the optimum, whose derivatives are known",
+        ),
     ),
 )
 

@@ -74,25 +74,38 @@ def make_attempts(requests: Sequence[AttemptRequest]) -> list[Attempt | None]:
     """Attempts at all requests; None where the nodes leave the chart or numbers overflow."""
     begins = {number: begin for number, one in enumerate(requests) if (begin := _first_curve(one))}
     solutions = _improved([requests[number].problem for number in begins], list(begins.values()))
-    curves: dict[int, tuple[DiscreteProblem, SQPSolution, Trajectory]] = {}
-    for (number, begin), solution in zip(begins.items(), solutions, strict=True):
-        if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite:
-            node_times = solution.duration * requests[number].mesh.places
-            curves[number] = begin.discrete, solution, _trajectory(begin.discrete, solution, node_times)
-    peaks = all_peaks(
-        [(curve, requests[number].problem.spacecraft) for number, (*_, curve) in curves.items()]
-    )
     attempts: list[Attempt | None] = [None] * len(requests)
-    for (number, (discrete, solution, curve)), own in zip(curves.items(), peaks, strict=True):
+    made = [
+        (requests[number], begin.discrete, solution)
+        for (number, begin), solution in zip(begins.items(), solutions, strict=True)
+    ]
+    for number, attempt in zip(begins, finished(made), strict=True):
+        attempts[number] = attempt
+    return attempts
+
+
+def finished(
+    made: Sequence[tuple[AttemptRequest, DiscreteProblem, SQPSolution]],
+) -> list[Attempt | None]:
+    """Attempts with the curves of solutions; None where numbers overflow."""
+    curves = {
+        number: _trajectory(discrete, solution, solution.duration * request.mesh.places)
+        for number, (request, discrete, solution) in enumerate(made)
+        if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
+    }
+    peaks = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
+    attempts: list[Attempt | None] = [None] * len(made)
+    for (number, curve), own in zip(curves.items(), peaks, strict=True):
+        request, discrete, solution = made[number]
         if np.isfinite(own.stretch):
             attempts[number] = Attempt(
-                request=requests[number],
+                request=request,
                 discrete=discrete,
                 solution=solution,
                 trajectory=curve,
                 peaks=own,
                 clear=bool(np.all(solution.margins >= options.ACCEPTANCE.kept_margin * discrete.wanted)),
-                breach=_breach(solution.margins, requests[number].problem),
+                breach=_breach(solution.margins, request.problem),
                 tube=float(solution.violations[TUBE]),
             )
     return attempts

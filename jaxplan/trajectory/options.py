@@ -133,13 +133,11 @@ class ActiveSetOptions:
 
     padding: tuple[int, int, int] = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
     ftol: float = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
-    looks: int = 20  # at sets of rows that may bind
-    wrong_sign: float = 1e-9  # of the largest multiplier; a row whose own is more negative does not bind
-    broken: float = 1e-8  # of a limit, or rad; a row that is broken by more binds, or the root is no optimum
-    residual: float = 1e-10  # at which a root is found
-    steps: int = 12  # of Newton's method on the way to it
-    rounded: float = 1e-8  # residual that rounding may leave, where little moves
-    touching: float = 1e-6  # slack of a row that may bind
+    steps: int = 40  # from there to the optimum, at most
+    settled: float = 1e-8  # rad, a step that changes less is the last
+    broken: float = 1e-8  # of a limit, or rad; a row that is broken by more is near
+    squares: tuple[float, ...] = tuple(10.0 ** np.arange(-2, 7))  # of rows, over the size of the form
+    flattest: float = 1e-6  # of the largest curvature, where the form stays without a minimum
     refit_steps: int = 5  # of Newton's method when inputs have changed, before the last one
     refit_residual: float = 1e-9  # at which these end earlier
     flank_step: float = 1e-4  # of the pace's flank, to either side, for differences by it

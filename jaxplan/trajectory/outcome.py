@@ -1,5 +1,7 @@
 """What is made of an attempt in the end: a fit that keeps all limits, or one that says what is broken."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from jaxplan.model.status import Status
@@ -10,6 +12,8 @@ from jaxplan.trajectory.fit import Fit, Needed, too_tight
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.schedule import excess
+
+NOT_OPTIMAL = "it is not the optimum, at which what binds cannot be told, or something is broken"
 
 
 def better(fit: Fit, other: Fit) -> Fit:
@@ -24,7 +28,27 @@ def better(fit: Fit, other: Fit) -> Fit:
 
 
 def success(problem: FitProblem, attempt: Attempt, radius: float, *, stretch: bool = False) -> Fit:
-    """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
+    """A fit within all limits on rates and loads, perhaps after its time is stretched to them.
+
+    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
+    """
+    found = _within_limits(problem, attempt, radius, stretch=stretch)
+    if not problem.settings.optimal or found.origin is None:
+        return found
+    spare = noted(found, NOT_OPTIMAL)
+    best = found.origin.at_optimum()
+    if best is None or not best.sound or not (stretch or best.kept):
+        return spare
+    return replace(_within_limits(problem, best, radius, stretch=stretch), spare=spare)
+
+
+def noted(fit: Fit, note: str) -> Fit:
+    """The fit with a further note in its message."""
+    notes = f"{fit.note}; {note}" if fit.note else note
+    return replace(fit, message=f"{fit.message}; {note}", note=notes)
+
+
+def _within_limits(problem: FitProblem, attempt: Attempt, radius: float, *, stretch: bool) -> Fit:
     curve = attempt.trajectory
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)

@@ -13,10 +13,10 @@ from quick import quick_jit
 from scenes import make_scenario
 
 import jaxplan as jp
+from jaxplan.derivatives import follow, hold, replan
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.planner.meeting import fit
-from jaxplan.sensitivity import follow, hold, replan
 
 STEP = 5e-6  # twice that is within what the rows that bind allow
 
