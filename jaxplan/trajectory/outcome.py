@@ -13,7 +13,7 @@ from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.schedule import excess
 
-NOT_OPTIMAL = "it is not the optimum, at which what binds cannot be told, or something is broken"
+NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 
 
 def better(fit: Fit, other: Fit) -> Fit:

@@ -9,6 +9,7 @@ from scenes import make_scenario
 from scipy.optimize import minimize
 
 import jaxplan as jp
+from jaxplan.planner.meeting import fit
 from jaxplan.trajectory.active_set import FitRecord, least_change
 from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
@@ -82,6 +83,16 @@ def test_a_plan_whose_optimum_cannot_be_told_says_so(monkeypatch):
     plan = jp.plan(asking(make_scenario(1), duration=60.0, optimal=True), progress=False)
     assert plan.ok
     assert NOT_OPTIMAL in plan.message
+
+
+@pytest.mark.parametrize("seed", [10, 25])  # rows beside each other bind; the set of them was hard to find
+def test_nothing_is_broken_at_the_optimum_at_any_place(seed):
+    scenario = asking(jp.random_scenario(seed, "hard_keep_out"), method="global", duration=60.0)
+    plan = jp.plan(scenario, progress=False)
+    best = fit(scenario, plan.path, plan.goal).origin.at_optimum()
+    assert np.max(best.solution.violations) <= 2e-8  # of a limit, or rad
+    again = replace(fit(scenario, plan.path, plan.goal).origin, attempt=best).at_optimum()
+    np.testing.assert_allclose(again.solution.coefficients, best.solution.coefficients, atol=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(8))
