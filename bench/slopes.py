@@ -6,13 +6,14 @@ duration, by the duration, weights, the half angle of the nearest zone and limit
 anew for each (`jaxplan.follow`, taken to its optimum), a little to either side. Prints for each number how
 many slopes there are, how many are told apart since other rows, places or peaks bind on the two sides, or a
 side is not held, and the median and largest error, as a share of the difference or of a thousandth of what is
-measured for each relative change of the number, whichever is larger. What a plan's own is above its optimum's
-follows.
+measured for each relative change of the number, whichever is larger. What it takes to go on from a fit to the
+optimum (`trajectory.optimal`), and what a plan's own is above its optimum's, follow.
 
     python bench/slopes.py [-n 30] [--moving 10] [--shortest 10] [--duration 60] [--step 1e-4]
 """
 
 import argparse
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -26,14 +27,18 @@ from _options import not_negative
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.sensitivity import Held
+from jaxplan.derivatives import Held
+from jaxplan.planner.steps import wanted_fit
+from jaxplan.trajectory import fit_batch
 from jaxplan.trajectory.measures import time_factors
+from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 Change = Callable[[jp.Scenario, float], jp.Scenario]
 Measure = Callable[[jp.Trajectory], Any]
 Place = Callable[[Any], Any]  # from the slopes by a scenario that by one number
 
 LOW_ORBIT = Path(__file__).parents[1] / "tests" / "scenarios" / "low_orbit.toml"
+SAME_PLACE = 1e-3  # of the duration: places on the curve that are farther apart are two
 SAME_PEAK = 1e-3  # of the duration: peaks that are farther apart are two
 # Without optimisation and XLA's newer emitters a sixth of the time; what is computed is small.
 QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
@@ -117,15 +122,36 @@ def numbers(plan: jp.Plan) -> Iterator[tuple[str, float, Change, Place]]:
 
 
 def binding(held: Held) -> list[np.ndarray]:
-    """Which rows bind, as arrays to be compared."""
-    fit = held.fit
-    rows = [leaf for part in (fit.linear, fit.loads, fit.zones) for leaf in jax.tree.leaves(part)]
-    return [np.asarray(row) for row in rows if np.asarray(row).dtype.kind in "bi"]
+    """Which rows bind, and at which places, as arrays to be compared."""
+    parts = [vars(part) for part in (held.fit.linear, held.fit.loads, held.fit.zones)]
+    return [np.asarray(row) for part in parts for name, row in part.items() if name not in ("row", "rows")]
 
 
 def same(lows: list[np.ndarray], highs: list[np.ndarray]) -> bool:
     """Whether the same binds."""
-    return len(lows) == len(highs) and all(map(np.array_equal, lows, highs))
+    return all(
+        low.shape == high.shape and np.allclose(low, high, atol=SAME_PLACE)
+        for low, high in zip(lows, highs, strict=True)
+    )
+
+
+def optimal_cost(plan: jp.Plan) -> tuple[float, float, bool] | None:
+    """Seconds of a fit and from there to the optimum, compiling aside, and whether that is certified."""
+    assert plan.path is not None
+    assert plan.goal is not None
+    query = [wanted_fit(plan.scenario, plan.path, plan.goal)]
+    fit_batch(query)
+    begin = time.process_time()
+    record = fit_batch(query)[0].origin
+    middle = time.process_time()
+    if record.at_optimum() is None:  # which compiles
+        return None
+    after = time.process_time()
+    record.at_optimum()
+    taken = time.process_time() - after
+    settings = replace(plan.scenario.trajectory, optimal=True)
+    best = jp.follow(plan, replace(plan.scenario, trajectory=settings))
+    return middle - begin, taken, best.ok and NOT_OPTIMAL not in best.message
 
 
 def peak_time(trajectory: jp.Trajectory, scenario: jp.Scenario) -> float:
@@ -184,6 +210,13 @@ def show(name: str, scenes: list[jp.Scenario], step: float) -> None:
         kept = [error for error in own if np.isfinite(error)]
         found = f"{np.median(kept):>12.1e}{np.max(kept):>12.1e}" if kept else ""
         print(f"{label:<20}{len(kept):>8}{len(own) - len(kept):>8}{found}")
+    costs = [cost for plan in plans if (cost := optimal_cost(plan)) is not None]
+    if costs:
+        fits, ways, certified = (np.array(own) for own in zip(*costs, strict=True))
+        print(
+            f"to the optimum: median {1e3 * np.median(ways):.0f} ms beside {1e3 * np.median(fits):.0f} ms "
+            f"of a fit, {np.sum(certified)} of {len(plans)} certified"
+        )
     if held:
         print(f"above the optimum: median {np.median(held):.1e}, largest {max(held, key=abs):.1e}")
 

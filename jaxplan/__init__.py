@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
-    from jaxplan.derivatives import differentiable
+    from jaxplan.derivatives import differentiable, follow, hold, replan
     from jaxplan.exporting import export
     from jaxplan.model.directions import DirectionPath
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from jaxplan.report import report_html
     from jaxplan.runtime.jit import compilation_cache
     from jaxplan.schema import ScenarioError, load_scenario, save_scenario
-    from jaxplan.sensitivity import follow, hold, replan
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
@@ -66,8 +65,8 @@ _HOMES = {
     "compilation_cache": "jaxplan.runtime.jit",
     "differentiable": "jaxplan.derivatives",
     "export": "jaxplan.exporting",
-    "follow": "jaxplan.sensitivity",
-    "hold": "jaxplan.sensitivity",
+    "follow": "jaxplan.derivatives",
+    "hold": "jaxplan.derivatives",
     "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
@@ -77,7 +76,7 @@ _HOMES = {
     "plan_batch": "jaxplan.planner",
     "plan_constellation": "jaxplan.constellation",
     "random_scenario": "jaxplan.cases",
-    "replan": "jaxplan.sensitivity",
+    "replan": "jaxplan.derivatives",
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",

@@ -1,15 +1,23 @@
-"""A plan as a function of its scenario, for ``jax.grad`` and ``jax.jit`` at any precision of JAX.
+"""A plan as a function of its scenario, with derivatives for ``jax.grad`` and ``jax.jit``.
 
     >>> trajectory = jp.differentiable(plan)
     >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
 
-All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is
-set to 32 bits, as it is by default, the function is exported once from within 64 bits, and what a trace sees
-of it are numbers of 32 bits: values and slopes are then good to some seven digits.
+What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
+1 and the limits and zones it leans on, the interior nodes of the path, and which limits, zones and nodes bind
+in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, in the
+global method nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3.
+Where targets or zones move, in a given duration, the goal is where they are then, and so are its rates. Where
+a choice is about to change, the derivative is that of the side that is held. After tuning, plan again:
+another path may have become better.
+
+All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set
+to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
+trace sees of it are numbers of 32 bits: values and slopes are then good to some seven digits.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,17 +26,284 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
-from jaxplan.model.scenario import Scenario
+from jaxplan import so3
+from jaxplan.goal.caps import leaves_open
+from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
+from jaxplan.planner.clock import Clock
+from jaxplan.planner.goals import find_goals
 from jaxplan.planner.proof import prove
-from jaxplan.planner.steps import judged
+from jaxplan.planner.record import end_rates
+from jaxplan.planner.runs import as_filed
+from jaxplan.planner.steps import fit, fitted_plan, judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.sensitivity import Held, hold, replan
-from jaxplan.trajectory import Trajectory
+from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.workers import one_thread
+from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
+from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 Numbers = tuple[Any, ...]
+
+_OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
+_A_PLAN = "jp.plan makes one of a scenario"
+
+
+@shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held:
+    """What is held fixed of a plan; of plans of the same shapes several can be stacked.
+
+    Attributes:
+        goal: where the manoeuvre ends.
+        attitudes: (m + 1, 3, 3) nodes, padded with the last one.
+        joints: (m + 1, 2n) likewise.
+        last: which node is the last.
+        fit: of step 3.
+    """
+
+    goal: Goal
+    attitudes: np.ndarray
+    joints: np.ndarray
+    last: np.ndarray
+    fit: Any
+
+
+@one_thread()
+def hold(plan: Plan) -> Held:
+    """What is held fixed of a plan while its scenario changes.
+
+    Args:
+        plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
+            time was stretched to the limits.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
+            shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
+            another limit is about to bind, or its goal leans on what step 1 leaves open
+            (`jaxplan.goal.caps.leaves_open`).
+    """
+    make_room()
+    expect("plan", plan, Plan, _A_PLAN)
+    if not plan.ok or plan.path is None or plan.goal is None:
+        raise ValueError(
+            f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
+        )
+    expect_known_time(plan.scenario)
+    return _held(plan, fit(plan.scenario, plan.path, plan.goal))
+
+
+def _held(plan: Plan, fitted: Fit) -> Held:
+    """What is held fixed of an OK plan with the given fit."""
+    path, origin = plan.path, fitted.origin
+    assert plan.goal is not None  # it is OK
+    assert path is not None
+    if origin is None:
+        raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
+    if not _goal_is_optimal(plan.scenario, plan.goal):
+        raise ValueError(
+            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
+            "turn, and how it moves with that is not known"
+        )
+    ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, plan.goal))
+    at_speed = any(np.any(rate) for rate in ends)
+    path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
+    return Held(
+        goal=plan.goal,
+        attitudes=padded(path.attitudes, FEWEST_NODES),
+        joints=padded(path.joints, FEWEST_NODES),
+        last=np.array(len(path.attitudes) - 1),
+        fit=origin.hold(),
+    )
+
+
+def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
+    """Whether a goal is the optimum that `differentiable_goal` takes it for, or given as it is."""
+    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints.at(goal.time)
+    if isinstance(asked, GivenState):
+        return True
+    targets = asked.at(goal.time)
+    if not leaves_open(rows, rows.sights(craft.mounts, craft.fixed_boresights), targets.directions):
+        return True
+    with jax.enable_x64(True):
+        optimum = differentiable_goal(_place(goal), craft, scenario.start.attitude, targets, rows)
+    return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
+
+
+def replan(held: Held, scenario: Scenario) -> Trajectory:
+    """The trajectory of a scenario near that of a plan, as a pure function.
+
+    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``, within ``jax.enable_x64(True)``; every number
+    of the scenario is an input, and must be a float for ``grad`` to tell its derivative. First derivatives
+    are exact; there are no second ones. At the plan's own scenario it is the optimum near the plan's
+    trajectory, and that itself with ``trajectory.optimal``.
+
+    Args:
+        held: of the plan.
+        scenario: with as many devices and zones, and the same choices, as that of the plan.
+
+    Returns:
+        The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
+    """
+    expect("held", held, Held, "jp.hold makes one of a plan")
+    scenario = _of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
+    craft, start = scenario.spacecraft, scenario.start.attitude
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
+    expect_known_time(scenario)
+    attitude, joints, at_goal = _goal_of(held, scenario)
+    number = jnp.arange(len(held.attitudes))
+    first, last = number == 0, number >= held.last
+
+    def nodes(start: Any, between: np.ndarray, end: Any) -> Any:
+        shape = (-1, *[1] * (between.ndim - 1))
+        return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
+
+    path = Path(
+        attitudes=nodes(start, held.attitudes, attitude),
+        joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
+        edge_costs=np.zeros(0),
+    )
+    rates = [
+        jnp.concatenate([jnp.asarray(rate) for rate in end])
+        for end in (_rates(scenario, scenario.start), at_goal)
+    ]
+    # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
+    ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
+    refit: Any = by_name(REFITS, scenario.trajectory.method)
+    return refit(held.fit, path, craft, scenario.trajectory, scenario.constraints, ends)
+
+
+def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]:
+    """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
+    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints
+    rates = _rates(scenario, asked)
+    if isinstance(asked, GivenState):
+        return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates
+    time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
+    place, targets, then = _place(held.goal), asked.at(time), rows.at(time)
+    start = scenario.start.attitude
+    if not asked.moves:
+        goal: Any = differentiable_goal(place, craft, start, targets, then)
+        return goal.attitude, goal.joints, rates
+    goal = goal_in_time(
+        place,
+        craft,
+        start,
+        targets,
+        then,
+        target_rates=asked.rates(time),
+        axis_rates=rows.axis_rates(time),
+    )
+    return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
+
+
+def _place(goal: Goal) -> Goal:
+    """A goal without time and rates."""
+    return Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
+
+
+@one_thread()
+def follow(plan: Plan, scenario: Scenario) -> Plan:
+    """The plan of a scenario near that of another plan: without a search, between the same interior nodes.
+
+    Args:
+        plan: with a path.
+        scenario: with the same devices.
+
+    Returns:
+        A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
+        the one nearest to that of the other plan.
+
+    Raises:
+        TypeError: for what is no plan or scenario.
+        ValueError: as of `plan` for the scenario; if it has other devices, or the plan no path.
+    """
+    expect("plan", plan, Plan, _A_PLAN)
+    filed = as_filed("scenario", scenario)
+    before, now = plan.scenario.spacecraft.device_names, filed.spacecraft.device_names
+    if before != now:
+        named = (", ".join(names) or "none" for names in (now, before))
+        raise ValueError("scenario has the devices {}: must have those of the plan, {}".format(*named))
+    return _followed(plan, filed)[0]
+
+
+@one_thread()
+def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
+    """As `follow` and then `hold` with one fit; None for what is held where `hold` raises."""
+    followed, fitted = _followed(plan, scenario)
+    if not followed.ok or fitted is None:
+        return followed, None
+    try:
+        return followed, _held(followed, fitted)
+    except ValueError:  # nothing moves, or a row is about to bind
+        return followed, None
+
+
+def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
+    """The plan near another, and its fit where there is one."""
+    if plan.path is None or plan.goal is None:
+        raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
+    expect_known_time(scenario)
+    make_room()
+    clock = Clock(np.inf)
+    duration = scenario.trajectory.duration
+    goals = find_goals(scenario, None if isinstance(duration, str) else float(duration))
+    if isinstance(goals, Plan):
+        return goals, None
+    earlier = plan.goal.attitude
+    goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - earlier)))
+    attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
+    attitudes[0], attitudes[-1] = scenario.start.attitude, goal.attitude
+    joints[0], joints[-1] = scenario.start.joints, goal.joints
+    path = replace(plan.path, attitudes=attitudes, joints=joints)
+    with clock.step("trajectory"):
+        fitted = fit(scenario, path, goal)
+    while True:
+        followed = fitted_plan(replace(plan, scenario=scenario, goal=goal, path=path), fitted)
+        if followed.trajectory is None:
+            return followed, fitted
+        with clock.step("certificate"):
+            certificate = prove(scenario, goal, followed.trajectory)
+        if certificate.certified or fitted.spare is None:
+            return judged(followed, certificate), fitted
+        fitted = fitted.spare
+
+
+def _of_arrays(scenario: Scenario) -> Scenario:
+    """The scenario with arrays in the place of lists of numbers, of which some may be traced."""
+
+    def is_vector(value: object) -> bool:
+        return isinstance(value, list | tuple) and len(value) > 0 and not any(map(is_dataclass, value))
+
+    arrays: Scenario = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
+    )
+    return arrays
+
+
+def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
+    """Angular velocity and joint rates that are asked for at start or goal, zeros where none are."""
+    given, counts = (end.angular_velocity, end.joint_rates), (3, 2 * len(scenario.spacecraft.terminals))
+    velocity, rates = (
+        np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
+    )
+    return velocity, rates
+
+
+def expect_known_time(scenario: Scenario) -> None:
+    """Raise where something moves and the duration is not given: it and the goal would settle each other."""
+    if moves(scenario) and not scenario.trajectory.timed:
+        raise ValueError(
+            f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "
+            "durations only, set trajectory.duration_s to a number"
+        )
+
 
 _replan = jax.jit(replan)  # compiled once for all plans of equal shapes
 
@@ -36,7 +311,7 @@ _replan = jax.jit(replan)  # compiled once for all plans of equal shapes
 def differentiable(plan: Plan) -> "Differentiable":
     """The trajectory of a plan as a function of its scenario.
 
-    What a planner chooses has no derivative and is held fixed, see `jaxplan.sensitivity`: the goal among the
+    What a planner chooses has no derivative and is held fixed, see the module: the goal among the
     local minima of step 1, the interior nodes of the path and when each is passed, and which limits, zones
     and nodes bind. A plan that is made anew chooses all of these again.
 
@@ -80,9 +355,9 @@ class Differentiable:
     def optimum(self) -> Plan:
         """The plan with the trajectory that the function has at its scenario, and a certificate of that.
 
-        A plan ends a thousandth of its energy or less above the optimum, which is enough to fly. Slopes are
-        those of the optimum. It leans on limits at the places that a fit looks at, so what lies between may
-        break one by a little; then it is UNCERTIFIED.
+        A plan may end some thousandths of its energy above the optimum, which is enough to fly. Slopes are
+        those of the optimum; with ``trajectory.optimal`` the plan is that already. It leans on limits at the
+        places that a fit looks at, so what lies between may break one by a little; then it is UNCERTIFIED.
         """
         plan, goal = self.plan, self.plan.goal
         assert goal is not None, "only a plan with a goal is held"

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
+from jaxplan.derivatives import follow
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.sensitivity import follow
 from jaxplan.trajectory import evaluate
 
 TIMES = np.array([0.13, 0.37, 0.5, 0.81])

@@ -217,6 +217,8 @@ class TrajectorySettings:
         node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
             first guess. None for 1 deg, and in the shortest motion for infinite.
         end_acceleration: of "global", "zero" or "free" at start and goal.
+        optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
+            else it may end some thousandths of its energy above.
     """
 
     method: str = keyed(
@@ -246,6 +248,12 @@ class TrajectorySettings:
     )
     end_acceleration: str = keyed(
         "zero", "end_acceleration", "of global, at start and goal", options=END_ACCELERATIONS, static=True
+    )
+    optimal: bool = keyed(
+        False,
+        "optimal",
+        "of global, whether a fit goes on to the optimum, whose derivatives are known",
+        static=True,
     )
 
     @property

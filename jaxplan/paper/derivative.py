@@ -18,13 +18,15 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.paper.segments import PathNodes, assembled, node_indices, split
+from jaxplan.paper.segments import PathNodes, assembled, node_indices, shortest_duration, split
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, energy
+
+_BINDS = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to it is held there
 
 
 @shown()
@@ -135,18 +137,7 @@ def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, lim
     """`shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
-    shares = jnp.diff(jnp.asarray(fractions))[:, None]
-    own = shares > 0
-    rates = jnp.pad(jnp.where(own, moves / jnp.where(own, shares, 1), 0), ((1, 1), (0, 0)))
-    between = jnp.pad(jnp.where(own, shares, 0), ((1, 1), (0, 0)))
-    both = (
-        jnp.where(between[:-1] > 0, between[:-1], between[1:]),
-        jnp.where(between[1:] > 0, between[1:], between[:-1]),
-    )
-    middle = (both[0] + both[1]) / 2
-    accelerations = jnp.where(middle > 0, jnp.diff(rates, axis=0) / jnp.where(middle > 0, middle, 1), 0)
-    by_rate = jnp.max(jnp.abs(rates) / limits[0])
-    return jnp.maximum(by_rate, jnp.sqrt(jnp.max(jnp.abs(accelerations) / limits[1])))
+    return jnp.asarray(shortest_duration(moves, fractions, limits[0], limits[1]))
 
 
 def _chain(
@@ -203,38 +194,27 @@ def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array
     return jnp.linalg.solve(system, right)[: len(objective)]
 
 
-_BINDS = 1e-9  # of a limit
+def held_of(
+    nodes: PathNodes, curve: Trajectory, limits: tuple[np.ndarray, np.ndarray] | None
+) -> PaperActiveSet:
+    """What is held of a fit; where a limit is just met at a join it counts as binding.
 
-
-@shown()
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PaperFitRecord:
-    """How a fit came about.
-
-    Attributes:
+    Args:
         nodes: that were passed.
-        trajectory: before its time was stretched.
+        curve: before its time was stretched.
         limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
             where the time was stretched to the limits.
     """
-
-    nodes: PathNodes
-    trajectory: Trajectory
-    limits: tuple[np.ndarray, np.ndarray] | None
-
-    def hold(self) -> PaperActiveSet:
-        """What is held of it; where a limit is just met at a join it counts as binding."""
-        curve = self.trajectory
-        order = curve.coefficients.shape[1] - 1
-        ends = split(len(self.nodes.turns), len(curve.coefficients), order)
-        platform, joints = (None, None) if self.limits is None else self.limits
-        return PaperActiveSet(
-            fractions=padded(self.nodes.fractions, FEWEST_NODES),
-            joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
-            platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
-            order=order,
-            stretched=self.limits is None,
-        )
+    order = curve.coefficients.shape[1] - 1
+    ends = split(len(nodes.turns), len(curve.coefficients), order)
+    platform, joints = (None, None) if limits is None else limits
+    return PaperActiveSet(
+        fractions=padded(nodes.fractions, FEWEST_NODES),
+        joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
+        platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
+        order=order,
+        stretched=limits is None,
+    )
 
 
 def _active_chain(

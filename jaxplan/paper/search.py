@@ -1,21 +1,16 @@
-"""The printed planner, multi-heuristic A* to the letter, and weighted A* that it is compared with.
+"""The printed planner, multi-heuristic A*, and the weighted A* that the paper's Table 4 compares it with.
 
-The printed planner: multi-heuristic A* to the letter of section 3.2.2, corrected by the errata.
+The printed planner is that of section 3.2.2, corrected by the errata. Every joint moves by a whole step up or
+down (equation 9), or onto its goal once that is within a step, and stays there; the platform turns by a whole
+step about random axes (equation 10), or onto the goal attitude once that is within a step, and stays there.
+Every edge costs the sum of all steps (equation 16), nodes are checked and edges are not, the queues are
+independent, and the heuristics are those of equation (15). It is incomplete, since no joint can leave its
+goal value again.
 
-Every joint moves by a whole step up or down (equation 9), or onto its goal once that is within a step, and
-stays there; the platform turns by a whole step about random axes (equation 10), or onto the goal attitude
-once that is within a step, and stays there. Every edge costs the sum of all steps (equation 16), nodes are
-checked and edges are not, the queues are independent, and the heuristics are those of equation (15). It is
-kept because the paper's tables are compared with it; it is incomplete, since no joint can leave its goal
-value again.
-
-Weighted A*: what the paper's Table 4 compares with.
-
-The paper says of it no more than its name and that steps, time and expansions are limited alike. So it is the
-printed planner without what makes that one multi-heuristic: the moves of equations (9) and (10), the cost
-(16), nodes checked and edges not, one queue keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
-admissible and consistent for the cost (16). A path found costs at most ``w1`` times the cheapest in the
-graph of the moves that were drawn.
+Of weighted A* the paper says no more than its name and that steps, time and expansions are limited alike. So
+it is the printed planner with a single queue, keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
+admissible and consistent for the cost (16). A path found costs at most ``w1`` times the cheapest in the graph
+of the moves that were drawn.
 """
 
 from collections.abc import Sequence

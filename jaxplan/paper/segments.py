@@ -30,13 +30,16 @@ accelerations alone, and (43) for the platform.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxplan import so3
+from jaxplan.geometry.vectors import arrays
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.paper import qp
 from jaxplan.runtime.batching import run_all
@@ -105,27 +108,32 @@ def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
 
 
 def shortest_duration(
-    moves: np.ndarray, fractions: np.ndarray, rate_limits: np.ndarray, acceleration_limits: np.ndarray
-) -> float:
+    moves: ArrayLike, fractions: ArrayLike, rate_limits: ArrayLike, acceleration_limits: ArrayLike
+) -> Any:
     """The duration at which the differences of the nodes, from rest to rest, just keep all limits.
 
-    First differences are held against rates, second ones against accelerations.
+    First differences are held against rates, second ones against accelerations. It is differentiable.
 
     Args:
         moves: (m, d) change of each axis along each edge, rad.
-        fractions: (m + 1,) of the duration.
+        fractions: (m + 1,) of the duration; an edge that takes none is padding, and does not move.
         rate_limits: (d,) rad/s.
         acceleration_limits: (d,) rad/s^2.
 
     Returns:
         s; a curve through the nodes needs more.
     """
-    shares = np.diff(fractions)[:, None]
-    rates = np.pad(moves / shares, ((1, 1), (0, 0)))
-    between = np.pad(shares, ((1, 1), (0, 0)), mode="edge")
-    accelerations = np.diff(rates, axis=0) / ((between[1:] + between[:-1]) / 2)
-    by_rate = np.max(np.abs(rates) / rate_limits)
-    return float(max(by_rate, np.sqrt(np.max(np.abs(accelerations) / acceleration_limits))))
+    xp, moves, fractions, *limits = arrays(moves, fractions, rate_limits, acceleration_limits)
+    shares = xp.diff(fractions)[:, None]
+    own = shares > 0
+    rates = xp.pad(xp.where(own, moves / xp.where(own, shares, 1), 0), ((1, 1), (0, 0)))
+    between = xp.pad(xp.where(own, shares, 0), ((1, 1), (0, 0)))
+    before = xp.where(between[:-1] > 0, between[:-1], between[1:])
+    after = xp.where(between[1:] > 0, between[1:], between[:-1])
+    middle = (before + after) / 2
+    accelerations = xp.where(middle > 0, xp.diff(rates, axis=0) / xp.where(middle > 0, middle, 1), 0)
+    by_rate = xp.max(xp.abs(rates) / limits[0])
+    return xp.maximum(by_rate, xp.sqrt(xp.max(xp.abs(accelerations) / limits[1])))
 
 
 _FEWEST_SEGMENTS = 16  # smallest number that segments are padded to

@@ -4,7 +4,7 @@ The scheme itself is `segments`. It holds limits at joins only, so the peaks ove
 afterwards, and a trajectory that breaks a limit anywhere is no success.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from jaxplan.model.scenario import STRETCHED, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.paper.derivative import PaperFitRecord
+from jaxplan.paper.derivative import PaperActiveSet, held_of
 from jaxplan.paper.segments import (
     ChainRequest,
     PathNodes,
@@ -152,7 +152,7 @@ class PaperProblem:
         rates, accelerations = np.hstack(self.limits)
         ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
         moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
-        return moves + float(np.max(ends / accelerations))
+        return float(moves + np.max(ends / accelerations))
 
     def segment_counts(self) -> Iterator[int]:
         """Numbers of segments to try, from as few as wanted up to one an interval."""
@@ -172,11 +172,23 @@ class PaperProblem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperAttempt:
-    """A trajectory with its peaks, and how it came about."""
+    """A trajectory with its peaks, and how it came about.
+
+    Attributes:
+        trajectory: before its time is stretched.
+        peaks: over all time.
+        nodes: that are passed.
+        limits: at the joins, as of `ChainRequest`.
+    """
 
     trajectory: Trajectory
     peaks: Peaks
-    origin: PaperFitRecord
+    nodes: PathNodes
+    limits: tuple[np.ndarray, np.ndarray] | None
+
+    def hold(self) -> PaperActiveSet:
+        """What derivatives of the fit hold fixed."""
+        return held_of(self.nodes, self.trajectory, self.limits)
 
     @property
     def kept(self) -> bool:
@@ -240,19 +252,11 @@ class _Strategy:
 
         More segments are tried for as long as they help.
         """
-        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
-        counts = {n: problem.segment_counts() for n, problem in problems.items()}
-        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
-            counts = {n: counts[n] for n in tries}
-            made = self._attempts(problems, durations, tries, limited=True)
-            for n, own in made.items():
-                if own is None:
-                    continue
-                better = own.better_than(best[n])
-                best[n] = own if better else best[n]
-                if not better or own.kept:
-                    del counts[n]
-        return best
+
+        def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
+            return own is not None and (own is not best or own.kept)
+
+        return self._climb(problems, durations, enough, limited=True)
 
     def _needed_durations(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
@@ -274,22 +278,45 @@ class _Strategy:
 
     def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
         """The quickest of the fits at the nominal durations without limits, scaled in time to the limits."""
-        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+
+        def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
+            return best is not None and best.calm and not problems[n].is_full(segments)
+
         durations = {n: problem.nominal_duration for n, problem in problems.items()}
-        counts = {n: problem.segment_counts() for n, problem in problems.items()}
-        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
-            counts = {n: counts[n] for n in tries}
-            for n, own in self._attempts(problems, durations, tries, limited=False).items():
-                if own is not None and own.better_than(best[n]):
-                    best[n] = own
-                if (quickest := best[n]) is not None and quickest.calm and not problems[n].is_full(tries[n]):
-                    del counts[n]
+        best = self._climb(problems, durations, enough, limited=False)
         message = "with any number of segments a quadratic program has no solution: change trajectory.order"
         none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
         return {
             n: none if own is None else _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
             for n, own in best.items()
         }
+
+    def _climb(
+        self,
+        problems: dict[int, PaperProblem],
+        durations: dict[int, float],
+        enough: "Callable[[int, int, PaperAttempt | None, PaperAttempt | None], bool]",
+        *,
+        limited: bool,
+    ) -> "dict[int, PaperAttempt | None]":
+        """The best attempts with more and more segments.
+
+        Args:
+            problems: what is fitted.
+            durations: s.
+            enough: whether to stop, from the number of the fit and of segments, the attempt and the best one.
+            limited: whether limits are held at the joins.
+        """
+        best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
+        counts = {n: problem.segment_counts() for n, problem in problems.items()}
+        while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
+            counts = {n: counts[n] for n in tries}
+            for n, own in self._attempts(problems, durations, tries, limited=limited).items():
+                if own is not None and own.better_than(best[n]):
+                    best[n] = own
+                if enough(n, tries[n], own, best[n]):
+                    del counts[n]
+        return best
 
     def _attempts(
         self,
@@ -300,8 +327,8 @@ class _Strategy:
         limited: bool,
     ) -> "dict[int, PaperAttempt | None]":
         """Trajectories with so many segments, and their peaks; with limits at their joins or without."""
-        requests = [
-            ChainRequest(
+        requests = {
+            n: ChainRequest(
                 nodes=problems[n].nodes,
                 duration=durations[n],
                 segments=count,
@@ -309,30 +336,25 @@ class _Strategy:
                 limits=problems[n].at_joins if limited else None,
             )
             for n, count in counts.items()
-        ]
+        }
         with self.seconds.shared(list(counts)):
-            planned = dict(zip(counts, plan_chains(requests), strict=True))
+            planned = dict(zip(counts, plan_chains(list(requests.values())), strict=True))
             curves = {n: curve for n, curve in planned.items() if curve is not None}
             peaks = all_peaks([(curve, problems[n].spacecraft) for n, curve in curves.items()])
         found: dict[int, PaperAttempt | None] = dict.fromkeys(counts)
-        for (
-            (n, curve),
-            own,
-        ) in zip(curves.items(), peaks, strict=True):
+        for (n, curve), own in zip(curves.items(), peaks, strict=True):
             if np.isfinite(own.stretch):
-                origin = PaperFitRecord(
-                    nodes=problems[n].nodes,
-                    trajectory=curve,
-                    limits=problems[n].at_joins if limited else None,
+                request = requests[n]
+                found[n] = PaperAttempt(
+                    trajectory=curve, peaks=own, nodes=request.nodes, limits=request.limits
                 )
-                found[n] = PaperAttempt(trajectory=curve, peaks=own, origin=origin)
         return found
 
 
 def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
     """The fit that keeps all limits."""
     message = within_limits(trajectory, attempt.peaks)
-    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt.origin)
+    return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt)
 
 
 def _failure(

@@ -140,7 +140,10 @@ class Attempts:
     def accept_certificate(self, certificate: Certificate) -> None:
         """Go on with the certificate that was needed."""
         way = self._climbed
-        self._attempted(way, judged(way.so_far, certificate))
+        if not certificate.certified and way.spare is not None:
+            self._fitted(way.spare)
+        else:
+            self._attempted(way, judged(way.so_far, certificate))
 
     @property
     def _climbed(self) -> "_Way":
@@ -228,6 +231,7 @@ class Attempts:
         """Ask for the certificate of a fit; without a trajectory the attempt has failed."""
         way = self._climbed
         plan = way.so_far = fitted_plan(way.so_far, fitted)
+        way.spare = fitted.spare
         if plan.trajectory is None or plan.goal is None:
             self._attempted(way, plan)
         else:
@@ -259,6 +263,7 @@ class _Way:
         factor: of the attempt under way.
         halvings: likewise.
         so_far: the plan of that attempt.
+        spare: the fit to go back to if that plan's trajectory is not certified.
     """
 
     def __init__(self, goal: Goal, scene: Scene, rungs: Sequence[tuple[float, int]]) -> None:
@@ -266,3 +271,4 @@ class _Way:
         self.found: dict[float, SearchResult] = {}
         self.factor, self.halvings = LADDER[0]
         self.so_far: Plan
+        self.spare: Fit | None = None

@@ -1,11 +1,13 @@
-"""The active set of a spline fit that was made: which rows bind at its optimum.
+"""The optimum near a spline fit, and which rows bind there.
 
-The fit is improved beyond what a plan needs; its program's multipliers tell which rows bind. That set is
-tried by looking for a root of the optimality conditions (`derivative`): rows whose multipliers have the wrong
-sign are dropped and broken ones added, until the set stays as it is. Where rows depend on each other,
-nonnegative least squares finds those that suffice.
+A fit ends some thousandths of its energy or less above the optimum. From there steps of sequential quadratic
+programming with the exact second derivatives (`optimality`) lead to it: each solves the program of the rows
+that are near, so that the rows that push are those that bind, and none of them follows from the others. Rows
+that are broken after a step are near from then on. It ends where a step is next to nothing and no row is
+broken.
 """
 
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -17,18 +19,17 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import options, program, sqp
-from jaxplan.trajectory.attempts import Attempt
+from jaxplan.trajectory.attempts import Attempt, finished
 from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.derivative import gather_inputs
-from jaxplan.trajectory.motion import Iterates
+from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.optimality import (
     ActiveSet,
     BindingLinear,
     BindingLoads,
     BindingMargins,
     curve_of,
-    filled,
     flat,
     linearised,
 )
@@ -37,7 +38,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_f
 from jaxplan.trajectory.splines import Basis
 
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
-Blocks = dict[str, ConstraintBlock]  # by name
+Rows = dict[str, Index]  # numbers of rows by block, in the order of `ActiveSet`
 
 _inputs = quick_jit(gather_inputs)
 
@@ -58,14 +59,57 @@ class FitRecord:
     stretched: bool
 
     def hold(self) -> ActiveSet:
-        """The active set, with all else that derivatives hold fixed.
+        """The optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
 
         Raises:
             ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
-                rest to rest, or if no set of rows is found that binds there, as where one is about to.
+                rest to rest, or if no optimum is found near it.
         """
+        self._expect_an_optimum()
         discrete, solution = self.attempt.discrete, self.attempt.solution
-        asked = self.problem.settings.duration
+        first = sqp.InitialGuess(
+            discrete=discrete,
+            coefficients=solution.coefficients,
+            duration=solution.duration,
+            ftol=options.ACTIVE_SET.ftol,
+        )
+        (solution,) = sqp.improve([first])
+        first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
+        state = sqp.SQPState.of([first])  # of one
+        stack, at, share = state.stack, state.at, float(state.share[0])
+        quadratic = state.program(at, np.zeros(1))
+        proposal = program.solve(quadratic, {})
+        multipliers = proposal.multipliers
+        near = {name: own > 0 for name, own in multipliers.items()}
+        if discrete.free_time:  # limits by coefficients ask for more time than those at the places
+            at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
+            quadratic = state.program(at, np.zeros(1))
+        length = np.inf
+        for _ in range(options.ACTIVE_SET.steps):
+            broken = {block.name: _broken(block) & ~near[block.name] for block in quadratic.blocks}
+            if length <= options.ACTIVE_SET.settled and not any(map(np.any, broken.values())):
+                rows = _listed(quadratic.blocks, {name: own > 0 for name, own in multipliers.items()})
+                held = self._held(at, rows, multipliers, share)
+                by_flank = self._by_flank(rows)
+                by_flank |= {name: by_flank[name] / share for name in by_flank if name == "energies"}
+                return replace(held, by_flank=by_flank)
+            near = {name: own | broken[name] for name, own in near.items()}
+            rows = _listed(quadratic.blocks, near)
+            coefficients, duration, pushes, length = self._step(self._held(at, rows, multipliers, share))
+            if not np.isfinite(length):
+                break
+            at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
+            quadratic = state.program(at, np.zeros(1))
+            multipliers = {name: np.zeros(own.shape) for name, own in near.items()}
+            for name, index in rows.items():
+                multipliers[name][0][index], pushes = np.split(pushes, [len(index[0])])
+        raise ValueError(
+            "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
+            "trajectory.duration_s a little"
+        )
+
+    def _expect_an_optimum(self) -> None:
+        asked, discrete = self.problem.settings.duration, self.attempt.discrete
         if not isinstance(asked, str) and (discrete.free_time or not discrete.limited):
             raise ValueError(
                 f"for a duration of {asked:g} s a quicker motion was slowed, which has no derivatives: try "
@@ -76,84 +120,46 @@ class FitRecord:
                 "a shortest motion with rates at its ends has no derivatives: set trajectory.duration_s to a "
                 "number"
             )
-        first = sqp.InitialGuess(
-            discrete=discrete,
-            coefficients=solution.coefficients,
-            duration=solution.duration,
-            ftol=options.ACTIVE_SET.ftol,
-        )
-        (solution,) = sqp.improve([first])
-        first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
-        state = sqp.SQPState.of([first])  # of one
-        stack, at = state.stack, state.at
-        quadratic = state.program(at, np.zeros(1))
-        rows = {block.name: block for block in quadratic.blocks}
-        proposal = program.solve(quadratic, {})
-        multipliers = proposal.multipliers
-        if discrete.free_time:  # limits by coefficients ask for more time than those at the places
-            at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
-        binding = {name: own > 0 for name, own in multipliers.items()}
-        crowded, share = False, float(state.share[0])
-        for _ in range(options.ACTIVE_SET.looks):
-            held = self._held(at, rows, binding, multipliers, share)
-            root = self._root(held)
-            if root is not None:
-                coefficients, found, duration = root
-                at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
-                quadratic = state.program(at, np.zeros(1))
-                rows = {block.name: block for block in quadratic.blocks}
-                multipliers = _named(rows, binding, held, found)
-                least = -options.ACTIVE_SET.wrong_sign * np.max(found, initial=1.0)
-                after = {
-                    name: next_rows(rows[name], own, multipliers[name], least)
-                    for name, own in binding.items()
-                }
-                if all(np.array_equal(after[name], own) for name, own in binding.items()):
-                    held = replace(held, x=self._free(at), multipliers=found, duration=at.duration[0])
-                    by_flank = self._by_flank(rows, binding)
-                    by_flank |= {name: by_flank[name] / share for name in by_flank if name == "energies"}
-                    return replace(held, by_flank=by_flank)
-                binding = after
-            elif crowded:
-                break
-            # Where a rate stays at its limit, rows beside each other follow from each other.
-            crowded = crowded or root is None
-            if crowded:
-                multipliers = independent(quadratic, binding)
-                binding = {name: own > 0 for name, own in multipliers.items()}
-        raise ValueError(
-            "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
-            "trajectory.duration_s a little"
-        )
 
-    def _root(self, held: ActiveSet) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Coefficients, multipliers and duration where ``F`` is zero, by Newton's method, or None."""
-        problem = self.problem
+    def at_optimum(self) -> Attempt | None:
+        """The attempt with the curve of the optimum; None if that cannot be told, see `hold`."""
+        try:
+            held = self.hold()
+        except ValueError:
+            return None
+        discrete, duration = self.attempt.discrete, float(held.duration)
+        coefficients = held.free @ held.x + discrete.space.fixed + duration * discrete.space.by_time
+        at = Stack.of([discrete]).iterates(coefficients[None], np.array([duration]), as_given=True)
+        return finished([(discrete, sqp.solution_at(at, 0, self.attempt.solution.steps))])[0]
+
+    def _step(self, held: ActiveSet) -> tuple[np.ndarray, float, np.ndarray, float]:
+        """A step from the curve that is held, with its rows that are near.
+
+        Returns:
+            Coefficients and duration after it, the multipliers of the rows, and the largest change; that is
+            NaN where numbers overflow.
+        """
+        problem, asked = self.problem, self.problem.settings.duration
         path = Path(
             attitudes=padded(problem.attitudes, FEWEST_NODES),
             joints=padded(problem.joints, FEWEST_NODES),
             edge_costs=np.zeros(0),
         )
-        asked = problem.settings.duration
         settings = replace(problem.settings, duration=0.0 if isinstance(asked, str) else asked)
-        z = flat(held)
+        z, size = flat(held), held.x.size
+        on = np.concatenate([held.linear.on, held.loads.on, held.zones.on])
+        rows, unknowns = size + np.flatnonzero(on), np.delete(np.arange(len(z)), np.s_[size : size + len(on)])
         with jax.enable_x64(True):
             held, inputs = _inputs(held, path, problem.spacecraft, settings, problem.cones, problem.rates)
-            best, least = z, np.inf
-            for _ in range(options.ACTIVE_SET.steps):
-                left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
-                if not (np.all(np.isfinite(left)) and np.all(np.isfinite(matrix))):
-                    break
-                most = float(np.max(np.abs(left)))
-                if most < least:
-                    best, least = z, most
-                if least <= options.ACTIVE_SET.residual:
-                    break
-                z = z - np.linalg.solve(matrix, left)
-            if not least <= options.ACTIVE_SET.rounded:
-                return None
-            coefficients, duration = (np.asarray(part) for part in curve_of(held, inputs, best))
-        return coefficients, best[held.x.size :][: len(held.multipliers)], float(duration)
+            left, matrix = (np.asarray(array) for array in linearised(held, inputs, z))
+            slopes = matrix[np.ix_(rows, unknowns)]
+            change, pushes = np.full(len(unknowns), np.nan), np.zeros(len(rows))
+            if np.all(np.isfinite(left)) and np.all(np.isfinite(matrix)):
+                hessian, gradient = matrix[np.ix_(unknowns, unknowns)], left[unknowns] - slopes.T @ z[rows]
+                change, pushes = least_change(hessian, gradient, slopes, left[rows], z[rows] > 0)
+            z[unknowns] += change
+            coefficients, duration = (np.asarray(part) for part in curve_of(held, inputs, z))
+        return coefficients, float(duration), pushes, float(np.max(np.abs(change)))
 
     @property
     def _flank(self) -> float:
@@ -168,16 +174,14 @@ class FitRecord:
         """Whether nodes are passed exactly."""
         return self.attempt.radius == 0
 
-    def _by_flank(self, rows: Blocks, binding: Masks) -> dict[str, np.ndarray]:
+    def _by_flank(self, rows: Rows) -> dict[str, np.ndarray]:
         """Derivatives by the flank's share of the duration of all that lies on breaks which follow it."""
         exact = self._exact and self._pace == "paced"
         if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
             return {}
         here = self._flank
         step = options.ACTIVE_SET.flank_step * here
-        after, before = (
-            self._on_mesh(self._at_flank(flank), rows, binding) for flank in (here + step, here - step)
-        )
+        after, before = (self._on_mesh(self._at_flank(flank), rows) for flank in (here + step, here - step))
         return {name: (after[name] - before[name]) / (2 * step) for name in after}
 
     def _at_flank(self, flank: float) -> DiscreteProblem:
@@ -200,11 +204,10 @@ class FitRecord:
             return "given"
         return "steady" if self.problem.at_speed else "paced"
 
-    def _on_mesh(self, discrete: DiscreteProblem, rows: Blocks, binding: Masks) -> dict[str, np.ndarray]:
+    def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
         """What lies on the breaks, by the names of the attributes of what is held."""
         space = discrete.space
-        none = {name: np.zeros(block.slack.shape) for name, block in rows.items()}
-        linear, loads, zones, _ = _gathered(discrete, self.attempt.discrete.mesh, rows, binding, none)
+        linear, loads, zones = _gathered(discrete, self.attempt.discrete.mesh, rows)
         return {
             "free": space.free,
             "of_values": space.of_values,
@@ -230,20 +233,16 @@ class FitRecord:
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
-    def _held(
-        self,
-        at: Iterates,
-        rows: Blocks,
-        binding: Masks,
-        multipliers: Masks,
-        share: float,
-    ) -> ActiveSet:
-        """All that is held with some rows that bind; their multipliers, and the curve, are to begin with."""
+    def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float) -> ActiveSet:
+        """All that is held with some rows, their multipliers, and a curve."""
         problem, discrete = self.problem, self.attempt.discrete
         space, chart = discrete.space, discrete.chart
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
         mesh = self.attempt.discrete.mesh
-        linear, loads, zones, multipliers_of = _gathered(discrete, mesh, rows, binding, multipliers)
+        linear, loads, zones = _gathered(discrete, mesh, rows)
+        on = np.concatenate([linear.on, loads.on, zones.on])
+        pushes = np.zeros(len(on))
+        pushes[on] = np.concatenate([multipliers[name][0][index] for name, index in rows.items()])
         return ActiveSet(
             free=space.free,
             of_values=space.of_values,
@@ -266,37 +265,26 @@ class FitRecord:
             loads=loads,
             zones=zones,
             x=self._free(at),
-            multipliers=multipliers_of,
+            multipliers=pushes,
             pace=self._pace,
             stretched=self.stretched and not discrete.free_time,
             free_time=discrete.free_time,
         )
 
 
-def _order(blocks: Blocks, binding: Masks) -> list[tuple[str, Index]]:
-    """The rows that bind, in the order of `Held`: of joints and nodes, of loads, of zones."""
-    joints = [name for name, block in blocks.items() if block.linear and block.power]
-    loads = [name for name, block in blocks.items() if isinstance(block, LoadBlock)]
+def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
+    """Numbers of the rows that are wanted of one curve: of joints and nodes, of loads, of zones."""
+    named = {block.name: block for block in blocks}
+    joints = [name for name, block in named.items() if block.linear and block.power]
+    loads = [name for name, block in named.items() if isinstance(block, LoadBlock)]
     names = (*joints, "range", "tube", *loads, "zone")
-    found = {name: np.nonzero(binding[name]) for name in names if name in blocks}
-    return [(name, index[1:]) for name, index in found.items()]  # of the one curve
-
-
-def _named(blocks: Blocks, binding: Masks, held: ActiveSet, multipliers: np.ndarray) -> Masks:
-    """Multipliers of all rows by block."""
-    on = np.concatenate([held.linear.on, held.loads.on, held.zones.on])
-    flat = multipliers[on]
-    found = {name: np.zeros(block.slack.shape) for name, block in blocks.items()}
-    for name, index in _order(blocks, binding):
-        count = len(index[0])
-        found[name][0][index], flat = flat[:count], flat[count:]
-    return found
+    return {name: np.nonzero(wanted[name][0]) for name in names if name in named}
 
 
 def _gathered(
-    discrete: DiscreteProblem, mesh: Mesh, blocks: Blocks, binding: Masks, given: Masks
-) -> tuple[BindingLinear, BindingLoads, BindingMargins, np.ndarray]:
-    """The rows that bind, padded, with their multipliers in the same order."""
+    discrete: DiscreteProblem, mesh: Mesh, rows: Rows
+) -> tuple[BindingLinear, BindingLoads, BindingMargins]:
+    """Some rows, padded."""
     problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
     quantities = [limit.quantity for limit in problem.joint_limits]
@@ -308,64 +296,120 @@ def _gathered(
     none = np.zeros(0, int)
     linear = [(np.zeros((0, 4, basis.size)), np.zeros(0), none, none, none)]
     loads = [(none, np.zeros(0), none, none)]
-    zones: Index = (none, none, none)
-    multipliers: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(3)]
-    for name, index in _order(blocks, binding):
+    place, device, zone = rows.get("zone", (none, none, none))
+    for name, index in rows.items():
         if name in steady:
             sign, row, axis = index
             of_nodes = name == "tube"
-            first = 0 if of_nodes else 3
             node = row + 1 if of_nodes else np.full(len(row), -1)
             scale = list(steady).index(name) * joints + axis
-            linear.append((steady[name][row], SIGNS[sign], axis + first, node, scale))
-            multipliers[0].append(given[name][0][index])
-        elif name == "zone":
-            zones = index
-            multipliers[2].append(given[name][0][index])
-        else:
-            place, sign, axis = index
-            loads.append((place, SIGNS[sign], np.full(len(place), problem.names.index(name)), axis))
-            multipliers[1].append(given[name][0][index])
-    flat = [np.concatenate(own) for own in multipliers]
+            linear.append((steady[name][row], SIGNS[sign], axis + (0 if of_nodes else 3), node, scale))
+        elif name != "zone":
+            at, sign, axis = index
+            loads.append((at, SIGNS[sign], np.full(len(at), problem.names.index(name)), axis))
+    row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
+    at, load_sign, load, load_axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
     # Where none binds there is padding, too, so that what is held of several plans can be stacked.
     least = options.ACTIVE_SET.padding
-    counts = [padded_count(max(len(own), 1), size) for own, size in zip(flat, least, strict=True)]
-    if not len(flat[1]):
-        counts[1] = 0  # loads are seldom near, and their slopes are dear
+    sizes = [
+        padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), least, strict=True)
+    ]
+    if not len(at):
+        sizes[1] = 0  # loads are seldom near, and their slopes are dear
     if not len(problem.cones.axis):
-        counts[2] = 0
-    row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
-    of_linear = BindingLinear(
-        on=np.arange(counts[0]) < len(sign),
-        rows=filled(row, counts[0]),
-        sign=filled(sign, counts[0]),
-        axis=filled(axis, counts[0]),
-        node=filled(node, counts[0]),
-        scale=filled(scale, counts[0]),
-    )
-    place, sign, load, axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
-    of_loads = BindingLoads(
-        on=np.arange(counts[1]) < len(sign),
-        place=filled(discrete.places[place], counts[1]),
-        rows=filled(np.swapaxes(discrete.rows[:, place], 0, 1), counts[1]),
-        sign=filled(sign, counts[1]),
-        load=filled(load, counts[1]),
-        axis=filled(axis, counts[1]),
-    )
-    place, device, zone = zones
-    of_zones = BindingMargins(
-        on=np.arange(counts[2]) < len(place),
-        place=filled(discrete.places[place], counts[2]),
-        row=filled(discrete.rows[0, place], counts[2]),
-        device=filled(device, counts[2]),
-        zone=filled(zone, counts[2]),
-    )
+        sizes[2] = 0
     return (
-        of_linear,
-        of_loads,
-        of_zones,
-        np.concatenate([filled(*pair) for pair in zip(flat, counts, strict=True)]),
+        BindingLinear(**_filled(sizes[0], rows=row, sign=sign, axis=axis, node=node, scale=scale)),
+        BindingLoads(
+            **_filled(
+                sizes[1],
+                place=discrete.places[at],
+                rows=np.swapaxes(discrete.rows[:, at], 0, 1),
+                sign=load_sign,
+                load=load,
+                axis=load_axis,
+            )
+        ),
+        BindingMargins(
+            **_filled(
+                sizes[2],
+                place=discrete.places[place],
+                row=discrete.rows[0, place],
+                device=device,
+                zone=zone,
+            )
+        ),
     )
+
+
+def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays with zeros added to their first axes, and which of that are no padding."""
+    found = {}
+    for name, own in arrays.items():
+        found[name] = np.concatenate([own, np.zeros((size - len(own), *own.shape[1:]), own.dtype)])
+        found["on"] = np.arange(size) < len(own)
+    return found
+
+
+def _broken(block: ConstraintBlock) -> np.ndarray:
+    """The rows of one curve that are broken; of those at places next to each other the worst."""
+    slack = block.slack
+    broken: np.ndarray = slack < -options.ACTIVE_SET.broken
+    if not block.linear:
+        around = np.pad(slack, [(0, 0), (1, 1), *[(0, 0)] * (slack.ndim - 2)], constant_values=np.inf)
+        broken &= (slack <= around[:, :-2]) & (slack <= around[:, 2:])
+    return broken
+
+
+def least_change(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimises ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
+
+    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
+    nonnegative least squares do (Lawson and Hanson, chapter 23).
+
+    Args:
+        hessian: (n, n) ``H``. One that is not positive is made so: by squares of rows that are taken to bind,
+            which change nothing where these do, or else by the size of its eigenvalues.
+        gradient: (n,).
+        slopes: (r, n).
+        excess: (r,).
+        binding: (r,) bool, which rows are taken to bind.
+
+    Returns:
+        The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
+        from the others. Where no change meets all rows, or they cannot be told, without rows.
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
+    factor, gradient = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
+    normals = solve_triangular(factor, slopes.T, lower=True)
+    down = solve_triangular(factor, gradient, lower=True)
+    depth = excess - normals.T @ down
+    size = max(1.0, float(np.linalg.norm(down)))
+    pushes = np.zeros(len(excess))
+    if len(excess):  # on none it crashes
+        with suppress(RuntimeError):  # of too many iterations
+            found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
+            left = 1 - depth / size @ found  # zero where no change meets all rows
+            pushes = size * found / left if left > np.finfo(float).eps else pushes
+    return solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1), pushes
+
+
+def _convex_factor(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The lower factor of a positive Hessian, and the gradient that goes with it."""
+    squares = slopes.T @ slopes
+    unit = np.trace(hessian) / (np.trace(squares) or 1.0)
+    for weight in unit * np.array([0.0, *options.ACTIVE_SET.squares]):
+        with suppress(np.linalg.LinAlgError):
+            return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
+    sizes, vectors = np.linalg.eigh(hessian)
+    sizes = np.abs(sizes).clip(options.ACTIVE_SET.flattest * np.max(np.abs(sizes)))
+    return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient
 
 
 def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarray:
@@ -376,53 +420,3 @@ def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarr
     angles = np.linalg.norm(short, axis=1)
     along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
     return np.round((along - angles) / (2 * np.pi))
-
-
-def next_rows(
-    block: ConstraintBlock, binding: np.ndarray, multipliers: np.ndarray, least: float
-) -> np.ndarray:
-    """The next active set of a block: rows with multipliers of the wrong sign dropped, broken ones added.
-
-    Of rows at places only the worst of each zone or load, since those beside it mean the same.
-    """
-    pulling = binding & (multipliers < least)
-    slack = block.slack
-    broken = ~binding & block.chosen(
-        slack < -options.PROGRAM.broken * block.tolerance, slack, np.zeros(1, int)
-    )
-    if not block.linear:
-        worst = np.arange(slack.shape[1]).reshape(-1, *[1] * (slack.ndim - 2))
-        if np.any(pulling):
-            return binding & ~(pulling & (worst == np.argmin(np.where(pulling, multipliers, 0), axis=1)))
-        broken &= worst == np.argmin(np.where(broken, slack, np.inf), axis=1)
-    return (binding & ~pulling) | broken
-
-
-def independent(quadratic: program.QuadraticProgram, binding: Masks) -> Masks:
-    """Multipliers of few of the rows that bind or touch, none of which follows from the others.
-
-    They are those that push and hold the objective's gradient best.
-    """
-    from scipy.optimize import nnls
-
-    blocks = {block.name: block for block in quadratic.blocks}
-    touching = {
-        name: np.nonzero(binding[name] | (f.slack < options.ACTIVE_SET.touching))
-        for name, f in blocks.items()
-    }
-    free = quadratic.free[0]
-    slopes = []
-    for name, index in touching.items():
-        axes, basis = blocks[name].slopes(index)
-        slopes.append(np.swapaxes(axes, 1, 2) @ basis @ free)
-    gradient = (free.T @ quadratic.gradient[0]).T
-    every = np.concatenate([own.reshape(-1, gradient.size) for own in slopes])
-    flat = np.zeros(len(every))
-    if len(every):  # on none it crashes
-        with suppress(RuntimeError):  # of too many iterations: then no row is taken to bind
-            flat = nnls(every.T, -gradient.ravel())[0]
-    found = {}
-    for name, index in touching.items():
-        found[name] = np.zeros(blocks[name].slack.shape)
-        found[name][index], flat = flat[: len(index[0])], flat[len(index[0]) :]
-    return found

@@ -123,13 +123,25 @@ def first_curve(
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
     """Attempts from first curves; None of one that is None, or whose numbers overflow."""
     given = {number: begin for number, begin in enumerate(begins) if begin is not None}
-    curves: dict[int, tuple[DiscreteProblem, SQPSolution, Trajectory]] = {}
-    for (number, begin), solution in zip(given.items(), _improved(list(given.values())), strict=True):
-        if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite:
-            curves[number] = begin.discrete, solution, _trajectory(begin.discrete, solution)
-    peaks = all_peaks([(curve, own.problem.spacecraft) for own, _, curve in curves.values()])
+    solutions = _improved(list(given.values()))
+    made = finished([(own.discrete, found) for own, found in zip(given.values(), solutions, strict=True)])
     attempts: list[Attempt | None] = [None] * len(begins)
-    for (number, (discrete, solution, curve)), own in zip(curves.items(), peaks, strict=True):
+    for number, attempt in zip(given, made, strict=True):
+        attempts[number] = attempt
+    return attempts
+
+
+def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
+    """Attempts with the curves of solutions; None where numbers overflow."""
+    curves = {
+        number: _trajectory(discrete, solution)
+        for number, (discrete, solution) in enumerate(made)
+        if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
+    }
+    peaks = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
+    attempts: list[Attempt | None] = [None] * len(made)
+    for (number, curve), own in zip(curves.items(), peaks, strict=True):
+        discrete, solution = made[number]
         if np.isfinite(own.stretch):
             attempts[number] = Attempt(discrete=discrete, solution=solution, trajectory=curve, peaks=own)
     return attempts

@@ -36,6 +36,7 @@ class Fit:
             where there is no trajectory, or nothing moves.
         needed_duration: s, at which the same settings keep all limits, and a shorter one may, too; None if
             none was needed or found.
+        spare: the fit as it was before it went on to the optimum, should that not be certified.
     """
 
     trajectory: Trajectory | None
@@ -44,13 +45,16 @@ class Fit:
     note: str = ""
     origin: Any = None
     needed_duration: float | None = None
+    spare: "Fit | None" = None
 
     def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
         """The fit with the times of all given nodes (m + 1,), from their numbers among those it passes."""
         curve = self.trajectory
         if curve is None:
             return self
-        return replace(self, trajectory=replace(curve, node_times=curve.node_times[numbers]))
+        spare = None if self.spare is None else self.spare.at_given_nodes(numbers)
+        own = replace(curve, node_times=curve.node_times[numbers])
+        return replace(self, trajectory=own, spare=spare)
 
 
 @shown(

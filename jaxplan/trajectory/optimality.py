@@ -159,11 +159,6 @@ class ActiveSet:
     free_time: bool = field(metadata={"static": True})
 
 
-def filled(array: np.ndarray, size: int) -> np.ndarray:
-    """An array with zeros added to its first axis."""
-    return np.concatenate([array, np.zeros((size - len(array), *array.shape[1:]), array.dtype)])
-
-
 @shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -118,16 +118,15 @@ STRATEGY = SimpleNamespace(
 )
 
 
-# How the rows that bind are told once a fit has ended.
+# How the optimum near a fit is found, and the rows that bind there.
 ACTIVE_SET = SimpleNamespace(
     padding=(64, 16, 16),  # least padded numbers of linear rows, loads and margins
     ftol=1e-9,  # of the energy: nearer the optimum than the plan, it shows which rows bind
-    looks=20,  # at sets of rows that may bind
-    wrong_sign=1e-9,  # of the largest multiplier; a row whose own is more negative does not bind
-    residual=1e-10,  # at which a root is found
-    steps=12,  # of Newton's method on the way to it
-    rounded=1e-8,  # residual that rounding may leave, where little moves
-    touching=1e-6,  # slack of a row that may bind
+    steps=40,  # from there to the optimum, at most
+    settled=1e-8,  # rad, a step that changes less is the last
+    broken=1e-8,  # of a limit, or rad; a row that is broken by more is near
+    squares=tuple(10.0**power for power in range(-2, 7)),  # of rows, over the size of the form
+    flattest=1e-6,  # of the largest curvature, where the form stays without a minimum
     refit_steps=5,  # of Newton's method when inputs have changed, before the last one
     refit_residual=1e-9,  # at which these end earlier
     flank_step=1e-4,  # of the pace's flank, to either side, for differences by it

@@ -241,17 +241,16 @@ class SQPState:
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
         self.damping[which] = 0.0
 
-    def solution(self, member: int, steps: int) -> SQPSolution:
-        """The curve of one member, after so many steps."""
-        at = self.at
-        return SQPSolution(
-            coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
-            duration=float(at.duration[member]),
-            margins=at.margins[member].copy(),
-            violations=at.violations[member].copy(),
-            finite=bool(at.finite[member]),
-            steps=steps,
-        )
+def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
+    """The solution that one of the curves is, after so many steps."""
+    return SQPSolution(
+        coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
+        duration=float(at.duration[member]),
+        margins=at.margins[member].copy(),
+        violations=at.violations[member].copy(),
+        finite=bool(at.finite[member]),
+        steps=steps,
+    )
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
@@ -265,7 +264,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
             if steps >= options.SQP.enough_steps:
                 done |= ~state.falling | (steps == options.SQP.most_steps)
         for member in np.flatnonzero(done).tolist():
-            solutions[int(state.number[member])] = state.solution(member, steps)
+            solutions[int(state.number[member])] = solution_at(state.at, member, steps)
         if np.all(done):
             break
         if np.any(done):

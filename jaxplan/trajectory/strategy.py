@@ -31,6 +31,8 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
+_NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
+
 Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
 Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
@@ -373,7 +375,23 @@ def _better(fit: Fit, other: Fit) -> Fit:
 
 
 def _success(attempt: Attempt, *, stretch: bool = False) -> Fit:
-    """A fit within all limits on rates and loads, perhaps after its time is stretched to them."""
+    """A fit within all limits on rates and loads, perhaps after its time is stretched to them.
+
+    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
+    """
+    found = _kept_limits(attempt, stretch=stretch)
+    if not attempt.problem.settings.optimal or found.origin is None:
+        return found
+    notes = "; ".join(filter(None, (found.note, _NOT_OPTIMAL)))
+    spare = replace(found, message=f"{found.message}; {_NOT_OPTIMAL}", note=notes)
+    best = found.origin.at_optimum()
+    if best is None or not best.sound or not (stretch or best.kept):
+        return spare
+    return replace(_kept_limits(best, stretch=stretch), spare=spare)
+
+
+def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
+    """The fit that an attempt is, or what zone or range it breaks."""
     curve, problem = attempt.trajectory, attempt.problem
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)

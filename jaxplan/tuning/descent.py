@@ -1,4 +1,4 @@
-"""Gradient descent on numbers of scenarios through `sensitivity.replan`.
+"""Gradient descent on numbers of scenarios through `derivatives.replan`.
 
 From time to time the plans are made anew on their paths, so that what is held of them fits the numbers
 reached; between, each trajectory is followed from there. At the end the scenarios are planned from the
@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed
@@ -24,7 +25,6 @@ from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import find_number, with_numbers
-from jaxplan.sensitivity import expect_known_time, follow_and_hold, hold
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (

@@ -16,11 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.derivatives import Held, replan
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.workers import one_thread
 from jaxplan.schema.numbers import with_numbers
-from jaxplan.sensitivity import Held, replan
 from jaxplan.trajectory import Trajectory, measures
 from jaxplan.tuning.parameters import Parameter
 

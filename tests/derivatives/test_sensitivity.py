@@ -13,10 +13,10 @@ from node_paths import fit_global
 from quick import quick_jit
 
 import jaxplan as jp
+from jaxplan.derivatives import follow, hold, replan
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.planner.steps import fit
-from jaxplan.sensitivity import follow, hold, replan
 
 STEP = 5e-6  # twice that is within what the rows that bind allow
 

@@ -22,8 +22,7 @@ import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
-from jaxplan.paper import segments
-from jaxplan.paper.derivative import PaperFitRecord, nominal_duration, refit
+from jaxplan.paper.derivative import held_of, nominal_duration, refit
 from jaxplan.paper.segments import ChainRequest, PathNodes, plan_chains
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.derivative import gather_inputs
@@ -103,7 +102,13 @@ def test_the_time_before_it_is_stretched_is_that_of_the_fit(deciding):
     for fractions in cases:
         limits = rng.uniform(0.5, 2.0, (2, moves.shape[1]))
         limits[deciding] /= 100
-        expected = segments.shortest_duration(moves, fractions, *limits)
+        edges = np.diff(fractions)
+        rates = np.pad(moves / edges[:, None], ((1, 1), (0, 0)))
+        middles = np.concatenate([[-edges[0] / 2], fractions[:-1] + edges / 2, [1 + edges[-1] / 2]])
+        accelerations = np.diff(rates, axis=0) / np.diff(middles)[:, None]
+        ratios = np.max(np.abs(rates) / limits[0]), np.sqrt(np.max(np.abs(accelerations) / limits[1]))
+        expected = max(ratios)
+        assert ratios.index(expected) == deciding
         last = np.arange(len(fractions) + 3).clip(max=len(fractions) - 1)  # with nodes that are padding
         with jax.enable_x64(True):
             for own in (np.arange(len(fractions)), last):
@@ -147,7 +152,7 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
         platform = np.repeat([[own.rate_limit], [own.acceleration_limit]], 3, axis=1) / SAFETY
         at_joins = platform, np.stack([own.joint_rate_limits, own.joint_acceleration_limits]) / SAFETY
         curve = planned(duration, at_joins)
-        return curve, PaperFitRecord(nodes=nodes, trajectory=curve, limits=at_joins).hold()
+        return curve, held_of(nodes, curve, at_joins)
 
     # Limits a little below what the largest would be at the joins without.
     free = planned(80.0, None)
