@@ -24,6 +24,7 @@ import jax
 import numpy as np
 from _machine import print_machine
 from _options import not_negative
+from jaxplan.trajectory.outcome import NOT_OPTIMAL
 from tqdm import tqdm
 
 import jaxplan as jp
@@ -31,7 +32,6 @@ from jaxplan.derivatives import Held
 from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import fit_batch
 from jaxplan.trajectory.measures import time_factors
-from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 Change = Callable[[jp.Scenario, float], jp.Scenario]
 Measure = Callable[[jp.Trajectory], Any]

@@ -1,37 +1,35 @@
-"""Bounds over whole intervals of time: majorants of what a series leaves out, and refinement until settled.
+"""What holds between samples: how far polynomials through them may be off, and bounds of least values.
 
-**How far the polynomials through samples are off**, and intervals on which that is next to nothing.
-Interpolation. The polynomial of degree K through the samples at `motion.NODES` of an interval of half width
-h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives are bounded by majorants (see
-`series`). Let ``g`` be one of ``eta`` without its constant term. Then ``exp(g)`` is one of ``exp(eta^)``: in
-the expansion around the constant every factor is a rotation, of norm one, or is bounded by ``g``. So with
-``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular velocity, which is
-``R^T R'``, the majorant ``exp(2 m) m'``. In body axes a boresight, or another vector of a terminal's moving
-part, has the exponential of the majorants of its yaw and its pitch together, and what is fixed there is its
-own majorant, one. In inertial axes ``m`` is added to the exponent. It is the scalar product of sight and axis
-that is interpolated, so where both move the majorant is the product of theirs: the exponents of two sights
-add up, and that of an inertial axis is in `motion`.
+**Interpolation.** A trajectory is sampled on intervals so short that polynomials through the samples leave
+out next to nothing (`gather`). The polynomial of degree K through the samples at `motion.NODES` of an
+interval of half width h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives are
+bounded by majorants (see `series`). Let ``g`` be one of ``eta`` without its constant term. Then ``exp(g)`` is
+one of ``exp(eta^)``: in the expansion around the constant every factor is a rotation, of norm one, or is
+bounded by ``g``. So with ``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular
+velocity, which is ``R^T R'``, the majorant ``exp(2 m) m'``. In body axes a boresight, or another vector of a
+terminal's moving part, has the exponential of the majorants of its yaw and its pitch together, and what is
+fixed there is its own majorant, one. In inertial axes ``m`` is added to the exponent. It is the scalar
+product of sight and axis that is interpolated, so where both move the majorant is the product of theirs: the
+exponents of two sights add up, and that of an inertial axis is in `motion`.
 
-Rounding. Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
+**Rounding.** Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
 the rest follows from the same majorants, to first order; other steps are taken to err by a few units too.
 
-**Least values** of many polynomials at once, as proved lower bounds, by subdivision in the Bernstein basis.
-On its interval a polynomial lies above the least of its Bernstein coefficients, and the first and last of
-them are its values at the ends. Halving the interval brings the two together quadratically. So: bound, drop
-what is settled, halve the rest, all rows at once.
+**Least values** of many polynomials at once are bounded from below by subdivision in the Bernstein basis
+(`minimise`). On its interval a polynomial lies above the least of its Bernstein coefficients, and the first
+and last of them are its values at the ends. Halving the interval brings the two together quadratically. So:
+bound, drop what is settled, halve the rest, all rows at once. The last axis numbers the rows.
 
 Rows come in nests. An *entry* holds where all its rows do, so its value is that of its worst row; a
 *clause* holds where one of its entries does, so its value is that of its best entry. The rows of one clause
 on one interval form a *task* and are halved together. Clauses belong to *quantities*, for which one least
-value is wanted, and to *owners*, of whom each has a budget of work. The last axis numbers the rows.
-
-What is found for one owner is, to the last bit, the same whichever others there are: nothing is summed but
-along each row by itself.
+value is wanted, and to *owners*, of whom each has a budget of work. What is found for one owner is, to the
+last bit, the same whichever others there are: nothing is summed but along each row by itself.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import comb, perm
 from typing import Self
 
@@ -41,11 +39,17 @@ from jaxplan.certificate import series
 from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Way
 from jaxplan.certificate.series import ROUNDING
 
-# What a polynomial may be off, relative to what it is compared with: a hundredth of the allowances.
-NEGLIGIBLE = 1e-11
-_MOST_INTERVALS = 4000
-_MOST_PARTS = 16
-_ROUNDS = 12
+NEGLIGIBLE = (
+    1e-11  # of what it is compared with: what polynomials may leave out, a hundredth of the allowances
+)
+LEBESGUE = 3.0  # by how much the polynomial through samples at most enlarges their errors, up to degree 12
+_MOST_INTERVALS = (
+    4000  # of a trajectory, or twice as many as before a round: beyond, intervals stay as they are
+)
+_MOST_PARTS = 16  # into which an interval is cut in one round
+_ROUNDS = 12  # of cutting
+_MOST_HALVINGS = 40  # of an interval
+_MOST_ROWS = 400_000  # of an owner, in one round: beyond, its bounds stay as they are
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,12 +213,6 @@ def _excess(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
     return np.maximum(np.nan_to_num(np.concatenate(ratios), nan=np.inf).max(axis=0), 1)
 
 
-# By how much the polynomial through samples at most enlarges their errors, up to degree 12.
-LEBESGUE = 3.0
-_MOST_HALVINGS = 40
-_MOST_ROWS = 400_000  # of an owner, in one round
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
     """How rows nest. Each row is of a kind; kinds are numbered clause by clause and entry by entry.
@@ -233,18 +231,16 @@ class Layout:
 
     @classmethod
     def joined(cls, layouts: Sequence[Self]) -> Self:
-        """Those of some owners, each the only one of its layout; they are numbered in this order."""
-        quantities = [layout.quantity.max(initial=-1) + 1 for layout in layouts]
-        clauses = [len(layout.quantity) for layout in layouts]
-        before = np.cumsum([0, *quantities[:-1]])
+        """The layouts of some owners, of one quantity each; they are numbered in this order."""
+        owner = np.repeat(np.arange(len(layouts)), [len(layout.owner) for layout in layouts])
         return cls(
             opens_entry=np.concatenate([layout.opens_entry for layout in layouts]),
             opens_clause=np.concatenate([layout.opens_clause for layout in layouts]),
-            quantity=np.concatenate([layout.quantity for layout in layouts]) + np.repeat(before, clauses),
-            owner=np.repeat(np.arange(len(layouts)), clauses),
+            quantity=owner,
+            owner=owner,
         )
 
-    @property
+    @cached_property
     def clause(self) -> np.ndarray:
         """(kinds,) number of the clause that each kind belongs to."""
         return np.cumsum(self.opens_clause) - 1
@@ -300,16 +296,16 @@ class Minima:
     time: np.ndarray
 
     @classmethod
-    def of(cls, clauses: int) -> "Minima":
-        """Nothing known yet of so many clauses."""
+    def of(cls, clauses: int) -> Self:
+        """Minima of so many clauses, of which nothing is known yet."""
         return cls(bound=np.full(clauses, np.inf), seen=np.full(clauses, np.inf), time=np.zeros(clauses))
 
-    def part(self, of: slice) -> "Minima":
-        """Of some clauses; what is changed in one is changed in both."""
-        return Minima(bound=self.bound[of], seen=self.seen[of], time=self.time[of])
+    def part(self, of: slice) -> Self:
+        """The minima of some clauses; what is changed in one is changed in both."""
+        return type(self)(bound=self.bound[of], seen=self.seen[of], time=self.time[of])
 
     def meet(self, clause: np.ndarray, value: np.ndarray, time: np.ndarray) -> None:
-        """Takes in values (k,) of clauses at some times."""
+        """Take in values (k,) of clauses at some times."""
         np.minimum.at(self.seen, clause, value)
         least = value == self.seen[clause]
         self.time[clause[least]] = time[least]

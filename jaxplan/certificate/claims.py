@@ -2,16 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxplan.certificate.motion import Trajectory
+from jaxplan.model.constraints import Constraints
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import as_table, shown
-
-if TYPE_CHECKING:
-    from jaxplan.model.constraints import Constraints
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.trajectory.curve import Trajectory
 
 
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
@@ -35,38 +32,40 @@ class EndState:
 @shown("trajectory", "spacecraft", "zone_names", "start", "goal")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
-    """What is to be proved: that a trajectory is safe and does what it should.
+    """The claim that a trajectory is safe and does what it should.
 
     Attributes:
         trajectory: the manoeuvre.
         spacecraft: its devices and limits.
         cones: all zones, padded or not.
         zone_names: names of the zones in the order of the cones' rows.
-        start: the state it must start from.
-        goal: the state it must end in.
-        sight_names: names of all that the constraints bind, for the report; None for those of the devices
-            and words for the others.
+        start: the state it must start from; None for any.
+        goal: the state it must end in; None for any.
+        sight_names: (S,) names of all that the constraints bind: devices, axes of the body, and vectors of
+            terminals' moving parts; None for words for those that are no devices.
     """
 
-    trajectory: "Trajectory"
-    spacecraft: "Spacecraft"
-    cones: "Constraints"
+    trajectory: Trajectory
+    spacecraft: Spacecraft
+    cones: Constraints
     zone_names: Sequence[str]
-    start: EndState
-    goal: EndState
+    start: EndState | None
+    goal: EndState | None
     sight_names: Sequence[str] | None = None
 
     @property
-    def every_sight(self) -> Sequence[str]:
-        """Names of all that the constraints bind."""
-        return every_sight(self.spacecraft, self.cones) if self.sight_names is None else self.sight_names
+    def sights(self) -> Sequence[str]:
+        """(S,) names of all that the constraints bind, or words for it."""
+        if self.sight_names is not None:
+            return self.sight_names
+        names = self.spacecraft.device_names
+        carried = (f"a vector of {names[int(terminal)]}" for terminal in self.cones.carrier)
+        return (*names, *["an axis of the body"] * len(self.cones.body), *carried)
 
-
-def every_sight(spacecraft: "Spacecraft", cones: "Constraints") -> tuple[str, ...]:
-    """Names of a spacecraft's devices, and words for what else some constraints bind."""
-    names = spacecraft.device_names
-    carried = (f"a vector of {names[int(terminal)]}" for terminal in cones.carrier)
-    return (*names, *["an axis of the body"] * len(cones.body), *carried)
+    @property
+    def ends(self) -> dict[str, EndState]:
+        """The wanted states by their names, "start" and "goal"."""
+        return {name: end for name in ("start", "goal") if (end := getattr(self, name)) is not None}
 
 
 @shown("bound deg", "device", "zone", "time s", "zones")
@@ -101,8 +100,8 @@ class Certificate:
         min_margin: rad, lower bound over all time, devices and zones (of zones in a group, that of the
             best); None where no zone binds a device.
         worst_time: s, when the margin is smallest, to the resolution of the proof; None likewise.
-        worst_device: name of the device whose margin is smallest then, or of what else is bound, such as "an
-            axis of the body"; None likewise.
+        worst_device: name of the device whose margin is smallest then, or of what else is bound, such as
+            "axis (0, 0, 1) of the body"; None likewise.
         worst_zone: name of the zone; None likewise.
         peaks: upper bounds over all time of the largest component over its limit: "angular_velocity",
             "angular_acceleration", "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are

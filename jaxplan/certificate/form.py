@@ -1,294 +1,225 @@
 """What must hold before a trajectory can be evaluated: shapes, finite numbers, rotations, rising breaks.
 
-Each check yields a sentence for every fault. A NaN or an infinity anywhere is one.
+The checks go in three stages, each of which relies on the ones before: shapes; that every number is finite;
+what the numbers are. `faults` has the sentences of the first stage that finds any.
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.certificate.claims import EndState
+from jaxplan.certificate.claims import Claim
+from jaxplan.certificate.motion import Trajectory
+from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.spacecraft import Spacecraft
 
-if TYPE_CHECKING:
-    from jaxplan.model.constraints import Constraints
-    from jaxplan.model.directions import DirectionPath
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.trajectory.curve import Trajectory
+_ORTHONORMAL = 1e-9  # largest entry of R^T R - 1 of a rotation matrix
+_UNIT = 1e-6  # by how much the length of a direction may miss one; directions are normalised before use
+_SAME_TIME = 1e-12  # of the duration: by how much the last breaks of platform and joints may differ
 
-_ORTHONORMAL = 1e-9
-_UNIT = 1e-6  # directions are normalised before use
-_SAME_TIME = 1e-12
+_CHART = {"attitude": (3, 3), "start": (), "rate": (3,)}  # shapes of what each chart has
 
-# What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints.
-INERTIAL, BODY, SIGHT, JOINTS = range(4)
-
-Container = TypeVar("Container", "Trajectory", "Constraints")
+Data = TypeVar("Data", bound=Any)
 
 
-def _arrays(container: Any) -> dict[str, np.ndarray]:
-    fields = (f.name for f in dataclasses.fields(container) if not f.metadata.get("static"))
-    fields = (name for name in fields if name != "paths")  # of constraints: `motion` reads them
-    return {name: np.asarray(getattr(container, name), np.float64) for name in fields}
+def _arrays(data: Any) -> dict[str, np.ndarray]:
+    """All arrays of a dataclass by name, in float64; what is None, and paths, aside."""
+    fields = dataclasses.fields(data)
+    names = (f.name for f in fields if not f.metadata.get("static") and f.name != "paths")
+    given = ((name, getattr(data, name)) for name in names)
+    return {name: np.asarray(array, np.float64) for name, array in given if array is not None}
 
 
-def plain(container: Container) -> Container:
-    """The same with all arrays in numpy's float64."""
-    arrays: dict[str, Any] = _arrays(container)
-    return dataclasses.replace(container, **arrays)
+def plain(data: Data) -> Data:
+    """The same trajectory or constraints with all arrays in numpy's float64."""
+    return dataclasses.replace(data, **_arrays(data))
 
 
-def faults(
-    trajectory: "Trajectory",
-    spacecraft: "Spacecraft",
-    cones: "Constraints",
-    zones: int,
-    ends: dict[str, EndState],
-    sight_names: Sequence[str] | None = None,
-) -> list[str]:
-    """All faults of form; where shapes are wrong, only those.
-
-    Args:
-        trajectory: as `plain` gives it.
-        spacecraft: any.
-        cones: as `plain` gives them.
-        zones: number of zones that have a name.
-        ends: the wanted states by their names, "start" and "goal".
-        sight_names: names of all that the constraints bind, if any are given.
-    """
-    terminals = len(spacecraft.terminals)
-    further = len(np.atleast_1d(cones.body)) + len(np.atleast_1d(cones.carried))
-    joints, sights = 2 * terminals, len(spacecraft.device_names) + further
-    shapes = [*_trajectory_shapes(trajectory, joints), *_cone_shapes(cones, sights)]
-    if sight_names is not None and len(sight_names) != sights:
-        shapes.append(f"sight_names has {len(sight_names)} names for {sights} sights")
-    for name, end in ends.items():
-        shapes += _end_shapes(name, end, joints)
-    if shapes:
-        return shapes
-    last = float(np.max(trajectory.breaks))
-    found = [*_trajectory_numbers(trajectory), *_cone_numbers(cones, zones, terminals)]
-    found += _spacecraft_numbers(spacecraft)
-    found += [f for row, path in enumerate(cones.paths) if path is not None for f in _path(row, path, last)]
-    for name, end in ends.items():
-        found += _end_numbers(name, end)
-    return found
-
-
-def is_static(trajectory: "Trajectory") -> bool:
+def is_static(trajectory: Trajectory) -> bool:
     """Whether the trajectory is a state without duration: breaks and joint breaks are [0, 0]."""
     return all(np.array_equal(breaks, [0, 0]) for breaks in (trajectory.breaks, trajectory.joint_breaks))
 
 
-def held(trajectory: "Trajectory") -> "Trajectory":
+def held(trajectory: Data) -> Data:
     """The state of a trajectory without duration, held for a second."""
     second = np.array([0.0, 1.0])
     return dataclasses.replace(trajectory, breaks=second, joint_breaks=second)
 
 
-def _shape(name: str, array: Any, shape: tuple[int, ...]) -> Iterator[str]:
-    if np.shape(array) != shape:
-        yield f"{name} has the shape {np.shape(array)} and not {shape}"
+def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str]:
+    """All faults of form of the first stage that finds any.
 
-
-def _finite(name: str, array: Any) -> Iterator[str]:
-    if not np.all(np.isfinite(np.asarray(array, np.float64))):
-        yield f"{name} is not finite"
-
-
-def _positive(name: str, value: Any) -> Iterator[str]:
-    if not np.all(np.isfinite(value) & (np.asarray(value) > 0)):
-        yield f"{name} = {', '.join(f'{number:g}' for number in np.ravel(value))} is not positive and finite"
-
-
-def _rotation(name: str, attitude: np.ndarray) -> Iterator[str]:
-    gram = np.swapaxes(attitude, -1, -2) @ attitude
-    if not (np.all(np.abs(gram - np.eye(3)) <= _ORTHONORMAL) and np.all(np.linalg.det(attitude) > 0)):
-        yield f"{name} is no rotation matrix to {_ORTHONORMAL:g}"
-
-
-def _unit(name: str, vectors: Any) -> Iterator[str]:
-    if not np.all(np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT):
-        yield f"{name} is no unit vector to {_UNIT:g}"
-
-
-def _trajectory_shapes(trajectory: "Trajectory", joints: int) -> Iterator[str]:
-    pieces = trajectory.breaks.size - 1
-    yield from _shape("trajectory.chart_attitude", trajectory.chart_attitude, (pieces, 3, 3))
-    yield from _shape("trajectory.chart_start", trajectory.chart_start, (pieces,))
-    yield from _shape("trajectory.chart_rate", trajectory.chart_rate, (pieces, 3))
-    for prefix, breaks, coefficients, components in (
-        ("", trajectory.breaks, trajectory.coefficients, 3),
-        ("joint_", trajectory.joint_breaks, trajectory.joint_coefficients, joints),
-    ):
-        if breaks.ndim != 1 or breaks.size < 2:
-            yield f"trajectory.{prefix}breaks has the shape {breaks.shape} and not (pieces + 1,)"
-        length = max(1, *coefficients.shape[1:2])
-        yield from _shape(
-            f"trajectory.{prefix}coefficients", coefficients, (breaks.size - 1, length, components)
-        )
-
-
-def _trajectory_numbers(trajectory: "Trajectory") -> Iterator[str]:
-    unclear = [f for name, array in _arrays(trajectory).items() for f in _finite(f"trajectory.{name}", array)]
+    Args:
+        claim: what is claimed.
+        trajectory: its trajectory, as `plain` gives it.
+        cones: its constraints, as `plain` gives them.
+    """
+    craft, ends = claim.spacecraft, claim.ends
+    moving = {f"cones.paths[{row}]": path for row, path in enumerate(cones.paths) if path is not None}
+    parts = {"trajectory": trajectory, "cones": cones} | moving | ends
+    given = {f"{part}.{name}": array for part, data in parts.items() for name, array in _arrays(data).items()}
+    if craft.inertia is not None:
+        given["spacecraft.inertia"] = np.asarray(craft.inertia, np.float64)
+    found = list(_shapes(given, claim, cones))
+    if found:
+        return found
+    still = np.ones(len(cones.axis), bool)
+    still[[row for row, path in enumerate(cones.paths) if path is not None]] = False
+    given["cones.axis"] = cones.axis[still]
+    unclear = _wrong(given, lambda array: bool(np.isfinite(array).all()))
     if unclear:
-        yield from unclear
-        return
-    yield from _rotation("trajectory.chart_attitude", trajectory.chart_attitude)
+        return [f"{name} is not finite" for name in unclear]
+    attitudes = {name: array for name, array in given.items() if name.endswith("attitude")}
+    directions = {name: given[name] for name in ("cones.axis", "cones.body", "cones.carried")}
+    directions |= {f"{name}.samples": given[f"{name}.samples"] for name in moving}
+    return [
+        *(
+            f"{name} is no rotation matrix to {_ORTHONORMAL:g}"
+            for name in _wrong(attitudes, _rotations, 3, 3)
+        ),
+        *(f"{name} is no unit vector to {_UNIT:g}" for name in _wrong(directions, _unit, 3)),
+        *_trajectory(trajectory),
+        *_cones(cones, still, len(claim.zone_names), len(craft.terminals)),
+        *_spacecraft(craft),
+        *(fault for name, path in moving.items() for fault in _path(name, path, trajectory.breaks[-1])),
+    ]
+
+
+def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
+    """Check the shapes of arrays by name; a curve has a piece at least, with a coefficient at least."""
+    rows, joints = cones.half_angle.size, 2 * len(claim.spacecraft.terminals)
+    body, carried = (len(np.atleast_1d(vectors)) for vectors in (cones.body, cones.carried))
+    sights = len(claim.spacecraft.device_names) + body + carried
+    shapes: dict[str, tuple[int, ...]] = {"spacecraft.inertia": (3, 3)}
+    for prefix, components in (("trajectory.", 3), ("trajectory.joint_", joints)):
+        pieces = max(given[f"{prefix}breaks"].size - 1, 1)
+        length = max((1, *given[f"{prefix}coefficients"].shape[1:2]))
+        shapes |= {f"{prefix}breaks": (pieces + 1,), f"{prefix}coefficients": (pieces, length, components)}
+    pieces = max(given["trajectory.breaks"].size - 1, 1)
+    shapes |= {f"trajectory.chart_{name}": (pieces, *tail) for name, tail in _CHART.items()}
+    shapes |= {
+        f"cones.{name}": (rows,) for name in ("frame", "partner", "half_angle", "side", "entry", "group")
+    }
+    shapes |= {"cones.axis": (rows, 3), "cones.bound": (rows, sights), "cones.body": (body, 3)}
+    shapes |= {"cones.carrier": (carried,), "cones.carried": (carried, 3)}
+    for row in range(len(cones.paths)):
+        samples = max(given.get(f"cones.paths[{row}].times", np.zeros(0)).size, 2)
+        of_path = {"times": (samples,), "samples": (samples, 3), "slopes": (samples, 3)}
+        shapes |= {f"cones.paths[{row}].{name}": shape for name, shape in of_path.items()}
+    of_end = {"attitude": (3, 3), "joints": (joints,), "angular_velocity": (3,), "joint_rates": (joints,)}
+    shapes |= {f"{end}.{name}": shape for end in claim.ends for name, shape in of_end.items()}
+    for name, shape in shapes.items():
+        if name in given and given[name].shape != shape:
+            yield f"{name} has the shape {given[name].shape} and not {shape}"
+    if len(cones.paths) > rows:
+        yield f"cones.paths has {len(cones.paths)} axes for {rows} rows"
+    if claim.sight_names is not None and len(claim.sight_names) != sights:
+        yield f"sight_names has {len(claim.sight_names)} names for {sights} sights"
+
+
+def _wrong(arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *tail: int) -> list[str]:
+    """Names of the arrays (..., *tail) that are not good: nearly always none, as all of them together say."""
+    if good(np.concatenate([array.reshape(-1, *tail) for array in arrays.values()])):
+        return []
+    return [name for name, array in arrays.items() if not good(array)]
+
+
+def _rotations(matrices: np.ndarray) -> bool:
+    off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3))
+    return bool((off <= _ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
+
+
+def _unit(vectors: np.ndarray) -> bool:
+    return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
+
+
+def _trajectory(trajectory: Trajectory) -> Iterator[str]:
     ends = trajectory.breaks[[0, -1]]
     if ends[0] != 0:
         yield f"trajectory.breaks start at {ends[0]:g} s and not at 0"
     # The two may differ by rounding; both curves go on beyond their last break.
-    if not np.all(np.abs(trajectory.joint_breaks[[0, -1]] - ends) <= _SAME_TIME * ends[1]):
+    if not (np.abs(trajectory.joint_breaks[[0, -1]] - ends) <= _SAME_TIME * ends[1]).all():
         yield "trajectory.joint_breaks do not start and end with trajectory.breaks"
     if is_static(trajectory):
         moving = (trajectory.chart_rate, trajectory.coefficients[:, 1:], trajectory.joint_coefficients[:, 1:])
-        if any(np.any(array != 0) for array in moving):
+        if any(array.any() for array in moving):
             yield "the trajectory has no duration and yet is not constant"
         return
     for name in ("breaks", "joint_breaks"):
-        if not np.all(np.diff(getattr(trajectory, name)) > 0):
+        if not (np.diff(getattr(trajectory, name)) > 0).all():
             yield f"trajectory.{name} do not rise"
 
 
-def _cone_shapes(cones: "Constraints", sights: int) -> Iterator[str]:
-    zones = cones.half_angle.size
-    if len(cones.paths) > zones:
-        yield f"cones.paths has {len(cones.paths)} axes for {zones} rows"
-    for name, tail in (
-        ("axis", (3,)),
-        ("frame", ()),
-        ("partner", ()),
-        ("half_angle", ()),
-        ("side", ()),
-        ("bound", (sights,)),
-        ("entry", ()),
-        ("group", ()),
-    ):
-        yield from _shape(f"cones.{name}", getattr(cones, name), (zones, *tail))
-    for name, each, tail in (
-        ("body", cones.body, (3,)),
-        ("carrier", cones.carried, ()),
-        ("carried", cones.carried, (3,)),
-    ):
-        yield from _shape(f"cones.{name}", getattr(cones, name), (len(np.atleast_1d(each)), *tail))
-
-
-def _cone_numbers(cones: "Constraints", zones: int, terminals: int) -> Iterator[str]:
-    stands = np.array([path is None for path in cones.paths] + [True] * (zones - len(cones.paths)), bool)
-    still = np.ones(len(cones.axis), bool)
-    still[: len(stands)] = stands
-    unclear: list[str] = []
-    for name, array in _arrays(cones).items():
-        unclear += _finite(f"cones.{name}", array[still] if name == "axis" else array)
-    yield from unclear
-    for name, vectors in (("axis", cones.axis[still]), ("body", cones.body), ("carried", cones.carried)):
-        yield from _unit(f"cones.{name}", vectors)
-    of_joints = cones.frame == JOINTS
-    if not np.all((cones.half_angle > 0) & (cones.half_angle < np.pi) | of_joints):
-        yield "cones.half_angle is not between 0 and 180 deg"
-    if not np.all(np.abs(cones.side) == 1):
-        yield "cones.side is neither +1 nor -1"
-    if np.any(cones.bound[zones:] != 0):
-        yield f"cones has zones that bind devices beyond the {zones} that have a name"
-    if np.any(cones.axis[of_joints, 2:] != 0):
-        yield "cones.axis of a row of joints is not of yaw and pitch alone"
-    if not unclear:
-        yield from (*_kinds(cones, terminals), *_nests(cones))
-
-
-def _kinds(cones: "Constraints", terminals: int) -> Iterator[str]:
-    """Check what each axis belongs to, and whether its row may bind what it binds."""
+def _cones(cones: Constraints, still: np.ndarray, zones: int, terminals: int) -> Iterator[str]:
+    """Check the numbers of constraints, of whose axes some stand still, and what their rows may bind."""
     frame, bound = cones.frame, cones.bound != 0
-    if not _whole(frame, 4):
-        yield "cones.frame is none of the four that there are"
-    if not _whole(cones.carrier, terminals):
-        yield f"cones.carrier is none of the {terminals} terminals"
-    moving = np.array([path is not None for path in cones.paths], bool)
-    if np.any(frame[: len(moving)][moving] != INERTIAL):
-        yield "cones.paths has an axis that moves and is not inertial"
-    if np.any(bound[frame == JOINTS, terminals:]):
-        yield "cones.bound has a row of joints that binds more than terminals"
-    from_sights = frame == SIGHT
-    partner = cones.partner[from_sights]
-    if not _whole(partner, bound.shape[1]):
-        yield f"cones.partner is none of the {bound.shape[1]} sights"
-    elif np.any(bound[from_sights].sum(axis=1) != 1) or np.any(bound[from_sights, partner.astype(int)]):
-        yield "cones.bound has a row about a sight that does not bind exactly one other"
-
-
-def _nests(cones: "Constraints") -> Iterator[str]:
-    """Check that rows are numbered into entries, and entries into constraints."""
-    row = np.arange(len(cones.frame))
-    for name in ("entry", "group"):
-        first = getattr(cones, name)
-        if not (_whole(first, len(row)) and np.all(first <= row)):
-            yield f"cones.{name} is not the first row of each"
-            return
-        if np.any(first[first.astype(int)] != first):
-            yield f"cones.{name} is not the first row of each"
-    if np.any(cones.group[cones.entry.astype(int)] != cones.group):
-        yield "cones.entry has rows of several groups"
+    of_joints, of_sights = frame == JOINTS, frame == SIGHT
+    partner, sights = cones.partner[of_sights], bound.shape[1]
+    partners_exist = _whole(partner, sights)
+    row = np.arange(len(frame))
+    numbered = {
+        name: _whole(first, len(row)) and (first <= row).all() and (first[first.astype(int)] == first).all()
+        for name, first in (("entry", cones.entry), ("group", cones.group))
+    }
+    holds = {
+        "half_angle is not between 0 and 180 deg": (
+            of_joints | ((cones.half_angle > 0) & (cones.half_angle < np.pi))
+        ).all(),
+        "side is neither +1 nor -1": (np.abs(cones.side) == 1).all(),
+        f"bound has zones that bind devices beyond the {zones} that have a name": not bound[zones:].any(),
+        "axis of a row of joints is not of yaw and pitch alone": not cones.axis[of_joints, 2:].any(),
+        "frame is none of the four that there are": _whole(frame, 4),
+        f"carrier is none of the {terminals} terminals": _whole(cones.carrier, terminals),
+        "paths has an axis that moves and is not inertial": not (~still & (frame != INERTIAL)).any(),
+        "bound has a row of joints that binds more than terminals": not bound[of_joints, terminals:].any(),
+        f"partner is none of the {sights} sights": partners_exist,
+        "bound has a row about a sight that does not bind exactly one other": not partners_exist
+        or ((bound[of_sights].sum(axis=1) == 1).all() and not bound[of_sights, partner.astype(int)].any()),
+        **{f"{name} is not the first row of each": holds for name, holds in numbered.items()},
+        "entry has rows of several groups": not all(numbered.values())
+        or (cones.group[cones.entry.astype(int)] == cones.group).all(),
+    }
+    yield from (f"cones.{fault}" for fault, good in holds.items() if not good)
 
 
 def _whole(numbers: np.ndarray, count: int) -> bool:
     """Tell whether all numbers are whole, at least zero and below a count."""
-    return bool(np.all((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)))
+    return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 
-def _path(row: int, path: "DirectionPath", last: float) -> Iterator[str]:
-    """Of an axis that moves, in a trajectory that ends at `last` s."""
-    name = f"cones.paths[{row}]"
-    times, arrays = np.asarray(path.times, np.float64), {"samples": path.samples, "slopes": path.slopes}
-    shapes = [f for part, array in arrays.items() for f in _shape(f"{name}.{part}", array, (times.size, 3))]
-    if times.ndim != 1 or times.size < 2:
-        shapes.append(f"{name}.times has the shape {times.shape} and not (samples,)")
-    unclear = [f for part in ("times", *arrays) for f in _finite(f"{name}.{part}", getattr(path, part))]
-    if shapes or unclear:
-        yield from (*shapes, *unclear)
-        return
-    yield from _unit(f"{name}.samples", path.samples)
-    if not np.all(np.diff(times) > 0):
+def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
+    """Check an axis that moves, in a trajectory that ends at `last` s."""
+    times = np.asarray(path.times, np.float64)
+    if not (np.diff(times) > 0).all():
         yield f"{name}.times do not rise"
     if not (times[0] <= 0 and last <= times[-1]):
         yield f"{name} is known from {times[0]:g} to {times[-1]:g} s, and the trajectory ends at {last:g} s"
 
 
-def _spacecraft_numbers(spacecraft: "Spacecraft") -> Iterator[str]:
-    yield from _positive("spacecraft.rate_limit", spacecraft.rate_limit)
-    yield from _positive("spacecraft.acceleration_limit", spacecraft.acceleration_limit)
+def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
+    positive = [
+        (f"spacecraft.{name}", getattr(spacecraft, name)) for name in ("rate_limit", "acceleration_limit")
+    ]
     for name in ("jerk_limit", "torque_limit", "wheel_momentum_limit"):
         limit = getattr(spacecraft, name)
         if limit is not None:
+            positive.append((f"spacecraft.{name}", limit))
             if np.shape(limit) not in ((), (3,)):
-                yield from _shape(f"spacecraft.{name}", limit, (3,))
-            yield from _positive(f"spacecraft.{name}", limit)
+                yield f"spacecraft.{name} has the shape {np.shape(limit)} and not (3,)"
             if name != "jerk_limit" and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
-    if spacecraft.inertia is not None:
-        yield from _shape("spacecraft.inertia", spacecraft.inertia, (3, 3))
-        yield from _finite("spacecraft.inertia", spacecraft.inertia)
     for terminal in spacecraft.terminals:
-        yield from _finite(f"the mount of {terminal.name}", terminal.mount)
+        if not np.isfinite(terminal.mount).all():
+            yield f"the mount of {terminal.name} is not finite"
         for name in ("yaw_limit", "pitch_limit", "rate_limit", "acceleration_limit"):
-            yield from _positive(f"{name} of {terminal.name}", getattr(terminal, name))
+            positive.append((f"{name} of {terminal.name}", getattr(terminal, name)))
+    for name, value in positive:
+        numbers = [value] if isinstance(value, float) else np.ravel(value).tolist()
+        if not all(0 < number < np.inf for number in numbers):
+            yield f"{name} = {', '.join(f'{number:g}' for number in numbers)} is not positive and finite"
     for instrument in spacecraft.instruments:
-        yield from _unit(f"the boresight of {instrument.name}", instrument.boresight)
-
-
-def _end_shapes(name: str, end: EndState, joints: int) -> Iterator[str]:
-    yield from _shape(f"{name}.attitude", end.attitude, (3, 3))
-    yield from _shape(f"{name}.joints", end.joints, (joints,))
-    if end.angular_velocity is not None:
-        yield from _shape(f"{name}.angular_velocity", end.angular_velocity, (3,))
-    if end.joint_rates is not None:
-        yield from _shape(f"{name}.joint_rates", end.joint_rates, (joints,))
-
-
-def _end_numbers(name: str, end: EndState) -> Iterator[str]:
-    yield from _rotation(f"{name}.attitude", np.asarray(end.attitude, np.float64))
-    for key in ("joints", "angular_velocity", "joint_rates"):
-        value = getattr(end, key)
-        if value is not None:
-            yield from _finite(f"{name}.{key}", value)
+        if not _unit(instrument.boresight):
+            yield f"the boresight of {instrument.name} is no unit vector to {_UNIT:g}"

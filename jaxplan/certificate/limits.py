@@ -1,19 +1,15 @@
-"""Limits of rate, acceleration, jerk, torque and momentum at every instant, and what happens at joins.
+"""Limits at every instant, and what must hold at single ones: no jumps at breaks, wanted states at the ends.
 
-Limits on rates, accelerations, joint angles and torque as bounds on polynomials, proved over all time.
+**Limits** are on rates, accelerations, jerk, joint angles, torque and momentum. Every limited quantity has
+components ``f`` that must stay within ``-limit`` and ``+limit``. The margin of a component is
+``1 - |f| / limit``, so that a peak over its limit is one minus the least margin.
 
-Every limited quantity has components ``f`` that must stay within ``-limit`` and ``+limit``. The margin of a
-component is ``1 - |f| / limit``, so that a peak over its limit is one minus the least margin.
-
-What holds at single instants: no jumps at breaks, the wanted states at both ends.
-
-The samples of an interval include both of its ends, so the last of one and the first of the next are
-the values left and right of the same instant.
+**Joins.** The samples of an interval include both of its ends, so the last of one and the first of the next
+are the values left and right of the same instant.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,9 +19,13 @@ from jaxplan.certificate.claims import EndState
 from jaxplan.certificate.motion import DEGREE, Samples
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.limits import Limit, limits
+from jaxplan.model.spacecraft import Spacecraft
 
-if TYPE_CHECKING:
-    from jaxplan.model.spacecraft import Spacecraft
+# Largest jump at a break and largest distance from a wanted state: rad, rad/s, rad/s^2, rad/s^3.
+TOLERANCE = 1e-8
+_PLATFORM = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
+_JOINTS = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
+_UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -35,75 +35,66 @@ def tolerance(margin: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """What a limit is on, sampled.
+    """A limited quantity, sampled.
 
     Attributes:
-        of: the limit, which gives names and unit.
+        limit: on it, which gives names and unit.
         values: (c, n, m) samples on the intervals.
         left_out: (c, n) or (n,), how far the polynomials through the samples may be off.
-        rounding: likewise, size of the samples' rounding errors.
-        limit: (c,) positive.
+        rounding: (c, n) or (n,), size of the samples' rounding errors.
+        bound: (c,) positive.
     """
 
-    of: Limit
+    limit: Limit
     values: np.ndarray
     left_out: np.ndarray
     rounding: np.ndarray
-    limit: np.ndarray
+    bound: np.ndarray
 
     @property
     def name(self) -> str:
-        """Its key in the report."""
-        return self.of.quantity.name
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """(c,) names, such as "about x" or "of terminal-1 yaw"."""
-        preposition = "of" if self.of.quantity.of_joints else "about"
-        return tuple(f"{preposition} {owner}" for owner in self.of.owners)
+        """Its key in the certificate."""
+        return self.limit.quantity.name
 
 
-def quantities(spacecraft: "Spacecraft", evidence: Evidence) -> list[Limited]:
-    """All that the spacecraft limits, in the order of the report."""
-    return [
-        Limited(
-            limit,
-            *_SAMPLED[limit.quantity.name](evidence, spacecraft),
-            np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64)),
-        )
-        for limit in limits(spacecraft)
-    ]
+def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
+    """All that the spacecraft limits, in the order of the certificate."""
+    found = []
+    for limit in limits(spacecraft):
+        values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
+        bound = np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64))
+        found.append(Limited(limit, values, left_out, rounding, bound))
+    return found
 
 
-_Sampled = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, what is left out, and rounding
+_Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
 
 
 def _spin(evidence: Evidence, derivative: int) -> _Sampled:
     """The angular velocity or a derivative of it, body axes."""
-    of = evidence.samples.spin, evidence.left_out.spin, evidence.rounding.spin
-    values, left_out, rounding = (array[derivative] for array in of)
-    return values, left_out, rounding
+    return [part.spin[derivative] for part in (evidence.samples, evidence.left_out, evidence.rounding)]
 
 
-def _joints(evidence: Evidence, derivative: int, part: slice = slice(None)) -> _Sampled:
+def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _Sampled:
     """Joint angles or a derivative of them, of all or of some joints."""
-    of = evidence.samples.joints, evidence.left_out.joints, evidence.rounding.joints
-    values, left_out, rounding = (array[derivative][part] for array in of)
-    return values, left_out, rounding
+    parts = evidence.samples, evidence.left_out, evidence.rounding
+    return [part.joints[derivative, some] for part in parts]
 
 
-def _momentum(evidence: Evidence, spacecraft: "Spacecraft") -> _Sampled:
+def _momentum(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
     """``J w``, body axes."""
     velocity, left_out, rounding = _spin(evidence, 0)
-    inertia, size = _inertia(spacecraft)
+    inertia = np.asarray(spacecraft.inertia, np.float64)
+    size = np.linalg.norm(inertia, 2)  # the most by which it makes a vector longer
     return np.einsum("ij,jnm->inm", inertia, velocity), size * left_out, size * rounding
 
 
-def _torque(evidence: Evidence, spacecraft: "Spacecraft") -> _Sampled:
+def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
     """``J w' + w x J w``, body axes."""
     velocity, (momentum, _, of_momentum) = evidence.samples.spin[0], _momentum(evidence, spacecraft)
     acceleration, left_out, rounding = _spin(evidence, 1)
-    inertia, size = _inertia(spacecraft)
+    inertia = np.asarray(spacecraft.inertia, np.float64)
+    size = np.linalg.norm(inertia, 2)
     torque = np.einsum("ij,jnm->inm", inertia, acceleration) + np.cross(velocity, momentum, axis=0)
     speed, half = evidence.majorants.spin, evidence.on.half
     square = series.product("n,n->n", speed, speed)[DEGREE + 1] / half**2
@@ -111,14 +102,8 @@ def _torque(evidence: Evidence, spacecraft: "Spacecraft") -> _Sampled:
     return torque, left_out, size * rounding + 2 * speed[0] / half * of_momentum
 
 
-def _inertia(spacecraft: "Spacecraft") -> tuple[np.ndarray, np.floating[Any]]:
-    """The inertia, and the most by which it makes a vector longer."""
-    inertia = np.asarray(spacecraft.inertia, np.float64)
-    return inertia, np.linalg.norm(inertia, 2)
-
-
 # The certificate's own writing of every quantity; a limit on another one cannot be proved.
-_SAMPLED: dict[str, Callable[[Evidence, "Spacecraft"], _Sampled]] = {
+_SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "angular_velocity": lambda evidence, _: _spin(evidence, 0),
     "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
     "joint_rates": lambda evidence, _: _joints(evidence, 1),
@@ -131,22 +116,20 @@ _SAMPLED: dict[str, Callable[[Evidence, "Spacecraft"], _Sampled]] = {
 }
 
 
-def prove(limited: list[Limited], evidence: Evidence) -> Minima:
+def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
     """Bounds the least of ``1 - |f| / limit`` over all time.
 
     Returns:
         For the components of all quantities in turn, trajectory by trajectory.
     """
-    on, limit = evidence.on, np.concatenate([q.limit for q in limited])[:, None]
+    on, limit = evidence.on, np.concatenate([q.bound for q in limited])[:, None]
     ratio = np.concatenate([q.values for q in limited]) / limit[..., None]
-    largest = np.abs(ratio).max(axis=2)
     error = [np.broadcast_to(q.left_out + LEBESGUE * q.rounding, q.values.shape[:2]) for q in limited]
-    conversion = ROUNDING * bounds.growth(DEGREE) * largest
+    conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(ratio).max(axis=2)
     coefficients = bounds.to_rows(ratio.reshape(-1, DEGREE + 1))
-    components, trajectories = len(limit), len(on.begins) - 1
-    every = np.ones(trajectories * components, dtype=bool)
-    quantity = np.repeat(np.arange(len(limited)), [len(q.components) for q in limited])
-    owner = np.arange(trajectories)[:, None]
+    components, owner = len(limit), np.arange(len(on.begins) - 1)[:, None]
+    every = np.ones(owner.size * components, dtype=bool)
+    quantity = np.repeat(np.arange(len(limited)), [len(q.values) for q in limited])
     layout = Layout(
         opens_entry=every,
         opens_clause=every,
@@ -165,51 +148,33 @@ def prove(limited: list[Limited], evidence: Evidence) -> Minima:
     return minima
 
 
-def peaks(limited: list[Limited], minima: Minima) -> dict[str, float]:
-    """Upper bounds of the largest ``|f| / limit`` of each quantity."""
-    return {q.name: 1 - float(np.min(minima.bound[part])) for q, part in _parts(limited)}
-
-
-def peak_times(limited: list[Limited], minima: Minima) -> dict[str, float]:
-    """When each quantity is largest, s."""
-    return {q.name: float(minima.time[part][np.argmin(minima.seen[part])]) for q, part in _parts(limited)}
-
-
-def faults(limited: list[Limited], minima: Minima, allowance: float) -> Iterator[str]:
-    """A sentence for each component that is not proved to stay within its limit and the allowance."""
-    for quantity, part in _parts(limited):
-        kind = quantity.of.quantity
-        for component, limit, bound, seen, time in zip(
-            quantity.components,
-            quantity.limit,
-            minima.bound[part],
-            minima.seen[part],
-            minima.time[part],
-            strict=True,
-        ):
-            if bound >= -allowance:
-                continue
-            name = f"{quantity.name.replace('_', ' ')} {component}"
-            if seen < -allowance:
-                reached = f"{kind.in_unit(limit * (1 - seen)):.6g} {kind.unit}, {1 - seen:.8g} of its limit,"
-                yield f"{name} reaches {reached} at t = {time:.6g} s"
-            else:
-                met = f"{1 - seen:.8g} of it was met at t = {time:.6g} s, the bound is {1 - bound:.8g}"
-                yield f"{name} is not proved to keep its limit: {met}"
-
-
-def _parts(limited: list[Limited]) -> Iterator[tuple[Limited, slice]]:
-    """The quantities with the places of their components among all."""
-    begin = 0
+def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, float]]:
+    """Upper bound of the largest ``|f| / limit`` of each quantity, and when it is largest, s."""
+    found, begin = {}, 0
     for quantity in limited:
-        yield quantity, slice(begin, begin + len(quantity.components))
-        begin += len(quantity.components)
+        own = slice(begin, begin + len(quantity.bound))
+        begin, time = own.stop, minima.time[own][minima.seen[own].argmin()]
+        found[quantity.name] = 1 - float(minima.bound[own].min()), float(time)
+    return found
 
 
-# Largest jump at a break and largest distance from a wanted state: rad, rad/s, rad/s^2, rad/s^3.
-TOLERANCE = 1e-8
-_PLATFORM = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
-_JOINTS = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
+def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iterator[str]:
+    """A sentence for each component that is not proved to stay within its limit and the allowance."""
+    components = [
+        (one.limit.quantity, owner, limit)
+        for one in limited
+        for owner, limit in zip(one.limit.owners, one.bound, strict=True)
+    ]
+    for number in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
+        quantity, owner, limit = components[number]
+        bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
+        name = f"{_words(quantity.name)} {'of' if quantity.of_joints else 'about'} {owner}"
+        if seen < -allowance:
+            value = f"{quantity.in_unit(limit * (1 - seen)):.6g} {quantity.unit}"
+            yield f"{name} reaches {value}, {1 - seen:.8g} of its limit, at t = {time:.6g} s"
+        else:
+            met = f"{1 - seen:.8g} of it was met at t = {time:.6g} s, the bound is {1 - bound:.8g}"
+            yield f"{name} is not proved to keep its limit: {met}"
 
 
 def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -244,11 +209,10 @@ def jump_faults(
     for name, steps in found.items():
         order = (_PLATFORM if name in _PLATFORM else _JOINTS).index(name)
         needed = max(smoothness, 2 if jerk_limited and name in _PLATFORM else 1)
-        if order <= needed and not np.all(steps <= TOLERANCE):
+        if order <= needed and not (steps <= TOLERANCE).all():
             worst = int(np.argmax(steps))
-            unit = "rad" + ("", "/s", "/s^2", "/s^3")[order]
-            time = times[worst]
-            yield f"there is a jump of {steps[worst]:.3g} {unit} in {_words(name)} at t = {time:.6g} s"
+            size = f"{steps[worst]:.3g} {_UNITS[order]}"
+            yield f"there is a jump of {size} in {_words(name)} at t = {times[worst]:.6g} s"
 
 
 def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, int]) -> Iterator[str]:
@@ -261,18 +225,17 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
         instant: its interval, and its number there.
     """
     at = (..., *instant)
-    rest = np.zeros(3), np.zeros(samples.joints.shape[1])
-    wanted_spin = rest[0] if end.angular_velocity is None else end.angular_velocity
-    wanted_rates = rest[1] if end.joint_rates is None else end.joint_rates
+    velocity = 0.0 if end.angular_velocity is None else end.angular_velocity
+    rates = 0.0 if end.joint_rates is None else end.joint_rates
     misses = {
-        "attitude": (_apart(samples.attitude[at], np.asarray(end.attitude)), "rad"),
-        "angular_velocity": (np.abs(samples.spin[0][at] - wanted_spin), "rad/s"),
-        "joints": (np.abs(samples.joints[0][at] - end.joints), "rad"),
-        "joint_rates": (np.abs(samples.joints[1][at] - wanted_rates), "rad/s"),
+        "rad in attitude": _apart(samples.attitude[at], np.asarray(end.attitude)),
+        "rad/s in angular velocity": np.abs(samples.spin[0][at] - velocity),
+        "rad in joints": np.abs(samples.joints[0][at] - end.joints),
+        "rad/s in joint rates": np.abs(samples.joints[1][at] - rates),
     }
-    for part, (miss, unit) in misses.items():
-        if not np.all(miss <= TOLERANCE):
-            yield f"the {name} is missed by {np.max(miss):.3g} {unit} in {_words(part)}"
+    for part, miss in misses.items():
+        if not (miss <= TOLERANCE).all():
+            yield f"the {name} is missed by {np.max(miss):.3g} {part}"
 
 
 def _words(name: str) -> str:

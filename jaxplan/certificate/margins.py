@@ -19,21 +19,20 @@ is proved of it is the same alone and among others.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from jaxplan.certificate import bounds
 from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
-from jaxplan.certificate.form import BODY, INERTIAL, JOINTS, SIGHT
-from jaxplan.certificate.motion import DEGREE, Motion, Samples, Views, Way, places
+from jaxplan.certificate.claims import Claim
+from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Views, Way, places
 from jaxplan.certificate.series import ROUNDING
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
-if TYPE_CHECKING:
-    from jaxplan.model.constraints import Constraints
-
+_ALL = slice(None)
 _MIDDLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its samples
 
 
@@ -49,17 +48,16 @@ class Bindings:
     Attributes:
         row: (pairs,) number of the row, among those of its trajectory.
         sight: (pairs,) number of the sight.
-        frame: (pairs,) what the axis belongs to, see `form`.
+        frame: (pairs,) what the axis belongs to, as in `jaxplan.model.constraints`.
         partner: (pairs,) the sight that is the axis, where one is.
-        entry: (pairs,) the first row of the row's entry.
         axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of rows of joints ``f``.
-        ways: of the inertial axes that move, by row.
         flip: (pairs,) -1 where the axis is the cone's opposite, else +1.
         angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; of rows of
             joints ``d``.
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
+        view: (pairs,) number of the pair's scalar product among those of `bounds.Errors`.
         views: what is looked at beside boresights from inertial axes.
-        view: (pairs,) number of the pair's scalar product among those of `errors.Errors`.
+        ways: of the inertial axes that move, by row.
         layout: how pairs make up constraints; owners are the trajectories on which they must hold.
     """
 
@@ -67,144 +65,133 @@ class Bindings:
     sight: np.ndarray
     frame: np.ndarray
     partner: np.ndarray
-    entry: np.ndarray
     axis: np.ndarray
-    ways: dict[int, Way]
     flip: np.ndarray
     angle: np.ndarray
     side: np.ndarray
-    views: Views
     view: np.ndarray
+    views: Views
+    ways: dict[int, Way]
     layout: Layout
 
     @classmethod
-    def of(cls, cones: "Constraints") -> Self:
-        """From constraints of arrays in float64 whose form has been checked."""
+    def of(cls, cones: Constraints) -> Self:
+        """The pairs of constraints of arrays in float64 whose form has been checked."""
         row, sight, layout = _nested(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
-        linear = frame == JOINTS
-        wide = (cones.half_angle[row] > np.pi / 2) & ~linear
+        half_angle, axis, linear = cones.half_angle[row], cones.axis[row], frame == JOINTS
+        wide = (half_angle > np.pi / 2) & ~linear
         flip = np.where(wide, -1.0, 1.0)
-        direction = cones.axis / np.linalg.norm(cones.axis, axis=-1, keepdims=True)
-        within = (frame == BODY) | (frame == SIGHT)
-        seen = np.stack([sight, np.where(frame == SIGHT, partner, -1)], axis=1)[within]
-        looks, number = np.unique(seen, axis=0, return_inverse=True)
+        length = np.where(linear, 1.0, np.linalg.norm(axis, axis=-1))
+        inner = np.flatnonzero((frame == BODY) | (frame == SIGHT))
+        seen_from = np.where(frame == SIGHT, partner, -1)
+        looks = list(zip(sight[inner].tolist(), seen_from[inner].tolist(), strict=True))
+        number = {look: number for number, look in enumerate(sorted(set(looks)), cones.bound.shape[1])}
         view = sight.copy()
-        view[within] = cones.bound.shape[1] + number.ravel()
+        view[inner] = [number[look] for look in looks]
+        paths = enumerate(cones.paths)
         return cls(
             row=row,
             sight=sight,
             frame=frame,
             partner=partner,
-            entry=cones.entry[row].astype(int),
-            axis=np.where(linear[:, None], cones.axis[row], flip[:, None] * direction[row]),
-            ways={
-                row: Way.of(path)
-                for row, path in enumerate(cones.paths)
-                if path is not None and np.any(cones.bound[row])
-            },
+            axis=flip[:, None] * axis / length[:, None],
             flip=flip,
-            angle=np.where(wide, np.pi - cones.half_angle[row], cones.half_angle[row]),
+            angle=np.where(wide, np.pi - half_angle, half_angle),
             side=np.where(linear, 1.0, flip * cones.side[row]),
-            views=Views.of(cones, looks),
             view=view,
+            views=Views.of(cones, np.array(list(number), int).reshape(-1, 2)),
+            ways={row: Way.of(path) for row, path in paths if path is not None and cones.bound[row].any()},
             layout=layout,
         )
 
     @classmethod
-    def joined(cls, several: "Sequence[Bindings]") -> "Bindings":
-        """Join the pairs of several trajectories of the same views, none with axes that move; or of one."""
+    def joined(cls, several: Sequence[Self]) -> Self:
+        """The pairs of several trajectories of the same views, none with axes that move; or of one."""
         if len(several) == 1:
             return several[0]
-        names = ("row", "sight", "frame", "partner", "entry", "axis", "flip", "angle", "side", "view")
+        arrays = [field.name for field in fields(cls) if field.name not in ("views", "ways", "layout")]
         return cls(
-            **{name: np.concatenate([getattr(own, name) for own in several]) for name in names},
+            **{name: np.concatenate([getattr(own, name) for own in several]) for name in arrays},
             layout=Layout.joined([own.layout for own in several]),
             views=several[0].views,
             ways={},
         )
 
-    @cached_property
-    def _linear(self) -> np.ndarray:
-        """(pairs,) bool, those of rows of joints."""
-        return self.frame == JOINTS
-
     @property
     def narrowest(self) -> float:
         """The least half angle of a cone, at most a right angle, rad."""
-        return float(np.min(self.angle[~self._linear], initial=np.pi / 2))
+        return float(np.min(self.angle[self.frame != JOINTS], initial=np.pi / 2))
 
-    def axes(self, pair: np.ndarray, centre: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Axes of some pairs at some times, inertial ones and those of the body.
+    @cached_property
+    def has_joints(self) -> bool:
+        """Whether there are rows of joints, whose margins are angles of joints."""
+        return bool((self.frame == JOINTS).any())
 
-        Args:
-            pair: (rows,) int.
-            centre: (rows,) s, of the intervals that the times are of: it tells the piece of a path.
-            time: (rows, m) s.
-
-        Returns:
-            (rows, 3, m), or (rows, 3, 1) where none moves.
-        """
-        axes = self.axis[pair][..., None]
-        if self.ways:
-            axes = np.repeat(axes, time.shape[1], axis=2)
-        for row, way in self.ways.items():
-            rows = np.flatnonzero(self.row[pair] == row)
-            seen = way.at(way.holding(centre[rows]), time[rows])
-            axes[rows] = self.flip[pair[rows], None, None] * np.moveaxis(seen, 0, 1)
-        return axes
-
-    def margin(self, guarded: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Margins in rad from ``side c``, or those of rows of joints, with which they rise.
+    def margin(self, value: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """Margins in rad from what `_values` has, with which they rise.
 
         Args:
-            guarded: (..., rows).
+            value: (..., rows).
             pair: (rows,) int.
 
         Returns:
             (..., rows).
         """
         side, angle = self.side[pair], self.angle[pair]
-        margin = side * (2 * np.arcsin(np.sqrt(np.clip(side * guarded, 0, 4)) / 2) - angle)
-        return np.where(self._linear[pair], guarded, margin) if np.any(self._linear) else margin
+        margin = side * (2 * np.arcsin(np.sqrt(np.clip(side * value, 0, 4)) / 2) - angle)
+        return np.where(self.frame[pair] == JOINTS, value, margin) if self.has_joints else margin
 
-    def _chords(
-        self, samples: Samples, pair: np.ndarray, where: np.ndarray, centre: np.ndarray, at: slice
+    def _values(
+        self, samples: Samples, on: Intervals, pair: np.ndarray, where: np.ndarray, at: slice = _ALL
     ) -> np.ndarray:
-        """Vectors (rows, 3, m) from the axes of some pairs to their sights; of rows of joints anything.
+        """Samples (rows, m) of ``side c`` of some pairs, and of ``f . (yaw, pitch) - d`` of rows of joints.
 
         Args:
             samples: of the motion.
+            on: the intervals that were sampled.
             pair: (rows,) int.
             where: (rows,) int, interval of each.
-            centre: (rows,) s, of these intervals.
             at: which samples of an interval.
         """
-        sight, frame = self.sight[pair], self.frame[pair]
-        seen = samples.boresights[sight, :, where, at]
-        axes = self.axes(pair, centre, samples.time[where, at])
-        within = np.flatnonzero(frame != INERTIAL)
-        if len(within):
-            seen[within] = samples.in_body[sight[within], :, where[within], at]
-        of_sights = np.flatnonzero(frame == SIGHT)
+        sight, frame, flip = self.sight[pair], self.frame[pair], self.flip[pair, None, None]
+
+        def apart_from(axes: np.ndarray, seen: np.ndarray, of: np.ndarray | slice = _ALL) -> np.ndarray:
+            """Vectors (rows, 3, m) from axes to the sights, inertial or in body axes."""
+            difference: np.ndarray = seen[sight[of], :, where[of], at] - axes
+            return difference
+
+        apart = apart_from(self.axis[pair, :, None], samples.boresights)
+        inner, of_sights = np.flatnonzero(frame != INERTIAL), np.flatnonzero(frame == SIGHT)
+        if len(inner):
+            apart[inner] = apart_from(self.axis[pair[inner], :, None], samples.in_body, inner)
         if len(of_sights):
-            partner, flip = self.partner[pair[of_sights]], self.flip[pair[of_sights]]
-            axes = np.repeat(axes, seen.shape[2] // axes.shape[2], axis=2)
-            axes[of_sights] = flip[:, None, None] * samples.in_body[partner, :, where[of_sights], at]
-        return seen - axes
+            beams = samples.in_body[self.partner[pair[of_sights]], :, where[of_sights], at]
+            apart[of_sights] = apart_from(flip[of_sights] * beams, samples.in_body, of_sights)
+        for row, way in self.ways.items():
+            rows = np.flatnonzero(self.row[pair] == row)
+            axes = way.at(way.holding(on.centre[where[rows]]), samples.time[where[rows], at])
+            apart[rows] = apart_from(flip[rows] * np.moveaxis(axes, 0, 1), samples.boresights, rows)
+        values = self.side[pair, None] * (apart * apart).sum(axis=1)
+        linear = self._linear(pair)
+        if len(linear):
+            pair, joints = pair[linear], samples.joints[0][..., at]
+            values[linear] = (
+                self._weighed(self.axis[pair], joints, pair, where[linear]) - self.angle[pair, None]
+            )
+        return values
 
-    def _beyond(self, samples: Samples, pair: np.ndarray, where: np.ndarray, at: slice) -> np.ndarray:
-        """How far terminals are within rows of joints, ``f . (yaw, pitch) - d``: (rows, m) rad."""
-        yaw, pitch = np.split(samples.joints[0], 2)
-        terminal, (along_yaw, along_pitch, _) = self.sight[pair], self.axis[pair].T[..., None]
-        value = along_yaw * yaw[terminal, where, at] + along_pitch * pitch[terminal, where, at]
-        return value - self.angle[pair, None]
+    def _linear(self, pair: np.ndarray) -> np.ndarray:
+        """Which of some pairs are of rows of joints."""
+        return np.flatnonzero(self.frame[pair] == JOINTS)
 
-    def _weighed(self, joints: np.ndarray, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Bounds (rows,) of what ``f . (yaw, pitch)`` changes by from those of the joints, (2T, n)."""
-        yaw, pitch = np.split(joints, 2)
-        terminal, size = self.sight[pair], np.abs(self.axis[pair])
-        return size[:, 0] * yaw[terminal, where] + size[:, 1] * pitch[terminal, where]
+    def _weighed(
+        self, weight: np.ndarray, joints: np.ndarray, pair: np.ndarray, where: np.ndarray
+    ) -> np.ndarray:
+        """Sums of yaw and pitch with weights (rows, 3), of joints (2T, n, ...): (rows, ...)."""
+        yaw, pitch = (joint[self.sight[pair], where].T for joint in np.split(joints, 2))
+        total: np.ndarray = weight[:, 0] * yaw + weight[:, 1] * pitch
+        return total.T
 
     def prove(self, evidence: Evidence) -> Minima:
         """Bounds the least margin of every clause, rad, over all time."""
@@ -232,88 +219,75 @@ class Bindings:
         return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
 
     def _caps(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """The least that ``side c`` may be on intervals, and what it is in their middle: (2, rows)."""
-        side, samples, centre = self.side[pair], evidence.samples, evidence.on.centre[where]
-        chord = np.linalg.norm(self._chords(samples, pair, where, centre, _MIDDLE)[..., 0], axis=1)
+        """The least that `_values` may be on intervals, and what they are in their middle: (2, rows)."""
+        side = self.side[pair]
+        middle = self._values(evidence.samples, evidence.on, pair, where, _MIDDLE)[:, 0]
         reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.view[pair], where]
-        near = np.clip(chord - side * reach, 0, 2)
-        found = side * np.stack([near, chord]) ** 2
-        linear = np.flatnonzero(self._linear[pair])
+        least = side * np.clip(np.sqrt(side * middle) - side * reach, 0, 2) ** 2
+        linear = self._linear(pair)
         if len(linear):
             pair, where = pair[linear], where[linear]
-            middle = self._beyond(samples, pair, where, _MIDDLE)[:, 0]
-            reach = self._weighed(evidence.majorants.joints[1], pair, where)
-            found[:, linear] = middle - reach - self._noise(evidence, pair, where), middle
-        return found
+            reach = self._weighed(np.abs(self.axis[pair]), evidence.majorants.joints[1], pair, where)
+            least[linear] = middle[linear] - reach - self._noise(evidence, pair, where)
+        return np.stack([least, middle])
 
     def _noise(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Sizes (rows,) of the rounding errors of `_beyond`."""
-        own = ROUNDING * np.abs(self.angle[pair])
-        return self._weighed(evidence.rounding.joints[0], pair, where) + own
+        """Sizes (rows,) of the rounding errors of `_values` of rows of joints."""
+        angle, weight = self.angle[pair], np.abs(self.axis[pair])
+        return self._weighed(weight, evidence.rounding.joints[0], pair, where) + ROUNDING * np.abs(angle)
 
     def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """The polynomials of ``side c``, or of joints, for some clauses on some intervals, (tasks,) each."""
+        """The polynomials through `_values` for some clauses on some intervals, (tasks,) each."""
         pair, where = self._rows_of(clause, interval)
-        view, on, every = self.view[pair], evidence.on, slice(None)
-        apart = self._chords(evidence.samples, pair, where, on.centre[where], every)
-        values = np.einsum("rim,rim->rm", apart, apart)
+        view, on = self.view[pair], evidence.on
+        values = self._values(evidence.samples, on, pair, where)
+        largest = np.abs(values).max(axis=1)
         # With |p| = 1 an error d of p changes c by 2 |p - e| d at most, but what is left out by 2 d.
-        noise = 2 * evidence.rounding.direction[view, where] * np.sqrt(values.max(axis=1))
+        noise = 2 * evidence.rounding.direction[view, where] * np.sqrt(largest)
         left_out = 2 * evidence.left_out.direction[view, where]
-        linear = np.flatnonzero(self._linear[pair])
+        linear = self._linear(pair)
         if len(linear):
             own = pair[linear], where[linear]
-            values[linear] = self._beyond(evidence.samples, *own, every)
             noise[linear] = self._noise(evidence, *own)
-            left_out[linear] = self._weighed(evidence.left_out.joints[0], *own)
-        conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(values).max(axis=1)
+            left_out[linear] = self._weighed(np.abs(self.axis[own[0]]), evidence.left_out.joints[0], *own)
         return Rows(
-            coefficients=self.side[pair] * bounds.to_rows(values),
-            error=left_out + LEBESGUE * noise + conversion,
+            coefficients=bounds.to_rows(values),
+            error=left_out + LEBESGUE * noise + ROUNDING * bounds.growth(DEGREE) * largest,
             kind=pair,
             low=on.low[interval],
             high=on.high[interval],
         )
 
-    def deciding(self, clause: int, time: float, motion: Motion, trajectory: int = 0) -> int:
-        """The pair whose margin is the clause's at some time: the best entry's worst one.
-
-        Args:
-            clause: its number.
-            time: s.
-            motion: of the trajectory, maybe among others.
-            trajectory: its number there.
-        """
+    def deciding(self, clause: int, time: float, motion: Motion) -> int:
+        """The pair whose margin is that of a clause at a time, s: the worst one of the best entry."""
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
-            on = motion.between(np.array([time, time]), trajectory)
-            instant, where = motion.sample(on, np.zeros(1)), np.zeros(len(pairs), int)
-            chord = self._chords(instant, pairs, where, on.centre[where], slice(None))[..., 0]
-            value = self.side[pairs] * np.sum(chord**2, axis=1)
-            linear = np.flatnonzero(self._linear[pairs])
-            if len(linear):
-                value[linear] = self._beyond(instant, pairs[linear], where[linear], slice(None))[:, 0]
-            margin = self.margin(value, pairs)
+            on = motion.between(np.array([time, time]), self.layout.owner[clause])
+            values = self._values(motion.sample(on, np.zeros(1)), on, pairs, np.zeros(len(pairs), int))
+            margin = self.margin(values[:, 0], pairs)
             pairs = pairs[margin == self.layout.fold(pairs, margin)]
         return int(pairs[0])
 
     def faults(
-        self,
-        minima: Minima,
-        motion: Motion,
-        sight_names: Sequence[str],
-        zone_names: Sequence[str],
-        allowance: float,
-        trajectory: int = 0,
+        self, clauses: np.ndarray, minima: Minima, motion: Motion, claim: Claim, allowance: float
     ) -> Iterator[str]:
-        """A sentence for each clause whose margin is not proved to be at least minus the allowance."""
-        for clause in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
+        """A sentence for each clause whose margin is not proved to be at least minus the allowance.
+
+        Args:
+            clauses: (k,) int, those of the trajectory of the claim.
+            minima: of all clauses.
+            motion: of all trajectories.
+            claim: what is claimed.
+            allowance: rad.
+        """
+        for clause in clauses[~(minima.bound[clauses] >= -allowance)].tolist():
             time, seen, bound = minima.time[clause], minima.seen[clause], minima.bound[clause]
-            pair = self.deciding(clause, time, motion, trajectory)
+            pair = self.deciding(clause, time, motion)
             kind, wrong = self._kind(pair)
-            sight, place = sight_names[self.sight[pair]], f"the {kind} {zone_names[self.row[pair]]}"
+            sight = claim.sights[self.sight[pair]]
+            place = f"the {kind} {claim.zone_names[self.row[pair]]}"
             if seen < -allowance:
-                single = len(np.unique(self.entry[self.layout.clause == clause])) == 1
+                single = self.layout.opens_entry[self.layout.clause == clause].sum() == 1
                 rest = "" if single else ", the nearest to hold of its group,"
                 overlap = f"{sight} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
                 yield f"{overlap}{rest} at t = {time:.6g} s"
@@ -323,14 +297,14 @@ class Bindings:
                 yield f"the margin of {sight} to {place} {proof}"
 
     def _kind(self, pair: int) -> tuple[str, str]:
-        """Name the kind of a pair's row, and the side on which a sight breaks it."""
-        if self._linear[pair]:
+        """The kind of a pair's row, and the side on which a sight breaks it."""
+        if self.frame[pair] == JOINTS:
             return "mask", "inside"
         outside = self.flip[pair] * self.side[pair] > 0
         return ("keep-out zone", "inside") if outside else ("keep-in zone", "outside")
 
 
-def _nested(cones: "Constraints") -> tuple[np.ndarray, np.ndarray, Layout]:
+def _nested(cones: Constraints) -> tuple[np.ndarray, np.ndarray, Layout]:
     """Rows and sights (pairs,) of all pairs that are bound, and how they nest, of one owner."""
     row, sight = np.nonzero(cones.bound)
     entry, group = cones.entry[row].astype(int), cones.group[row].astype(int)

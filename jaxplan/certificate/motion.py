@@ -1,14 +1,8 @@
-"""Motion of platform, joints and moving axes as power series, written anew for the certificate.
+"""Motion of platform, joints and moving axes, written anew for the certificate from what they are.
 
-**Axes that move**, from what a path is: samples, their times, slopes there.
-
-On a piece between two samples ``s`` is a cubic, ``e = s / |s|``. The majorant of ``e`` on an interval (see
-`series`) is that of ``s`` times that of ``q^(-1/2)`` with ``q = |s|^2``: where ``q`` is at least ``l`` on the
-interval, and ``Q`` is a majorant of it without its constant term, ``(l - Q)^(-1/2)`` is one.
-
-**Trajectories**, from what they are. Conventions. ``R`` maps body to inertial, angular velocities are in body
-axes, joints are all yaws and then all pitches (2T), sights the boresights of all terminals, then of all
-instruments, axes of the body, and vectors of terminals' moving parts (S). On a piece (equation 25, corrected)
+**Trajectories.** Conventions. ``R`` maps body to inertial, angular velocities are in body axes, joints are
+all yaws and then all pitches (2T), sights the boresights of all terminals, then of all instruments, axes of
+the body, and vectors of terminals' moving parts (S). On a piece (equation 25, corrected)
 
     R(t) = R_a U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),   eta(t) = b(t) - (t - t_a) Omega,
 
@@ -17,28 +11,68 @@ and its derivatives are those of the quaternion of ``R``. A terminal points alon
 of equation (13); what is left of that and above it turns with it.
 
 The motion is sampled on intervals, each within one piece of the platform and one of the joints, at `NODES`,
-which include both ends; so what lies left and right of a break is there to be compared.
+which include both ends; so what lies left and right of a break is there to be compared. Trajectories of one
+spacecraft are evaluated together, their intervals one after the other. What is found on an interval is, to
+the last bit, the same whichever others there are, as long as there are others: over a single one numpy sums
+in another order. So every trajectory is cut in two at least.
 
-Trajectories of one spacecraft are evaluated together, their intervals one after the other. What is found on
-an interval is, to the last bit, the same whichever others there are, as long as there are others: over a
-single one numpy sums in another order. So every trajectory is cut in two at least.
+**Axes that move** go by ``e = s / |s|``, with ``s`` the cubic between two samples that has the given slopes
+there. The majorant of ``e`` on an interval (see `series`) is that of ``s`` times that of ``q^(-1/2)`` with
+``q = |s|^2``: where ``q`` is at least ``l`` on the interval, and ``Q`` is a majorant of it without its
+constant term, ``(l - Q)^(-1/2)`` is one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from jaxplan.certificate import series
 from jaxplan.certificate.series import ROUNDING, Pieces
+from jaxplan.model.constraints import Constraints
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.spacecraft import Spacecraft
 
-if TYPE_CHECKING:
-    from jaxplan.model.constraints import Constraints
-    from jaxplan.model.directions import DirectionPath
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.trajectory.curve import Trajectory
+DEGREE = 10  # of the polynomials through the samples of an interval
+NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)  # in [-1, 1]: extrema of the Chebyshev polynomial
+
+
+class Trajectory(Protocol):
+    """What a trajectory is, whatever made it: a dataclass with N pieces of the platform, M of the joints."""
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """(N + 1,) s, ends of the platform's pieces, from 0 to the duration."""
+
+    @property
+    def chart_attitude(self) -> np.ndarray:
+        """(N, 3, 3) ``R_a``, body to inertial."""
+
+    @property
+    def chart_start(self) -> np.ndarray:
+        """(N,) s, ``t_a``."""
+
+    @property
+    def chart_rate(self) -> np.ndarray:
+        """(N, 3) rad/s, ``Omega``."""
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """(N, p + 1, 3) rad, Legendre coefficients of ``b``."""
+
+    @property
+    def joint_breaks(self) -> np.ndarray:
+        """(M + 1,) s, ends of the joints' pieces."""
+
+    @property
+    def joint_coefficients(self) -> np.ndarray:
+        """(M, p + 1, 2n) rad, Legendre coefficients of the joints."""
+
+    @property
+    def smoothness(self) -> int:
+        """Number of derivatives that are said to be continuous at every break."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +88,8 @@ class Way:
     cubics: np.ndarray
 
     @classmethod
-    def of(cls, path: "DirectionPath") -> Self:
-        """From a path of finite numbers whose times rise."""
+    def of(cls, path: DirectionPath) -> Self:
+        """The axis along a path of finite numbers whose times rise."""
         times, p, m = (np.asarray(part, np.float64) for part in (path.times, path.samples, path.slopes))
         h = np.diff(times)[:, None]
         chord = np.diff(p, axis=0) / h
@@ -116,10 +150,6 @@ def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
     return result
 
 
-DEGREE = 10  # of the polynomials through the samples of an interval
-NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)  # in [-1, 1]: extrema of the Chebyshev polynomial
-
-
 def places(sizes: np.ndarray) -> np.ndarray:
     """Numbers from zero on within each of some runs of such sizes (k,), one after the other: (sum,)."""
     return np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -160,23 +190,18 @@ class Intervals:
 
     @classmethod
     def joined(cls, several: Sequence[Self]) -> Self:
-        """Those of several trajectories."""
-        names = ("low", "high", "piece", "joint_piece", "trajectory")
+        """The intervals of several trajectories, one after the other."""
+        names = [each.name for each in fields(cls)]
         return cls(**{name: np.concatenate([getattr(on, name) for on in several]) for name in names})
 
-    def cut(self, parts: np.ndarray) -> "Intervals":
-        """Each in so many equal parts, (n,) int."""
+    def cut(self, parts: np.ndarray) -> Self:
+        """The intervals, each in so many equal parts, (n,) int."""
+        whole = {each.name: np.repeat(getattr(self, each.name), parts) for each in fields(self)}
         share = places(parts) / np.repeat(parts, parts)
-        low = np.repeat(self.low, parts) + share * np.repeat(self.high - self.low, parts)
+        low = whole["low"] + share * (whole["high"] - whole["low"])
         high = np.append(low[1:], 0.0)
         high[np.cumsum(parts) - 1] = self.high
-        return Intervals(
-            low=low,
-            high=high,
-            piece=np.repeat(self.piece, parts),
-            joint_piece=np.repeat(self.joint_piece, parts),
-            trajectory=np.repeat(self.trajectory, parts),
-        )
+        return type(self)(**whole | {"low": low, "high": high})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,8 +243,8 @@ class Views:
     within: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), int))
 
     @classmethod
-    def of(cls, cones: "Constraints", within: np.ndarray) -> Self:
-        """From constraints of arrays in float64 whose form has been checked, and pairs as above."""
+    def of(cls, cones: Constraints, within: np.ndarray) -> Self:
+        """The views of checked constraints with arrays in float64, and of pairs as above."""
         return cls(
             body=cones.body / np.linalg.norm(cones.body, axis=-1, keepdims=True),
             carrier=cones.carrier.astype(int),
@@ -253,8 +278,8 @@ class Motion:
     views: Views = field(default_factory=Views)
 
     @classmethod
-    def of(cls, spacecraft: "Spacecraft", views: Views, *trajectories: "Trajectory") -> Self:
-        """From trajectories of arrays in float64 whose form has been checked, with as many coefficients."""
+    def of(cls, spacecraft: Spacecraft, views: Views, *trajectories: Trajectory) -> Self:
+        """The motion of checked trajectories with arrays in float64, of as many coefficients each."""
         fixed = spacecraft.fixed_boresights
         return cls(
             platform=Pieces.of(*((one.breaks, one.coefficients) for one in trajectories)),
@@ -283,7 +308,7 @@ class Motion:
             trajectory=np.full(len(centre), trajectory),
         )
 
-    def pieces(self, ways: Sequence["Way"] = ()) -> Intervals:
+    def pieces(self, ways: Sequence[Way] = ()) -> Intervals:
         """The longest intervals on which no piece changes, those of ways included; two a trajectory at least.
 
         Args:
@@ -310,7 +335,7 @@ class Motion:
     def sample(self, on: Intervals, nodes: np.ndarray = NODES) -> Samples:
         """The motion at the same places (m,) in [-1, 1] of each interval.
 
-        Where a chart turns by more than `jets.LARGEST_TURN` it is NaN.
+        Where a chart turns by more than `series.LARGEST_TURN` it is NaN.
         """
         time = on.centre[:, None] + on.half[:, None] * nodes
         turn = self.turn(on, time, 4)

@@ -1,36 +1,96 @@
-"""Claims put in groups of one shape, and the proof of each group.
+"""The proof of claims: of many at once, and of every margin of one.
 
-Claims of one kind proved together: samples and their errors, margins, limits, joins; then the reports.
-
-Trajectories of one spacecraft lie one after the other in the same arrays, see `motion` and `bounds`; what is
-said of each is, to the last bit, the same whichever others there are.
-
-What the certificate is asked: about one trajectory, about many, and about every margin of one.
+Claims are put in groups of one shape, whose trajectories lie one after the other in the same arrays; see
+`motion` and `bounds`. What is said of each is, to the last bit, the same whichever others there are.
 """
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from itertools import chain
+from typing import Any, Self
 
 import numpy as np
 
 from jaxplan.certificate import bounds, form, limits, series
-from jaxplan.certificate.bounds import Errors, Minima
-from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin, every_sight
+from jaxplan.certificate.bounds import Errors, Evidence, Minima
+from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import Motion, Samples
+from jaxplan.certificate.motion import Motion, Trajectory
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
-from jaxplan.runtime.batching import grouped
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.batching import in_groups
 
-if TYPE_CHECKING:
-    from jaxplan.model.constraints import Constraints
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.trajectory.curve import Trajectory
+MARGIN_ALLOWANCE = 1e-9  # rad by which a margin may fall below zero
+LIMIT_ALLOWANCE = 1e-9  # of the limit, by which it may be passed
+_TOGETHER = 16  # trajectories that are proved at once, so that their samples stay in the cache
+_PIECES = 64  # of a trajectory: longer ones are proved one by one
 
 
-MARGIN_ALLOWANCE = 1e-9  # rad
-LIMIT_ALLOWANCE = 1e-9  # of the limit
+def certify(trajectory: Trajectory, spacecraft: Spacecraft, cones: Constraints, **claim: Any) -> Certificate:
+    """Prove, or refuse to, that a trajectory is safe and does what it should.
+
+    Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
+    joints and their rates are continuous, with as many more derivatives as it claims, and which starts and
+    ends in the wanted states.
+
+    Args:
+        trajectory: the manoeuvre.
+        spacecraft: its devices and limits.
+        cones: all zones, padded or not.
+        claim: `zone_names`, `start`, `goal`, and perhaps `sight_names`, see `Claim`.
+
+    Returns:
+        The certificate. Whatever the numbers are, nothing is raised.
+    """
+    return certify_batch([Claim(trajectory=trajectory, spacecraft=spacecraft, cones=cones, **claim)])[0]
+
+
+def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
+    """What `certify` says of each of many trajectories, in less time."""
+    with np.errstate(all="ignore"):  # NaN and infinities are found by their values
+        cases = [Case.of(claim) for claim in claims]
+        legible = [case for case in cases if isinstance(case, Case)]
+        proved = iter(in_groups(legible, lambda case: case.kind, _certify, most=_TOGETHER))
+    return [case if isinstance(case, Certificate) else next(proved) for case in cases]
+
+
+def prove_margins(
+    trajectory: Trajectory, spacecraft: Spacecraft, cones: Constraints, **names: Any
+) -> tuple[ProvedMargin, ...]:
+    """Bound the margin of every device to every zone that binds it, each as closely as the smallest of all.
+
+    `certify` bounds the larger margins only as far as its answer needs; this takes more work.
+
+    Args:
+        trajectory: the manoeuvre.
+        spacecraft: its devices and limits.
+        cones: all zones, padded or not.
+        names: `zone_names` and perhaps `sight_names`, see `Claim`.
+
+    Returns:
+        One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
+        groups last. None of a trajectory that cannot be evaluated.
+    """
+    claim = Claim(trajectory=trajectory, spacecraft=spacecraft, cones=cones, start=None, goal=None, **names)
+    with np.errstate(all="ignore"):
+        case = Case.of(claim)
+        if isinstance(case, Certificate):
+            return ()
+        together = case.bindings.layout
+        apart = replace(together, quantity=np.arange(len(together.quantity)))
+        case = replace(case, bindings=replace(case.bindings, layout=apart))
+        motion, bindings, evidence = _gathered([case])
+        if not _legible(evidence):
+            return ()
+        found = bindings.prove(evidence)
+        if case.static:
+            found.time[:] = 0
+        return tuple(
+            _proved_margin(case, clause, found, bindings.deciding(clause, found.time[clause], motion))
+            for clause in range(len(found.bound))
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,15 +106,14 @@ class Case:
 
     claim: Claim
     static: bool
-    curve: "Trajectory"
+    curve: Trajectory
     bindings: Bindings
 
     @classmethod
-    def of(cls, claim: Claim) -> "Self | Certificate":
-        """The case, or a report of what is wrong with its form."""
-        curve, zones = form.plain(claim.trajectory), form.plain(claim.cones)
-        ends = {"start": claim.start, "goal": claim.goal}
-        refused = form.faults(curve, claim.spacecraft, zones, len(claim.zone_names), ends, claim.sight_names)
+    def of(cls, claim: Claim) -> Self | Certificate:
+        """The case, or a certificate that says what is wrong with its form."""
+        curve, cones = form.plain(claim.trajectory), form.plain(claim.cones)
+        refused = form.faults(claim, curve, cones)
         if refused:
             return Certificate(certified=False, faults=tuple(refused))
         static = form.is_static(curve)
@@ -62,20 +121,18 @@ class Case:
             claim=claim,
             static=static,
             curve=form.held(curve) if static else curve,
-            bindings=Bindings.of(zones.at(0.0) if static else zones),
+            bindings=Bindings.of(cones.at(0.0) if static else cones),
         )
 
-    def kind(self, number: int) -> Hashable:
-        """What is the same for all cases that may be proved together; where axes move, none with another."""
+    @property
+    def kind(self) -> Hashable:
+        """What is the same for all cases that may be proved together."""
+        if self.bindings.ways or len(self.curve.breaks) > _PIECES:
+            return id(self)  # alone
         craft = self.claim.spacecraft
-        numbers = (
-            craft.mounts,
-            craft.fixed_boresights,
-            craft.inertia,
-            *(quantity.given(craft) for quantity in QUANTITIES),
-        )
+        given = (quantity.given(craft) for quantity in QUANTITIES)
+        numbers = (craft.mounts, craft.fixed_boresights, craft.inertia, *given)
         return (
-            number if self.bindings.ways else None,
             craft.device_names,
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
@@ -84,263 +141,140 @@ class Case:
         )
 
 
-def prove_alike(cases: Sequence[Case]) -> list[Certificate]:
-    """Reports on cases of one kind."""
-    craft = cases[0].claim.spacecraft
-    bindings = Bindings.joined([case.bindings for case in cases])
+def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
+    """The motion, the zones and the evidence of cases of one kind."""
+    craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
+    bindings = Bindings.joined(several)
     motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))
-    wanted = negligible(craft, [case.bindings for case in cases])
-    evidence = bounds.gather(motion, wanted, list(bindings.ways.values()))
+    return motion, bindings, bounds.gather(motion, negligible(craft, several), list(bindings.ways.values()))
+
+
+def _legible(evidence: Evidence) -> bool:
+    """Whether the trajectories could be evaluated."""
     samples = evidence.samples
-    if not all(np.all(np.isfinite(x)) for x in (samples.boresights, samples.spin, samples.joints)):
+    return all(np.isfinite(part).all() for part in (samples.boresights, samples.spin, samples.joints))
+
+
+def _certify(cases: Sequence[Case]) -> list[Certificate]:
+    """Certificates of cases of one kind."""
+    motion, bindings, evidence = _gathered(cases)
+    if not _legible(evidence):
         if len(cases) > 1:
-            return [report for case in cases for report in prove_alike([case])]
+            return [certificate for case in cases for certificate in _certify([case])]
         beyond = f"a chart turns by more than {series.LARGEST_TURN:g} rad or a number overflows"
-        return [Certificate(certified=False, faults=(beyond,), evaluations=samples.time.size)]
-    limited = limits.quantities(craft, evidence)
-    margin, room, jumps = bindings.prove(evidence), limits.prove(limited, evidence), limits.jumps(samples)
-    reports, clause, component = [], 0, 0
-    components = sum(len(quantity.components) for quantity in limited)
-    for number, case in enumerate(cases):
-        clauses = len(case.bindings.layout.quantity)
-        first, end = evidence.on.begins[number : number + 2].tolist()
-        found = _Found(
-            motion=motion,
-            number=number,
-            samples=samples,
-            first=first,
-            last=end - 1,
-            margin=margin.part(slice(clause, clause + clauses)),
-            limited=limited,
-            room=room.part(slice(component, component + components)),
-            jumps={name: steps[first : end - 1] for name, steps in jumps.items()},
-        )
-        reports.append(_report(case, found))
-        clause, component = clause + clauses, component + components
-    return reports
+        return [Certificate(certified=False, faults=(beyond,), evaluations=evidence.samples.time.size)]
+    limited = limits.quantities(cases[0].claim.spacecraft, evidence)
+    proof = _Proof(
+        motion=motion,
+        bindings=bindings,
+        evidence=evidence,
+        limited=limited,
+        margin=bindings.prove(evidence),
+        room=limits.prove(limited, evidence),
+        jumps=limits.jumps(evidence.samples),
+    )
+    return [proof.certificate(case, place) for place, case in enumerate(cases)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Found:
-    """What was found of a trajectory, maybe among others.
+class _Proof:
+    """What is found of trajectories that are proved together.
 
     Attributes:
         motion: of all.
-        number: that of the trajectory among all.
-        samples: of all.
-        first: number of the trajectory's first interval.
-        last: number of its last one.
-        margin: of its clauses.
-        limited: quantities of all.
-        room: of their components on this one.
-        jumps: at its inner breaks.
+        bindings: their zones.
+        evidence: of all.
+        limited: what their spacecraft limits.
+        margin: of the clauses of all.
+        room: of the limited components, trajectory by trajectory.
+        jumps: from every interval to the next.
     """
 
     motion: Motion
-    number: int
-    samples: Samples
-    first: int
-    last: int
-    margin: Minima
+    bindings: Bindings
+    evidence: Evidence
     limited: list[limits.Limited]
+    margin: Minima
     room: Minima
     jumps: dict[str, np.ndarray]
 
+    def certificate(self, case: Case, place: int) -> Certificate:
+        """What is said of one trajectory, by its place among all."""
+        claim, bindings, margin, samples = case.claim, self.bindings, self.margin, self.evidence.samples
+        first, beyond = self.evidence.on.begins[place : place + 2].tolist()
+        clauses = np.flatnonzero(bindings.layout.owner == place)
+        components = len(self.room.bound) // (len(self.evidence.on.begins) - 1)
+        room = self.room.part(slice(place * components, (place + 1) * components))
+        if case.static:
+            margin.time[clauses] = room.time[:] = 0
+        instants = {"start": (first, 0), "goal": (beyond - 1, -1)}
+        jumps = {name: steps[first : beyond - 1] for name, steps in self.jumps.items()}
+        peaks = limits.peaks(self.limited, room)
+        jerk_limited = any(each.limit.quantity.power > 2 for each in self.limited)
+        missed = (limits.end_faults(samples, name, end, instants[name]) for name, end in claim.ends.items())
+        faults = (
+            *chain.from_iterable(missed),
+            *limits.jump_faults(
+                jumps, samples.time[first : beyond - 1, -1], case.curve.smoothness, jerk_limited
+            ),
+            *limits.faults(self.limited, room, LIMIT_ALLOWANCE),
+            *bindings.faults(clauses, margin, self.motion, claim, MARGIN_ALLOWANCE),
+        )
+        certificate = Certificate(
+            certified=not faults,
+            peaks={name: peak for name, (peak, _) in peaks.items()},
+            peak_times={name: time for name, (_, time) in peaks.items()},
+            jumps={name: float(steps.max(initial=0)) for name, steps in jumps.items()},
+            faults=faults,
+            evaluations=(beyond - first) * samples.time.shape[1],
+        )
+        if len(clauses) == 0:
+            return certificate
+        worst = int(clauses[np.argmin(margin.seen[clauses])])
+        pair = bindings.deciding(worst, margin.time[worst], self.motion)
+        return replace(
+            certificate,
+            min_margin=float(margin.bound[clauses].min()),
+            worst_time=float(margin.time[worst]),
+            worst_device=claim.sights[bindings.sight[pair]],
+            worst_zone=claim.zone_names[bindings.row[pair]],
+        )
 
-def _report(case: Case, found: _Found) -> Certificate:
-    """What is said of one trajectory."""
-    claim, bindings, margin, room = case.claim, case.bindings, found.margin, found.room
-    names, sights = claim.zone_names, claim.every_sight
-    if case.static:
-        margin.time[:] = room.time[:] = 0
-    faults = (
-        *limits.end_faults(found.samples, "start", claim.start, (found.first, 0)),
-        *limits.end_faults(found.samples, "goal", claim.goal, (found.last, -1)),
-        *limits.jump_faults(
-            found.jumps,
-            found.samples.time[found.first : found.last, -1],
-            case.curve.smoothness,
-            jerk_limited=any(limited.of.quantity.power > 2 for limited in found.limited),
-        ),
-        *limits.faults(found.limited, room, LIMIT_ALLOWANCE),
-        *bindings.faults(margin, found.motion, sights, names, MARGIN_ALLOWANCE, found.number),
-    )
-    report = Certificate(
-        certified=not faults,
-        peaks=limits.peaks(found.limited, room),
-        peak_times=limits.peak_times(found.limited, room),
-        jumps={name: float(np.max(steps, initial=0)) for name, steps in found.jumps.items()},
-        faults=faults,
-        evaluations=(found.last + 1 - found.first) * found.samples.time.shape[1],
-    )
-    if len(margin.bound) == 0:
-        return report
-    worst = int(np.argmin(margin.seen))
-    pair = bindings.deciding(worst, margin.time[worst], found.motion, found.number)
-    return replace(
-        report,
-        min_margin=float(np.min(margin.bound)),
-        worst_time=float(margin.time[worst]),
-        worst_device=sights[bindings.sight[pair]],
-        worst_zone=names[bindings.row[pair]],
+
+def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedMargin:
+    """The margin of a clause, which a pair decides."""
+    bindings, names = case.bindings, case.claim.zone_names
+    rows = np.unique(bindings.row[bindings.layout.clause == clause])
+    return ProvedMargin(
+        zones=tuple(dict.fromkeys(names[row] for row in rows)),
+        bound=float(found.bound[clause]),
+        time=float(found.time[clause]),
+        zone=names[bindings.row[pair]],
+        device=case.claim.sights[bindings.sight[pair]],
     )
 
 
-def negligible(spacecraft: "Spacecraft", several: Sequence[Bindings]) -> Errors:
+def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
     """Errors that do not matter beside the angles and limits they are compared with.
 
     Args:
         spacecraft: of all trajectories.
         several: the bindings of each, which number the last axis.
     """
-    spin, joints = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)]
     heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
+    spin, joints = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)]
     for limit in every_limit(spacecraft):
         power, size = limit.quantity.power, heaviest if limit.quantity.by_inertia else 1.0
         if limit.quantity.of_joints:
             joints[power].append(limit.bound)
         else:
             spin[power - 1] = np.minimum(spin[power - 1], np.min(limit.bound) / size)
-    angle = np.sin([bindings.narrowest for bindings in several])
-    views = several[0].views
+    views, each = several[0].views, np.ones(len(several))
     directions = sum(map(len, (spacecraft.device_names, views.body, views.carrier, views.within)))
-    each = np.ones(len(several))
-    angles = bounds.NEGLIGIBLE * np.stack([np.concatenate(own) for own in joints])[..., None] * each
-    for number, bindings in enumerate(several):
-        if np.any(bindings.frame == form.JOINTS):  # whose margins are angles
-            angles[0, :, number] = np.minimum(angles[0, :, number], bounds.NEGLIGIBLE)
+    angles = np.stack([np.concatenate(own) for own in joints])[..., None] * each
+    angles[0] = np.minimum(angles[0], [1.0 if bindings.has_joints else np.inf for bindings in several])
     return Errors(
-        direction=bounds.NEGLIGIBLE * np.ones((directions, 1)) * angle,
+        direction=bounds.NEGLIGIBLE * np.ones((directions, 1)) * np.sin([own.narrowest for own in several]),
         spin=bounds.NEGLIGIBLE * spin[:, None] * each,
-        joints=angles,
+        joints=bounds.NEGLIGIBLE * angles,
     )
-
-
-_TOGETHER, _PIECES = 16, 1024  # trajectories that are proved at once, and about their pieces
-
-
-def certify(
-    trajectory: "Trajectory",
-    spacecraft: "Spacecraft",
-    cones: "Constraints",
-    *,
-    zone_names: Sequence[str],
-    start: EndState,
-    goal: EndState,
-    sight_names: Sequence[str] | None = None,
-) -> Certificate:
-    """Proves, or refuses to, that a trajectory is safe and does what it should.
-
-    Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
-    joints and their rates are continuous, with as many more derivatives as it claims, and which starts and
-    ends in the wanted states.
-
-    Args:
-        trajectory: the manoeuvre.
-        spacecraft: its devices and limits.
-        cones: all zones, padded or not.
-        zone_names: names of the zones in the order of the cones' rows.
-        start: the state it must start from.
-        goal: the state it must end in.
-        sight_names: names of all that the constraints bind; None for those that `Claim.every_sight` has.
-
-    Returns:
-        The report. Whatever the numbers are, nothing is raised.
-    """
-    claim = Claim(
-        trajectory=trajectory,
-        spacecraft=spacecraft,
-        cones=cones,
-        zone_names=zone_names,
-        start=start,
-        goal=goal,
-        sight_names=sight_names,
-    )
-    return certify_batch([claim])[0]
-
-
-def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
-    """What `certify` says of each of many trajectories, in less time."""
-    reports: dict[int, Certificate] = {}
-    cases: list[tuple[int, Case]] = []
-    with np.errstate(all="ignore"):  # NaN and infinities are found by their values
-        for number, claim in enumerate(claims):
-            case = Case.of(claim)
-            if isinstance(case, Certificate):
-                reports[number] = case
-            else:
-                cases.append((number, case))
-        for group in grouped(cases, lambda pair: pair[1].kind(pair[0])):
-            for part in _parts([cases[place] for place in group]):
-                numbers, alike = zip(*part, strict=True)
-                reports.update(zip(numbers, prove_alike(alike), strict=True))
-    return [reports[number] for number in range(len(claims))]
-
-
-def _parts(stack: Sequence[tuple[int, Case]]) -> Iterator[list[tuple[int, Case]]]:
-    """So many cases at once that their samples stay in the cache."""
-    part: list[tuple[int, Case]] = []
-    pieces = 0
-    for number, case in stack:
-        more = len(case.curve.breaks)
-        if part and (len(part) == _TOGETHER or pieces + more > _PIECES):
-            yield part
-            part, pieces = [], 0
-        part.append((number, case))
-        pieces += more
-    yield part
-
-
-def prove_margins(
-    trajectory: "Trajectory",
-    spacecraft: "Spacecraft",
-    cones: "Constraints",
-    *,
-    zone_names: Sequence[str],
-    sight_names: Sequence[str] | None = None,
-) -> tuple[ProvedMargin, ...]:
-    """Bounds the margin of every device to every zone that binds it, each as closely as the smallest of all.
-
-    `certify` bounds the larger margins only as far as its answer needs; this takes more work.
-
-    Args:
-        trajectory: the manoeuvre.
-        spacecraft: its devices and limits.
-        cones: all zones, padded or not.
-        zone_names: names of the zones in the order of the cones' rows.
-        sight_names: names of all that the constraints bind; None for those that `Claim.every_sight` has.
-
-    Returns:
-        One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
-        groups last. None of a trajectory that cannot be evaluated.
-    """
-    with np.errstate(all="ignore"):
-        curve, zones = form.plain(trajectory), form.plain(cones)
-        if form.faults(curve, spacecraft, zones, len(zone_names), {}, sight_names):
-            return ()
-        sights = every_sight(spacecraft, zones) if sight_names is None else sight_names
-        static = form.is_static(curve)
-        together = Bindings.of(zones.at(0.0) if static else zones)
-        motion = Motion.of(spacecraft, together.views, form.held(curve) if static else curve)
-        apart = replace(together.layout, quantity=np.arange(len(together.layout.quantity)))
-        bindings = replace(together, layout=apart)
-        evidence = bounds.gather(motion, negligible(spacecraft, [bindings]), list(bindings.ways.values()))
-        if not np.all(np.isfinite(evidence.samples.boresights)):
-            return ()
-        found = bindings.prove(evidence)
-        if static:
-            found.time[:] = 0
-        proved = []
-        for clause, (bound, time) in enumerate(zip(found.bound, found.time, strict=True)):
-            pair = bindings.deciding(clause, time, motion)
-            rows = np.unique(bindings.row[bindings.layout.clause == clause])
-            proved.append(
-                ProvedMargin(
-                    zones=tuple(dict.fromkeys(zone_names[row] for row in rows)),
-                    bound=float(bound),
-                    time=float(time),
-                    zone=zone_names[bindings.row[pair]],
-                    device=sights[bindings.sight[pair]],
-                )
-            )
-    return tuple(proved)

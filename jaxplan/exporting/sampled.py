@@ -1,12 +1,7 @@
-"""A trajectory as samples for export, with the frames of its devices and texts that formats share.
+"""A plan's motion as a table for export, with the frames of its devices and the texts that formats share.
 
-Rows of numbers in text files, and free text that is fit for them.
-
-A plan's motion on the instants that a file holds, checked before any file is begun.
-
-Frames of the devices, whose z axis is the boresight, and names of devices that other tools take.
-
-A device at azimuth ``a`` and elevation ``b`` in body axes has the frame ``Rz(a) Ry(pi/2 - b)``, whose columns
+The motion is sampled and checked before any file is begun. Frames of devices have the boresight as z axis. A
+device at azimuth ``a`` and elevation ``b`` in body axes has the frame ``Rz(a) Ry(pi/2 - b)``, whose columns
 are its axes: z is ``v(a, b)`` of equation (13), y lies in the body's xy plane and x points down. A terminal's
 azimuth is its yaw plus its mount, its elevation the pitch.
 """
@@ -14,60 +9,24 @@ azimuth is its yaw plus its mount, its elevation the pitch.
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, frame
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.planner import Plan
 from jaxplan.runtime.progress import progress_bar
+from jaxplan.trajectory.curve import Samples
 
-if TYPE_CHECKING:
-    from jaxplan.model.spacecraft import Spacecraft
-    from jaxplan.planner import Plan
-    from jaxplan.trajectory.curve import Samples, Trajectory
-
+MOST_SAMPLES = 10_000_000  # of a file
+SHORTEST_STEP = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
+_CHUNK = 1024  # samples of one call, so that a long file needs no other kernels than a figure
+_ROUNDING = 1e-9  # how far a matrix may be from a rotation; a trajectory's are within 1e-14
+_NUMBER = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
 
 T = TypeVar("T")
-
-# 16 digits, as many as CCSDS allows and a double has.
-_NUMBER = "% .15e"
-
-
-def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator[str]:
-    """Lines of numbers, with their ends.
-
-    Args:
-        columns: (k,) or (k, c), side by side.
-        separator: between two numbers.
-    """
-    table = np.column_stack(columns)
-    form = separator.join([_NUMBER] * table.shape[1]) + "\n"
-    for first in range(0, len(table), 4096):  # a list of all would take several times the array's space
-        for row in table[first : first + 4096].tolist():
-            yield form % tuple(row)
-
-
-def progress(rows: Iterable[T], total: int) -> Iterator[T]:
-    """The rows, with a bar where writing them takes long."""
-    with progress_bar("writing", "rows", total=total) as bar:
-        for row in rows:
-            yield row
-            bar.update()
-
-
-def plain(text: str, longest: int = 80) -> str:
-    """A line of printable ASCII, with ``?`` for every other character, and for those that SPICE obeys."""
-    return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"
-
-
-MOST_SAMPLES = 10_000_000
-# Instants that are nearer to each other would coincide in files that count seconds from the year 2000.
-SHORTEST_STEP = 1e-6
-# Of one call, so that a long file needs no other kernels than a figure.
-_CHUNK = 1024
-# How far a matrix may be from a rotation; a trajectory's are within 1e-14.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,10 +43,10 @@ class Sampled:
     """
 
     name: str
-    spacecraft: "Spacecraft"
+    spacecraft: Spacecraft
     start: np.datetime64 | None
     times: np.ndarray
-    values: "Samples"
+    values: Samples
     quaternions: np.ndarray
 
     def inertial(self, vectors: np.ndarray) -> np.ndarray:
@@ -95,7 +54,7 @@ class Sampled:
         return np.asarray(np.einsum("kij,kj->ki", self.values.attitude, vectors))
 
 
-def sample(plan: "Plan", start: np.datetime64 | None, times: np.ndarray) -> Sampled:
+def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sampled:
     """Evaluate a plan's trajectory.
 
     Args:
@@ -104,18 +63,31 @@ def sample(plan: "Plan", start: np.datetime64 | None, times: np.ndarray) -> Samp
         times: (k,) s.
 
     Raises:
-        ValueError: if a value is not a number, or a matrix no rotation.
+        ValueError: if a value is not a number, or a matrix no rotation, which no reader would notice.
     """
     assert plan.trajectory is not None
-    values = _evaluated(plan.trajectory, times)
-    _check(times, values)
+    parts = []
+    with progress_bar("sampling", "samples", total=len(times)) as bar:
+        for first in range(0, len(times), _CHUNK):
+            parts.append(plan.trajectory.sample(times[first : first + _CHUNK]))
+            bar.update(len(parts[-1].joints))
+    curves = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Samples)}
+    for name, values in curves.items():
+        finite = np.isfinite(values).reshape(len(times), -1).all(axis=1)
+        if not np.all(finite):
+            raise ValueError(f"{name} is not finite at {times[np.argmin(finite)]:.6g} s")
+    attitude = curves["attitude"]
+    off = np.abs(np.swapaxes(attitude, 1, 2) @ attitude - np.eye(3)).max(axis=(1, 2))
+    good = (off <= _ROUNDING) & (np.linalg.det(attitude) > 0)
+    if not np.all(good):
+        raise ValueError(f"attitude is not a rotation at {times[np.argmin(good)]:.6g} s")
     return Sampled(
         name=plan.scenario.name,
         spacecraft=plan.scenario.spacecraft,
         start=start,
         times=times,
-        values=values,
-        quaternions=quaternion.continuous(values.attitude),
+        values=Samples(**curves),
+        quaternions=quaternion.continuous(attitude),
     )
 
 
@@ -139,30 +111,6 @@ def instants(duration: float, step: float) -> np.ndarray:
     return np.append(grid[grid < duration - apart], duration) if duration > apart else np.zeros(1)
 
 
-def _evaluated(trajectory: "Trajectory", times: np.ndarray) -> "Samples":
-    from jaxplan.trajectory.curve import Samples
-
-    parts = []
-    with progress_bar("sampling", "samples", total=len(times)) as bar:
-        for first in range(0, len(times), _CHUNK):
-            parts.append(trajectory.sample(times[first : first + _CHUNK]))
-            bar.update(min(_CHUNK, len(times) - first))
-    return Samples(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Samples)})
-
-
-def _check(times: np.ndarray, values: "Samples") -> None:
-    """Refuse what no reader would notice: most formats hold a NaN or a matrix that does not turn."""
-    for field in fields(values):
-        finite = np.isfinite(getattr(values, field.name)).reshape(len(times), -1).all(axis=1)
-        if not np.all(finite):
-            raise ValueError(f"{field.name} is not finite at {times[np.argmin(finite)]:.6g} s")
-    attitude = values.attitude
-    off = np.abs(np.swapaxes(attitude, 1, 2) @ attitude - np.eye(3)).max(axis=(1, 2))
-    good = (off <= _ROUNDING) & (np.linalg.det(attitude) > 0)
-    if not np.all(good):
-        raise ValueError(f"attitude is not a rotation at {times[np.argmin(good)]:.6g} s")
-
-
 def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     """Frames of devices.
 
@@ -180,7 +128,7 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     return np.stack([-up, left, outward], axis=-1)
 
 
-def terminal_motion(sampled: "Sampled", terminal: int) -> tuple[np.ndarray, np.ndarray]:
+def terminal_motion(sampled: Sampled, terminal: int) -> tuple[np.ndarray, np.ndarray]:
     """How a terminal turns on the body.
 
     Args:
@@ -209,6 +157,33 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
         (i, 3, 3) instrument to body; one along the body's z axis has its y axis along the body's.
     """
     return frames(*azimuth_elevation(boresights))
+
+
+def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator[str]:
+    """Lines of numbers, with their ends.
+
+    Args:
+        columns: (k,) or (k, c), side by side.
+        separator: between two numbers.
+    """
+    table = np.column_stack(columns)
+    form = separator.join([_NUMBER] * table.shape[1]) + "\n"
+    for first in range(0, len(table), 4096):  # a list of all would take several times the array's space
+        for row in table[first : first + 4096].tolist():
+            yield form % tuple(row)
+
+
+def progress(rows: Iterable[T], total: int) -> Iterator[T]:
+    """The rows, with a bar where writing them takes long."""
+    with progress_bar("writing", "rows", total=total) as bar:
+        for row in rows:
+            yield row
+            bar.update()
+
+
+def plain(text: str, longest: int = 80) -> str:
+    """A line of printable ASCII, with ``?`` for every other character, and for those that SPICE obeys."""
+    return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"
 
 
 def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> list[str]:

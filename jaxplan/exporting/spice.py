@@ -14,16 +14,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jaxplan.epochs import ephemeris_time
 from jaxplan.exporting.sampled import Sampled, instrument_frames, labels, plain, progress, terminal_motion
 from jaxplan.geometry import quaternion
-
-if TYPE_CHECKING:
-    from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 
 _CRAFT = -999  # of the numbers that NAIF leaves to everybody
 _BUS = -999000
@@ -83,7 +81,7 @@ def write_spice(sampled: Sampled, folder: Path) -> None:
         raise ValueError(f"SPICE cannot write the C-kernel: {error}") from error
 
 
-def _device_frames(craft: "Spacecraft") -> tuple[list[_Frame], list[_Frame]]:
+def _device_frames(craft: Spacecraft) -> tuple[list[_Frame], list[_Frame]]:
     """Frames of terminals and of instruments."""
     prefix = "JAXPLAN_"
     plain_names = (name.replace("-", "_") for name in craft.device_names)
@@ -165,8 +163,14 @@ def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -
     ticks = np.array([spice.sce2c(_CRAFT, moment) for moment in ephemeris])
     handle = spice.ckopn(str(path), "jaxplan", 0)
     try:
-        for number, base, quaternions, rates in progress(_motions(sampled, terminals), 1 + len(terminals)):
-            _write_segment(handle, ticks, number, base, quaternions, rates)
+        for number, base, *motion in progress(_motions(sampled, terminals), 1 + len(terminals)):
+            # The first and the last sample stand twice.
+            inverse, rates = (np.pad(array, ((1, 1), (0, 0)), mode="edge") for array in motion)
+            inverse, name = inverse * [1.0, -1.0, -1.0, -1.0], f"jaxplan {number} on {base}"
+            span = ticks[0], ticks[-1]
+            spice.ckw03(
+                handle, *span, number, base, True, name, len(ticks), ticks, inverse, rates, 1, ticks[:1]
+            )
     finally:
         spice.ckcls(handle)
 
@@ -174,31 +178,8 @@ def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -
 def _motions(
     sampled: Sampled, terminals: Sequence[_Frame]
 ) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
-    """Of each moving frame: number, base, (k, 4) quaternions to the base, (k, 3) rates in the base."""
+    """Each moving frame's number and base, (k, 4) quaternions to it and (k, 3) rad/s in its components."""
     yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
     for number, frame in enumerate(terminals):
         matrices, rates = terminal_motion(sampled, number)
         yield frame.number, _BUS_NAME, quaternion.continuous(matrices), rates
-
-
-def _write_segment(
-    handle: int, ticks: np.ndarray, number: int, base: str, quaternions: np.ndarray, rates: np.ndarray
-) -> None:
-    """A segment of type 3, whose first and last sample stand twice.
-
-    Args:
-        handle: of the kernel.
-        ticks: (k + 2,).
-        number: of the frame.
-        base: name of the frame it is based on.
-        quaternions: (k, 4) frame to base.
-        rates: (k, 3) rad/s in the base's components.
-    """
-    import spiceypy as spice
-
-    inverse = np.pad(quaternions * [1.0, -1.0, -1.0, -1.0], ((1, 1), (0, 0)), mode="edge")
-    rates = np.pad(rates, ((1, 1), (0, 0)), mode="edge")
-    name = f"jaxplan {number} on {base}"
-    spice.ckw03(
-        handle, ticks[0], ticks[-1], number, base, True, name, len(ticks), ticks, inverse, rates, 1, ticks[:1]
-    )

@@ -51,6 +51,5 @@ def _write(sampled: Sampled, path: Path, quaternions: np.ndarray, axes: tuple[st
 def _epoch(start: np.datetime64 | None) -> str:
     """Gregorian UTC as STK writes it, ``1 Jan 2026 00:00:00.000000``."""
     assert start is not None
-    date, clock = str(start.astype("datetime64[us]")).split("T")
-    year, month, day = date.split("-")
-    return f"{int(day)} {_MONTHS[int(month) - 1]} {year} {clock}"
+    moment = start.astype("datetime64[us]").item()
+    return f"{moment.day} {_MONTHS[moment.month - 1]} {moment:%Y %H:%M:%S.%f}"

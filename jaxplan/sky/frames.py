@@ -1,24 +1,22 @@
-"""Frames, bodies and instants: what pyerfa is asked for.
+"""Instants, frames and bodies: everything that pyerfa is asked for.
 
-From TEME, the frame that SGP4 computes in, to the axes of the GCRS.
+**Instants** are an epoch in UTC and seconds after it. pyerfa counts in Julian dates of several scales, given
+in two parts for the sake of their digits.
 
-TEME has its z axis along the Earth's true axis of date (Celestial Ephemeris Pole), and its x axis in the true
-equator where sidereal time is the mean one of 1982: it differs from the true equator and equinox of date by
-a turn about z, the equation of the equinoxes. That it goes with GMST of 1982 is how its authors define it
-(Vallado and others, AIAA 2006-6753, appendix C):
+**Frames.** Directions are along the axes of the GCRS. SGP4 computes in TEME, which has its z axis along the
+Earth's true axis of date (Celestial Ephemeris Pole), and its x axis in the true equator where sidereal time
+is the mean one of 1982: it differs from the true equator and equinox of date by a turn about z, the
+equation of the equinoxes. That it goes with GMST of 1982 is how its authors define it (Vallado and others,
+AIAA 2006-6753, appendix C):
 
     r_Earth = R3(GMST82) r_TEME = R3(GAST) r_true,     r_true = N P B r_GCRS,
 
 so that r_GCRS = (N P B)^T R3(GMST82 - GAST) r_TEME. N P B is IAU 2006/2000A's. The turn is the difference of
 two sidereal times of one instant, in which UT1 - UTC does not matter.
 
-Sun, Moon and Earth: where they are, and how large.
-
-The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the Moon's
-``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon (2015),
-equatorial of the Earth, so that the flattened Earth lies within the sphere.
-
-Instants: an epoch in UTC and seconds after it, as Julian dates of the scales that pyerfa counts in.
+**Bodies.** The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the
+Moon's ``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon
+(2015), equatorial of the Earth, so that the flattened Earth lies within the sphere.
 """
 
 from importlib import import_module
@@ -31,60 +29,11 @@ from jaxplan.epochs import TT_MINUS_TAI, leaps
 from jaxplan.runtime.arguments import floats
 from jaxplan.sky.orbits import EARTH_RADIUS
 
-
-def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
-    """Rotation that takes TEME of each instant to the axes of the GCRS.
-
-    It turns by some 8e-12 rad/s (precession), which a velocity in orbit does not feel.
-
-    Args:
-        epoch: UTC.
-        times: (...) s after it.
-
-    Returns:
-        (..., 3, 3).
-    """
-    erfa = library("erfa")
-    tt, ut = terrestrial(epoch, times), universal(epoch, times)
-    true_of_date = erfa.pnm06a(*tt)  # from the GCRS
-    turn = erfa.gmst82(*ut) - erfa.gst06(*ut, *tt, true_of_date)
-    c, s, o = np.cos(turn), np.sin(turn), np.zeros(np.shape(turn))
-    about_z = np.stack([c, s, o, -s, c, o, o, o, o + 1], axis=-1).reshape(*np.shape(turn), 3, 3)
-    rotation: np.ndarray = np.swapaxes(true_of_date, -1, -2) @ about_z
-    return rotation
-
-
 BODIES = ("sun", "moon", "earth")
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
-
-
-def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a body.
-
-    Args:
-        body: one of `BODIES`.
-        epoch: UTC.
-        times: (...) s after it.
-
-    Returns:
-        (..., 3) km from the Earth's centre and (..., 3) km/s, GCRS.
-    """
-    if body == "earth":
-        return np.zeros((*times.shape, 3)), np.zeros((*times.shape, 3))
-    erfa = library("erfa")
-    instant = terrestrial(epoch, times)
-    if body == "sun":
-        heliocentric, _ = erfa.epv00(*instant)
-        sign, pv = -1.0, heliocentric
-    else:
-        sign, pv = 1.0, erfa.moon98(*instant)
-    unit = sign * erfa.DAU * 1e-3  # km
-    return unit * pv["p"], unit / erfa.DAYSEC * pv["v"]
-
-
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
-_DAY = 86400.0
-_MOST_SECONDS = 4.1e9  # all the years that an epoch may lie in
+_DAY = 86400.0  # s
+_MOST_SECONDS = 4.1e9  # s: all the years that an epoch may lie in
 
 
 def library(module: str) -> Any:
@@ -149,3 +98,49 @@ def _leaps(epoch: np.datetime64) -> float:
     """Seconds that TAI is ahead of UTC."""
     library("erfa")  # for the message where it is missing
     return leaps(epoch)
+
+
+def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
+    """Rotation that takes TEME of each instant to the axes of the GCRS.
+
+    It turns by some 8e-12 rad/s (precession), which a velocity in orbit does not feel.
+
+    Args:
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3, 3).
+    """
+    erfa = library("erfa")
+    tt, ut = terrestrial(epoch, times), universal(epoch, times)
+    true_of_date = erfa.pnm06a(*tt)  # from the GCRS
+    turn = erfa.gmst82(*ut) - erfa.gst06(*ut, *tt, true_of_date)
+    c, s, o = np.cos(turn), np.sin(turn), np.zeros(np.shape(turn))
+    about_z = np.stack([c, s, o, -s, c, o, o, o, o + 1], axis=-1).reshape(*np.shape(turn), 3, 3)
+    rotation: np.ndarray = np.swapaxes(true_of_date, -1, -2) @ about_z
+    return rotation
+
+
+def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of a body.
+
+    Args:
+        body: one of `BODIES`.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km from the Earth's centre and (..., 3) km/s, GCRS.
+    """
+    if body == "earth":
+        return np.zeros((*times.shape, 3)), np.zeros((*times.shape, 3))
+    erfa = library("erfa")
+    instant = terrestrial(epoch, times)
+    if body == "sun":
+        heliocentric, _ = erfa.epv00(*instant)
+        sign, pv = -1.0, heliocentric
+    else:
+        sign, pv = 1.0, erfa.moon98(*instant)
+    unit = sign * erfa.DAU * 1e-3  # km
+    return unit * pv["p"], unit / erfa.DAYSEC * pv["v"]

@@ -1,10 +1,8 @@
 """Satellites in motion: circular orbits of `jaxplan.sky.orbits`, and two-line elements by SGP4.
 
-Two-line elements: read with every column checked, since sgp4 is silent about most of what is wrong.
-
-A set is two lines of 69 columns, perhaps with a name above. Digits that are off by one column, or a line of
-another satellite, would otherwise put the satellite anywhere. Each fault names line, columns and value; all
-come at once.
+A set of two-line elements is two lines of 69 columns, perhaps with a name above. Every column is checked,
+since sgp4 is silent about most of what is wrong: digits off by one column, or a line of another satellite,
+would put the satellite anywhere. Each fault names line, columns and value; all come at once.
 """
 
 import re
@@ -20,7 +18,20 @@ from jaxplan.runtime.display import shown
 from jaxplan.sky import orbits
 from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 
-COLUMNS = 69
+COLUMNS = 69  # characters of a line
+STALE_DAYS = 7.0  # days from the elements' epoch: from here on SGP4 is likely tens of km off in low orbit
+LAST_DAYS = 30.0  # days from the elements' epoch: from here on hundreds of km, and it is not asked any more
+_DAY = 86400.0  # s
+
+# What SGP4 answers instead of a position, by its codes.
+_ERRORS = {
+    1: "the mean eccentricity leaves [0, 1)",
+    2: "the mean motion is not positive",
+    3: "the perturbed eccentricity leaves [0, 1]",
+    4: "the semi-latus rectum is negative",
+    6: "the satellite has decayed",
+}
+
 _NUMBER = r"[ 0-9A-HJ-NP-Z][ 0-9]{3}[0-9]"  # the letter stands for two digits: alpha-5
 _ANGLE = r"(?=.{8}) *\d{1,3}\.\d{4}"
 
@@ -34,8 +45,19 @@ class _Column:
     name: str
     pattern: str
     example: str
-    low: float | None = None
-    high: float | None = None
+    range: tuple[float, float] | None = None
+
+    def fault(self, here: str, line: str) -> str | None:
+        """What is wrong with the field in a line, or None."""
+        value = line[self.first - 1 : self.last]
+        several = self.last > self.first
+        span = f"columns {self.first} to {self.last}" if several else f"column {self.first}"
+        place = f"{here}, {span} ({self.name}) = {value!r}"
+        if not re.fullmatch(self.pattern, value, re.ASCII):
+            return f"{place}: must be written as in {self.example!r}"
+        if self.range is not None and not self.range[0] <= float(value) <= self.range[1]:
+            return f"{place}: must lie in [{self.range[0]:.15g}, {self.range[1]:.15g}]"
+        return None
 
 
 _LAYOUT = {
@@ -43,7 +65,7 @@ _LAYOUT = {
         _Column(3, 7, "catalogue number", _NUMBER, "25544"),
         _Column(8, 8, "classification", "[UCS ]", "U"),
         _Column(19, 20, "year of the epoch", r"\d\d", "26"),
-        _Column(21, 32, "day of the epoch", r" *\d{1,3}\.\d{8}", "079.50000000", 1, 366.99999999),
+        _Column(21, 32, "day of the epoch", r" *\d{1,3}\.\d{8}", "079.50000000", (1, 366.99999999)),
         _Column(34, 43, "first derivative of the mean motion", r"[ +0-]\.\d{8}", " .00016717"),
         _Column(45, 52, "second derivative of the mean motion", r"[ +-]\d{5}[ +-]\d", " 00000-0"),
         _Column(54, 61, "drag term B*", r"[ +-]\d{5}[ +-]\d", " 10270-3"),
@@ -52,12 +74,12 @@ _LAYOUT = {
     ),
     2: (
         _Column(3, 7, "catalogue number", _NUMBER, "25544"),
-        _Column(9, 16, "inclination", _ANGLE, " 51.6400", 0, 180),
-        _Column(18, 25, "right ascension of the ascending node", _ANGLE, "208.9163", 0, 360),
+        _Column(9, 16, "inclination", _ANGLE, " 51.6400", (0, 180)),
+        _Column(18, 25, "right ascension of the ascending node", _ANGLE, "208.9163", (0, 360)),
         _Column(27, 33, "eccentricity after the decimal point", r"\d{7}", "0006317"),
-        _Column(35, 42, "argument of perigee", _ANGLE, " 69.9862", 0, 360),
-        _Column(44, 51, "mean anomaly", _ANGLE, "290.2224", 0, 360),
-        _Column(53, 63, "mean motion", r" *\d{1,2}\.\d{8}", "15.49560532", 1e-3, 18),
+        _Column(35, 42, "argument of perigee", _ANGLE, " 69.9862", (0, 360)),
+        _Column(44, 51, "mean anomaly", _ANGLE, "290.2224", (0, 360)),
+        _Column(53, 63, "mean motion", r" *\d{1,2}\.\d{8}", "15.49560532", (1e-3, 18)),
         _Column(64, 68, "number of the revolution", r"[ 0-9]{5}", "12345"),
     ),
 }
@@ -153,7 +175,7 @@ def _faults(number: int, line: str) -> list[str]:
         for place in _BLANK[number]
         if line[place - 1] != " "
     ]
-    faults += [fault for column in _LAYOUT[number] if (fault := _column_fault(here, line, column))]
+    faults += [fault for column in _LAYOUT[number] if (fault := column.fault(here, line))]
     if not line[-1].isdigit():
         faults.append(f"{here}, column {COLUMNS} (check sum) = {line[-1]!r}: must be a digit")
     elif int(line[-1]) != check_sum(line):
@@ -163,19 +185,6 @@ def _faults(number: int, line: str) -> list[str]:
     return faults
 
 
-def _column_fault(here: str, line: str, column: _Column) -> str | None:
-    value = line[column.first - 1 : column.last]
-    span = (
-        f"columns {column.first} to {column.last}" if column.last > column.first else f"column {column.first}"
-    )
-    place = f"{here}, {span} ({column.name}) = {value!r}"
-    if not re.fullmatch(column.pattern, value, re.ASCII):
-        return f"{place}: must be written as in {column.example!r}"
-    if column.low is not None and column.high is not None and not column.low <= float(value) <= column.high:
-        return f"{place}: must lie in [{column.low:.15g}, {column.high:.15g}]"
-    return None
-
-
 def _epoch(line: str) -> np.datetime64:
     """The epoch of line 1, to its last digit: 1e-8 days."""
     year = int(line[18:20])
@@ -183,20 +192,6 @@ def _epoch(line: str) -> np.datetime64:
     whole, fraction = line[20:32].split(".")
     since = (int(whole) - 1) * 86_400_000_000_000 + int(fraction) * 864_000
     return np.datetime64(year - 1970, "Y").astype("datetime64[ns]") + np.timedelta64(since, "ns")
-
-
-STALE_DAYS = 7.0  # from here on SGP4 is likely tens of km off in low orbit
-LAST_DAYS = 30.0  # from here on hundreds
-_DAY = 86400.0
-
-# What SGP4 answers instead of a position.
-_ERRORS = {
-    1: "the mean eccentricity leaves [0, 1)",
-    2: "the mean motion is not positive",
-    3: "the perturbed eccentricity leaves [0, 1]",
-    4: "the semi-latus rectum is negative",
-    6: "the satellite has decayed",
-}
 
 
 @shown("altitude km", "inclination deg", "node deg", "latitude deg", "epoch")

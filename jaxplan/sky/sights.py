@@ -1,4 +1,4 @@
-"""What is seen from where: positions, directions, their rates, angular radii, over time.
+"""Where things are and in which direction they are seen, how fast that turns, and how large bodies look.
 
 Who looks, and what is looked at, is a `CircularOrbit`, a `Tle`, a body's name or a position in km from the
 Earth's centre: (3,), or (k, 3) for k times. Times are (...) s after the epoch, a number or (k,).
@@ -41,16 +41,7 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
         ValueError: if an argument is no good; a `TleError` where SGP4 has no answer.
         ImportError: if the extra ``orbit`` is needed and not installed.
     """
-    start, after = parse_epoch(epoch), seconds(times)
-    if isinstance(thing, CircularOrbit | Tle | str):
-        return _state(thing, start, after)[0]
-    position = floats("position", thing, "3 numbers of km, a satellite or the name of a body")
-    if position.shape not in ((3,), (*after.shape, 3)):
-        wanted = "(3,)" if after.ndim == 0 else f"(3,) or {(*after.shape, 3)}"
-        raise ValueError(f"position: must be of shape {wanted}, km, not {position.shape}")
-    if not np.all(np.isfinite(position)):
-        raise ValueError(f"position = {position[~np.isfinite(position)][0]}: must be finite")
-    return np.broadcast_to(position, (*after.shape, 3)).copy()
+    return _state(thing, epoch, times)[0]
 
 
 def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
@@ -62,10 +53,10 @@ def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndar
     Raises:
         ValueError: as `positions`, and for a given position, whose motion is not known.
     """
-    start, after = parse_epoch(epoch), seconds(times)
-    if isinstance(thing, CircularOrbit | Tle | str):
-        return _state(thing, start, after)[1]
-    raise ValueError("of a given position the velocity is not known: give a satellite or a body")
+    velocity = _state(thing, epoch, times)[1]
+    if velocity is None:
+        raise ValueError("of a given position the velocity is not known: give a satellite or a body")
+    return velocity
 
 
 def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
@@ -180,15 +171,23 @@ def half_step(seen: np.ndarray) -> float:
     return float(np.max(separation(seen[1:], seen[:-1]), initial=0.0)) / 2
 
 
-def _state(
-    thing: CircularOrbit | Tle | str, start: np.datetime64, times: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _state(thing: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray | None]:
+    """Position (..., 3) km and velocity (..., 3) km/s, which of a given position is None."""
+    start, after = parse_epoch(epoch), seconds(times)
     if isinstance(thing, CircularOrbit):
-        return orbit_state(thing, start, times)
+        return orbit_state(thing, start, after)
     if isinstance(thing, Tle):
-        return tle_state(thing, start, times)
-    check_body(thing)
-    return body_state(thing, start, times)
+        return tle_state(thing, start, after)
+    if isinstance(thing, str):
+        check_body(thing)
+        return body_state(thing, start, after)
+    position = floats("position", thing, "3 numbers of km, a satellite or the name of a body")
+    if position.shape not in ((3,), (*after.shape, 3)):
+        wanted = "(3,)" if after.ndim == 0 else f"(3,) or {(*after.shape, 3)}"
+        raise ValueError(f"position: must be of shape {wanted}, km, not {position.shape}")
+    if not np.all(np.isfinite(position)):
+        raise ValueError(f"position = {position[~np.isfinite(position)][0]}: must be finite")
+    return np.broadcast_to(position, (*after.shape, 3)).copy(), None
 
 
 def check_body(body: object) -> None:

@@ -1,8 +1,4 @@
-"""Zones and targets from the sky that move over a manoeuvre.
-
-How the direction to a target goes over a manoeuvre, for zones and targets that move.
-
-Keep-out zones from the sky: a cone about Sun, Moon or Earth that holds for as long as it says.
+"""Keep-out zones about Sun, Moon and Earth, and the direction to a target over a manoeuvre.
 
 Over 80 s in low orbit the Earth's direction turns by 5 deg. So a zone that stands still has its axis where
 the body is in the middle of its time, and is wide enough to hold the body's cone of every instant. The axis
@@ -28,8 +24,9 @@ from jaxplan.sky.sights import (
     half_step,
 )
 
-ACCURACY = 1e-9  # rad, of the path between its samples
-_FEWEST, _MOST = 8, 4096  # intervals
+ACCURACY = 1e-9  # rad: how far a path may be from the direction wherever it is looked at between samples
+_FEWEST, _MOST = 8, 4096  # intervals of a path; they are doubled until it is accurate
+_DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
 def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> DirectionPath:
@@ -68,9 +65,6 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
             return found
         intervals *= 2
     raise ValueError(f"target: passes so close that {_MOST} samples over {duration_s:g} s do not follow it")
-
-
-_DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
 def keep_out(

@@ -241,6 +241,7 @@ class SQPState:
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
         self.damping[which] = 0.0
 
+
 def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
     """The solution that one of the curves is, after so many steps."""
     return SQPSolution(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold
+from jaxplan.derivatives import expect_known_time, follow_and_hold, hold
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed

@@ -15,7 +15,6 @@ from jaxplan.certificate import Claim, bounds, certify, certify_batch, form, pro
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion
 from jaxplan.certificate.proof import negligible
-from jaxplan.model import constraints
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
 MIXED = (INERTIAL, BODY, SIGHT, JOINTS)
@@ -178,11 +177,6 @@ def scene(name, seed, **changes):
         seed, terminals=terminals, pieces=1 + seed % 3, joint_pieces=1 + seed % 2, wiggle=0.5
     )
     return trajectory, spacecraft, random_table(rng, trajectory, spacecraft, KINDS[name], **changes)
-
-
-def test_kinds_have_the_numbers_that_tables_have():
-    for name in ("INERTIAL", "BODY", "SIGHT", "JOINTS"):
-        assert getattr(form, name) == getattr(constraints, name)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from manoeuvres import craft
 from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
-from jaxplan.certificate import bounds, limits, series
+from jaxplan.certificate import Claim, bounds, limits, series
 from jaxplan.certificate.bounds import Errors, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views, Way
@@ -522,9 +522,17 @@ def test_faults_say_which_device_is_where_it_must_not_be(seen, said):
     motion, names = random_motion(56, terminals=1, instruments=1), ("terminal-0", "instrument-0")
     out = KeepOut(name="Sun", direction=np.array([0, 0, 1.0]), half_angle=0.3, devices=names[:1])
     inside = KeepIn(name="station", direction=np.array([0, 1.0, 0]), half_angle=0.3, devices=names[1:])
-    bindings = Bindings.of(tabulate([out], [inside], names))
     minima = Minima(bound=np.full(2, -0.1), seen=np.full(2, seen), time=np.array([3.0, 4.0]))
-    found = list(bindings.faults(minima, motion, names, ("Sun", "station"), 1e-6))
+    cones = tabulate([out], [inside], names)
+    claim = Claim(
+        trajectory=None,
+        spacecraft=craft(1),
+        cones=cones,
+        zone_names=("Sun", "station"),
+        start=None,
+        goal=None,
+    )
+    found = list(Bindings.of(cones).faults(np.arange(2), minima, motion, claim, 1e-6))
     expected = {
         "breach": [
             "terminal-0 is 2.86 deg inside the keep-out zone Sun at t = 3 s",

@@ -5,13 +5,13 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from jaxplan.trajectory.outcome import NOT_OPTIMAL
 from scenes import make_scenario
 from scipy.optimize import minimize
 
 import jaxplan as jp
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.active_set import FitRecord, least_change
-from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 
 def asking(scenario, **settings):
