@@ -18,8 +18,7 @@ def asking(scenario, **settings):
 
 
 SCENES = {
-    # Of other turns a limit is about to bind, here or a step away.
-    "shortest": lambda: asking(make_scenario(1, turn=(0.3, -0.6, 0.4)), duration="minimum"),
+    "shortest": lambda: asking(make_scenario(1), duration="minimum"),
     "in low orbit": lambda: asking(jp.load_scenario(LOW_ORBIT), duration=80.0),
     "joints alone, through nodes": lambda: asking(
         make_scenario(4, turn=(0.0, 0.0, 0.0)), duration=40.0, node_tube=0.0
