@@ -91,7 +91,7 @@ def make_room() -> bool:
 
 Answer = TypeVar("Answer")
 
-_SOON: dict[str, bool | str | int] = {"xla_cpu_use_fusion_emitters": False}
+_SOON: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 
 
 def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., Answer]:
@@ -99,19 +99,18 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
 
     Args:
         function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
-        options: of `jax.jit`; its `compiler_options` count on the CPU alone.
+        options: of `jax.jit`.
 
     Returns:
         The same function, jitted.
     """
-    soon = _SOON | options.pop("compiler_options", {})
     traced = jax.jit(function, **options)
     jitted: list[Callable[..., Answer]] = []
 
     @wraps(function)
     def kernel(*args: Any, **kwargs: Any) -> Answer:
         if not jitted:  # at the first call, since asking XLA starts it
-            jitted.append(jax.jit(function, **options, compiler_options=soon) if _known() else traced)
+            jitted.append(jax.jit(function, **options, compiler_options=_SOON) if _known() else traced)
         try:
             return jitted[0](*args, **kwargs)
         except ValueError:  # JAX takes such options at the outermost level alone

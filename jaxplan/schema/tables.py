@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from jaxplan.model.keys import Key, unit_of
 from jaxplan.runtime.arguments import a_or_an
 from jaxplan.schema.faults import WRONG, Place, nearest
-from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text
+from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text, YesNo
 
 _SECOND = "stands in the place of {}, only one of them can be given"
 _CHECKED = "_schema_checked"  # attribute of objects whose numbers and texts were found good
@@ -265,6 +265,8 @@ def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
         return Number(interval, degrees="_deg" in told.name, words=told.words)
     if int in types:
         return Integer(interval)
+    if bool in types:
+        return YesNo()
     return Choice(told.options) if told.options else Text()  # type: ignore[arg-type]
 
 

@@ -30,8 +30,6 @@ from jaxplan.search.scene import Layout, Scene
 CPU_CALLS, ACCELERATOR_CALLS = 8, 32
 # Scenes that are stacked, fixed likewise.
 POOL = 256
-# XLA makes one piece of code of a loop over little, which then cannot call LAPACK; of none with this.
-_WHOLE_LOOPS = {"xla_cpu_small_while_loop_byte_threshold": 0}
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -41,9 +39,7 @@ class Kernel:
     """A pure function of (scene, arrays ...) that answers with one array, jitted for several calls."""
 
     def __init__(self, function: Callable[..., Array]) -> None:
-        self.answers = quick_jit(
-            partial(_answers, function), static_argnames="layout", compiler_options=_WHOLE_LOOPS
-        )
+        self.answers = quick_jit(partial(_answers, function), static_argnames="layout")
 
 
 def _answers(
@@ -69,7 +65,7 @@ def _answers(
         scene = layout.scene(scenes[places[call]])
         return function(scene, *(argument[call] for argument in arguments))
 
-    if places.shape[0] == 1:
+    if places.shape[0] == 1:  # XLA would take a loop over little for code that cannot call LAPACK
         return one(jnp.zeros((), int))[None]
     if jax.default_backend() != "cpu":
         return jax.vmap(one)(jnp.arange(places.shape[0]))

@@ -127,8 +127,10 @@ def path_states(scene: Scene, attitudes: Array, joints: Array) -> Array:
 
 def edge_costs(scene: Scene, states: Array) -> tuple[Array, Array]:
     """Steps that each edge costs, and those of all its motions added up, both (m,)."""
-    change = jnp.diff(states[:, 4:], axis=0)
     angles = quaternion.distance(states[:-1, :4], states[1:, :4])
+    if states.shape[1] == 4:  # no joints; on one core XLA cannot compile a sum over none beside LAPACK
+        return angles / scene.attitude_step, angles / scene.attitude_step
+    change = jnp.diff(states[:, 4:], axis=0)
     every = jnp.sum(jnp.abs(change) / scene.joint_steps, axis=-1)
     cost = step_cost(angles, change, scene.attitude_step, scene.joint_steps)
     return cost, angles / scene.attitude_step + every

@@ -5,8 +5,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from builders import make_scenario
 from jaxplan.trajectory.outcome import NOT_OPTIMAL
-from scenes import make_scenario
 from scipy.optimize import minimize
 
 import jaxplan as jp
