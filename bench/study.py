@@ -18,7 +18,7 @@ from _machine import print_machine
 from _options import positive
 
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.runtime.workers import Crew
+from jaxplan.runtime.workers import WorkerPool
 from jaxplan.study.blocks import Answer, Blocks, by_workers, plan_chunk
 from jaxplan.study.rows import STEPS, row_of, times_of
 from jaxplan.study.run import run_task
@@ -29,16 +29,16 @@ _REHEARSALS = 2  # of the whole study, after which each process has compiled wha
 
 def rate(kind: str, count: int, workers: int) -> float:
     """Scenes a second by so many processes."""
-    crew = Crew(workers)
+    pool = WorkerPool(workers)
     try:
         task = Task(kind=kind, scenes=range(count), planner="mha")
         for size in (*[1] * _REHEARSALS, None):  # the last one counts
             began = time.perf_counter()
             chunks = Blocks(task, range(count), size)
-            rows = sum(len(answer.table) for answer in by_workers(chunks, plan_chunk, crew))
+            rows = sum(len(answer.table) for answer in by_workers(chunks, plan_chunk, pool))
         return rows / (time.perf_counter() - began)
     finally:
-        crew.dismiss(at_once=False)
+        pool.shutdown(at_once=False)
 
 
 def memory(scenes: int) -> None:

@@ -41,7 +41,7 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import fit, fitted_plan, judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
@@ -88,7 +88,7 @@ def hold(plan: Plan) -> Held:
             another limit is about to bind, or its goal leans on what step 1 leaves open
             (`jaxplan.goal.caps.leaves_open`).
     """
-    make_room()
+    clear_if_full()
     expect("plan", plan, Plan, _A_PLAN)
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
@@ -250,7 +250,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
     expect_known_time(scenario)
-    make_room()
+    clear_if_full()
     clock = Clock(np.inf)
     duration = scenario.trajectory.duration
     goals = find_goals(scenario, None if isinstance(duration, str) else float(duration))

@@ -7,13 +7,13 @@ Claims are put in groups of one shape, whose trajectories lie one after the othe
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from jaxplan.certificate import bounds, form, limits, series
 from jaxplan.certificate.bounds import Errors, Evidence, Minima
-from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
+from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion, Trajectory
 from jaxplan.model.constraints import Constraints
@@ -28,7 +28,16 @@ _TOGETHER = 16  # trajectories that are proved at once, so that their samples st
 _PIECES = 64  # of a trajectory: longer ones are proved one by one
 
 
-def certify(trajectory: Trajectory, spacecraft: Spacecraft, cones: Constraints, **claim: Any) -> Certificate:
+def certify(
+    trajectory: Trajectory,
+    spacecraft: Spacecraft,
+    cones: Constraints,
+    *,
+    zone_names: Sequence[str],
+    start: EndState | None,
+    goal: EndState | None,
+    sight_names: Sequence[str] | None = None,
+) -> Certificate:
     """Prove, or refuse to, that a trajectory is safe and does what it should.
 
     Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
@@ -39,12 +48,24 @@ def certify(trajectory: Trajectory, spacecraft: Spacecraft, cones: Constraints, 
         trajectory: the manoeuvre.
         spacecraft: its devices and limits.
         cones: all zones, padded or not.
-        claim: `zone_names`, `start`, `goal`, and perhaps `sight_names`, see `Claim`.
+        zone_names: of the cones' rows, in their order.
+        start: the state it must start from; None for any.
+        goal: the state it must end in; None for any.
+        sight_names: of all that the constraints bind, see `Claim`.
 
     Returns:
         The certificate. Whatever the numbers are, nothing is raised.
     """
-    return certify_batch([Claim(trajectory=trajectory, spacecraft=spacecraft, cones=cones, **claim)])[0]
+    claim = Claim(
+        trajectory=trajectory,
+        spacecraft=spacecraft,
+        cones=cones,
+        zone_names=zone_names,
+        start=start,
+        goal=goal,
+        sight_names=sight_names,
+    )
+    return certify_batch([claim])[0]
 
 
 def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
@@ -57,7 +78,12 @@ def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
 
 
 def prove_margins(
-    trajectory: Trajectory, spacecraft: Spacecraft, cones: Constraints, **names: Any
+    trajectory: Trajectory,
+    spacecraft: Spacecraft,
+    cones: Constraints,
+    *,
+    zone_names: Sequence[str],
+    sight_names: Sequence[str] | None = None,
 ) -> tuple[ProvedMargin, ...]:
     """Bound the margin of every device to every zone that binds it, each as closely as the smallest of all.
 
@@ -67,13 +93,22 @@ def prove_margins(
         trajectory: the manoeuvre.
         spacecraft: its devices and limits.
         cones: all zones, padded or not.
-        names: `zone_names` and perhaps `sight_names`, see `Claim`.
+        zone_names: of the cones' rows, in their order.
+        sight_names: of all that the constraints bind, see `Claim`.
 
     Returns:
         One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
         groups last. None of a trajectory that cannot be evaluated.
     """
-    claim = Claim(trajectory=trajectory, spacecraft=spacecraft, cones=cones, start=None, goal=None, **names)
+    claim = Claim(
+        trajectory=trajectory,
+        spacecraft=spacecraft,
+        cones=cones,
+        zone_names=zone_names,
+        start=None,
+        goal=None,
+        sight_names=sight_names,
+    )
     with np.errstate(all="ignore"):
         case = Case.of(claim)
         if isinstance(case, Certificate):

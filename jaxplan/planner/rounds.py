@@ -14,7 +14,7 @@ from jaxplan.planner.clock import Clock, shared_step
 from jaxplan.planner.goals import GoalQuery, find_goals
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
-from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.jit import clear_if_full
 from jaxplan.search import search_batch
 from jaxplan.trajectory import FitQuery, fit_batch
 
@@ -39,7 +39,7 @@ def plan_in_rounds(
     every = [Attempts(*one) for one in zip(scenarios, clocks, strict=True)]
     open_ = every
     while open_:
-        make_room()
+        clear_if_full()
         _find_goals(open_)
         _search_paths(open_)
         _fit_trajectories(open_)

@@ -12,7 +12,7 @@ from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.progress import progress_bar
-from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, one_thread, who_works
+from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import take_in
 from jaxplan.search import PLANNERS
@@ -137,8 +137,8 @@ def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
 
 def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
     """Plan parts of the scenarios in other processes."""
-    crew = Crew(workers)
-    size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * crew.workers))))
+    pool = WorkerPool(workers)
+    size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * pool.workers))))
     parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]
     plans: list[Plan] = []
     futures: list[Future[list[Plan]]] = []
@@ -146,20 +146,20 @@ def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool)
         with progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
             bar.step("workers begin, and may compile")
             for part in parts:
-                futures.append(crew.submit(_plan_part, part))
+                futures.append(pool.submit(_plan_part, part))
             for future in futures:
                 plans += future.result()
                 bar.step("")
                 bar.update(len(plans) - bar.done)
     except BrokenExecutor as error:
-        crew.dismiss(at_once=True)
+        pool.shutdown(at_once=True)
         raise RuntimeError("a worker process died while it planned; jp.run_study outlives that") from error
     except BaseException:  # Ctrl-C among others
         for future in futures:  # somebody's executor goes on, but not with these
             future.cancel()
-        crew.dismiss(at_once=True)
+        pool.shutdown(at_once=True)
         raise
-    crew.dismiss(at_once=False)
+    pool.shutdown(at_once=False)
     return plans
 
 

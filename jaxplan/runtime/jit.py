@@ -73,7 +73,7 @@ def _count(event: str, duration_secs: float, **_: str | int) -> None:
 jax.monitoring.register_event_duration_secs_listener(_count)
 
 
-def make_room() -> bool:
+def clear_if_full() -> bool:
     """Forget all compiled kernels if they take too many memory maps; returns whether they did."""
     global _new
     if _new < _EVERY:

@@ -123,7 +123,7 @@ def _only_a_script_that_is_there() -> Iterator[None]:
         main.__file__ = name
 
 
-class Crew:
+class WorkerPool:
     """Workers, to whom parts of some work are handed.
 
     Args:
@@ -134,7 +134,7 @@ class Crew:
         self._pool: ProcessPoolExecutor | None = None  # our own
         self._executor: Executor
         if isinstance(workers, int | np.integer):
-            self._hire(int(workers))
+            self._start(int(workers))
         else:
             self._executor, self.workers = workers, os.cpu_count() or 1
             if isinstance(workers, ProcessPoolExecutor) and not workers._processes:
@@ -149,12 +149,12 @@ class Crew:
         """
         return self._executor.submit(work, part)
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Go on with new processes after one has died."""
-        self.dismiss(at_once=True)
-        self._hire(self.workers)
+        self.shutdown(at_once=True)
+        self._start(self.workers)
 
-    def dismiss(self, *, at_once: bool) -> None:
+    def shutdown(self, *, at_once: bool) -> None:
         """End our processes, in the middle of their work or after it; somebody's executor is left alone."""
         if self._pool is None:
             return
@@ -166,7 +166,7 @@ class Crew:
         self._pool.shutdown(cancel_futures=True)
         self._pool = None
 
-    def _hire(self, workers: int) -> None:
+    def _start(self, workers: int) -> None:
         self.workers = workers
         pool = ProcessPoolExecutor(workers, _Workers(), _begin, (jit.settings(),))
         self._executor = self._pool = pool

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 from jaxplan.planner import Plan, plan, plan_batch
 from jaxplan.runtime.jit import working_time
-from jaxplan.runtime.workers import Crew
+from jaxplan.runtime.workers import WorkerPool
 from jaxplan.study.rows import Row, row_of, times_of
 from jaxplan.study.task import BLOCK, Chunk, Task
 from jaxplan.version import __version__
@@ -169,7 +169,7 @@ def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
         yield answer
 
 
-def by_workers(chunks: Blocks, work: Work, crew: Crew) -> Iterator[Answer]:
+def by_workers(chunks: Blocks, work: Work, pool: WorkerPool) -> Iterator[Answer]:
     """Answer chunks as workers get done with them.
 
     As many are handed out at once as keep all workers busy: more and more, as long as they are begun at once.
@@ -180,13 +180,13 @@ def by_workers(chunks: Blocks, work: Work, crew: Crew) -> Iterator[Answer]:
         Exception: what an executor raises that cannot do its work, such as for a package that is missing.
     """
     running: dict[Future[Answer], tuple[Chunk, float]] = {}
-    most = _UNDER_WAY * crew.workers
+    most = _UNDER_WAY * pool.workers
     while True:
         lost: list[Chunk] = []
         broken = False
         while len(running) < most and not broken and (chunk := chunks.take(len(running), most)) is not None:
             try:
-                running[crew.submit(work, chunk)] = chunk, time.monotonic()
+                running[pool.submit(work, chunk)] = chunk, time.monotonic()
             except BrokenExecutor:  # an idle worker has died, and the chunk was not begun
                 chunks.suspect([chunk])
                 broken = True
@@ -215,4 +215,4 @@ def by_workers(chunks: Blocks, work: Work, crew: Crew) -> Iterator[Answer]:
                 yield from chunks.killed(lost[0])
             else:
                 chunks.suspect(lost)
-            crew.begin_anew()
+            pool.restart()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.progress import progress_bar
-from jaxplan.runtime.workers import Crew, Workers, WorkersDiedError, who_works
+from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, who_works
 from jaxplan.study.blocks import Answer, Blocks, Work, by_workers, in_this_process, plan_chunk
 from jaxplan.study.result import Study
 from jaxplan.study.rows import OK
@@ -126,10 +126,10 @@ def _answers(chunks: Blocks, workers: Workers | None, work: Work) -> Generator[A
     if workers is None:
         yield from in_this_process(chunks, work)
         return
-    crew = Crew(workers)
+    pool = WorkerPool(workers)
     try:
-        yield from by_workers(chunks, work, crew)
+        yield from by_workers(chunks, work, pool)
     except BaseException:  # Ctrl-C here or at whom the answers go to, among others
-        crew.dismiss(at_once=True)
+        pool.shutdown(at_once=True)
         raise
-    crew.dismiss(at_once=False)
+    pool.shutdown(at_once=False)

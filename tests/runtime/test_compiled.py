@@ -73,13 +73,13 @@ def test_workers_keep_nothing_where_their_parent_does_not(tmp_path):
     code = """
 import json
 import jaxplan as jp
-from jaxplan.runtime.workers import Crew
+from jaxplan.runtime.workers import WorkerPool
 LOOK = "__import__('jaxplan.so3') and __import__('jax').config.jax_compilation_cache_dir"
 if __name__ == "__main__":
     jp.compilation_cache(None)
-    crew = Crew(1)
-    print(json.dumps(crew.submit(eval, LOOK).result()))
-    crew.dismiss(at_once=True)
+    pool = WorkerPool(1)
+    print(json.dumps(pool.submit(eval, LOOK).result()))
+    pool.shutdown(at_once=True)
 """
     assert fresh_python(code, tmp_path)[0] is None
     kept = code.replace("jp.compilation_cache(None)", "pass")

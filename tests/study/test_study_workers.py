@@ -15,7 +15,7 @@ import pytest
 from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
-from jaxplan.runtime.workers import Crew
+from jaxplan.runtime.workers import WorkerPool
 from jaxplan.study.blocks import AIM, APART, LARGEST, Blocks, by_workers, plan_chunk
 from jaxplan.study.run import run_task
 from jaxplan.study.task import BLOCK
@@ -58,14 +58,14 @@ class Fragile:
             self.pending.remove(future)
             future.set_result(work(chunk))
 
-    def begin_anew(self):
+    def restart(self):
         self.broken, self.lives = False, self.lives + 1
 
 
-def answered(crew, chunk: int | None = 2, scenes: int = SCENES) -> list:
+def answered(pool, chunk: int | None = 2, scenes: int = SCENES) -> list:
     rows = [
         row
-        for answer in by_workers(Blocks(task(scenes), range(scenes), chunk), plan_nothing, crew)
+        for answer in by_workers(Blocks(task(scenes), range(scenes), chunk), plan_nothing, pool)
         for row in answer.table
     ]
     return sorted(rows, key=lambda row: row["scene"])
@@ -90,14 +90,14 @@ def test_the_order_in_which_workers_get_done_does_not_change_the_table(monkeypat
 @pytest.mark.parametrize("deadly", [set(), {0}, {17}, {89}, {4, 5, 80}])
 @pytest.mark.parametrize("workers", [1, 3])
 def test_a_scene_that_kills_its_worker_is_the_only_one_to_crash(deadly, workers):
-    crew = Fragile(workers, deadly)
-    rows = answered(crew)
+    pool = Fragile(workers, deadly)
+    rows = answered(pool)
     assert [row["scene"] for row in rows] == list(range(SCENES))
     assert {row["scene"] for row in rows if row["status"] == "crashed"} == deadly
     assert all("its worker died, 2 times" in rows[number]["message"] for number in deadly)
     well = [row for row in rows if row["scene"] not in deadly]
     assert json.dumps(well) == json.dumps([row for row in run() if row["scene"] not in deadly])
-    assert crew.lives <= 1 + 6 * len(deadly)
+    assert pool.lives <= 1 + 6 * len(deadly)
 
 
 def test_a_worker_that_dies_idle_or_by_chance_costs_nothing():
@@ -110,9 +110,9 @@ def test_a_worker_that_dies_idle_or_by_chance_costs_nothing():
                 raise BrokenExecutor("it died before")
             return super().submit(work, chunk)
 
-    crew = Unlucky(2, set())
-    assert json.dumps(answered(crew)) == json.dumps(run())
-    assert crew.lives == 4
+    pool = Unlucky(2, set())
+    assert json.dumps(answered(pool)) == json.dumps(run())
+    assert pool.lives == 4
 
 
 def test_a_task_that_dask_gives_up_is_a_death_and_another_error_ends_the_study():
@@ -193,10 +193,10 @@ def test_scenes_of_a_block_are_planned_together_however_a_study_is_cut_and_inter
 
 
 def test_rows_of_a_block_that_kills_its_process_say_that_they_were_planned_apart():
-    crew = Fragile(2, {DEADLY})
-    crew.submit = lambda chunk_work, chunk, submit=crew.submit: submit(plan_chunk, chunk)
+    pool = Fragile(2, {DEADLY})
+    pool.submit = lambda chunk_work, chunk, submit=pool.submit: submit(plan_chunk, chunk)
     rows = [
-        row for answer in by_workers(Blocks(task(20), range(20), 2), plan_chunk, crew) for row in answer.table
+        row for answer in by_workers(Blocks(task(20), range(20), 2), plan_chunk, pool) for row in answer.table
     ]
     apart = {row["scene"] for row in rows if APART in row["message"]}
     assert apart == set(range(BLOCK)) - {DEADLY}
@@ -222,10 +222,10 @@ def test_idle_workers_are_found_out_and_get_more_to_do():
         return type(answer)(answer.table, answer.timings, 0.02)
 
     running, most = [], []
-    with Wide(6) as crew:
+    with Wide(6) as pool:
         rows = [
             row
-            for answer in by_workers(Blocks(task(40 * BLOCK), range(40 * BLOCK), 1), sleepy, crew)
+            for answer in by_workers(Blocks(task(40 * BLOCK), range(40 * BLOCK), 1), sleepy, pool)
             for row in answer.table
         ]
     assert len(rows) == 40 * BLOCK
@@ -254,15 +254,15 @@ def test_an_interrupt_ends_our_processes_at_once(monkeypatch, tmp_path):
 
 def test_processes_are_ended_at_once_when_they_wait_for_work(monkeypatch):
     monkeypatch.setenv(SECONDS, "0.05")
-    crew = Crew(2)
+    pool = WorkerPool(2)
     rows = [
         row
-        for answer in by_workers(Blocks(task(80), range(80), 1), plan_nothing, crew)
+        for answer in by_workers(Blocks(task(80), range(80), 1), plan_nothing, pool)
         for row in answer.table
     ]
     assert len(rows) == 80
     assert len(multiprocessing.active_children()) == 2
-    crew.dismiss(at_once=True)  # one of them keeps the lock of the queue
+    pool.shutdown(at_once=True)  # one of them keeps the lock of the queue
     assert not multiprocessing.active_children()
 
 

@@ -10,7 +10,7 @@ from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.runtime import jit
-from jaxplan.runtime.jit import make_room
+from jaxplan.runtime.jit import clear_if_full
 
 linux = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="other systems have no such limit")
 
@@ -33,22 +33,22 @@ def compile_some(count, first):
 def test_kernels_are_forgotten_where_their_maps_are_too_many(crowded):
     kernel = compile_some(jit._EVERY, 1.0)
     assert kernel._cache_size() == jit._EVERY
-    assert make_room()
+    assert clear_if_full()
     assert kernel._cache_size() == 0
     assert float(kernel(np.zeros(1))[0]) == 2.0
 
 
 def test_nothing_is_forgotten_while_there_is_room():
     kernel = compile_some(jit._EVERY, 2.0)
-    assert not make_room()
+    assert not clear_if_full()
     assert kernel._cache_size() == jit._EVERY
 
 
 @linux
 def test_few_new_kernels_are_not_worth_a_look(crowded):
-    make_room()
+    clear_if_full()
     kernel = compile_some(1, 3.0)
-    assert not make_room()
+    assert not clear_if_full()
     assert kernel._cache_size() == 1
 
 
@@ -65,4 +65,4 @@ def test_plans_are_the_same_whatever_was_forgotten_between(crowded, tmp_path):
 def test_systems_without_the_limit_forget_nothing(crowded, monkeypatch, tmp_path):
     monkeypatch.setattr(jit, "_LIMIT", str(tmp_path / "none"))
     compile_some(jit._EVERY, 5.0)
-    assert not make_room()
+    assert not clear_if_full()
