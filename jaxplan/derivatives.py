@@ -235,7 +235,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
 @one_thread()
 def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
-    """As `follow` and then `hold` with one fit; None for what is held where `hold` raises."""
+    """Follow a plan and hold the result, with one fit; None for what is held where `hold` raises."""
     followed, fitted = _followed(plan, scenario)
     if not followed.ok or fitted is None:
         return followed, None

@@ -332,7 +332,7 @@ def cap_terms(
 def active_terms(
     active: Active, axis: Array, body: Array, excess: Array, gradients: Array
 ) -> tuple[Array, Array, Array]:
-    """Of the active caps that still apply: sum of Hessians (3, 3, K), gradients (3, 3, K), excess (3, K)."""
+    """Sum of Hessians (3, 3, K), gradients (3, 3, K) and excess (3, K) of active caps that still apply."""
     cap = jnp.maximum(active.number, 0)
     depth = jnp.take_along_axis(excess, cap, axis=0)
     used = (active.number >= 0) & (depth > MET)

@@ -198,7 +198,7 @@ class DirectionPath:
         return xp, value, slope
 
     def _spread(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of each interval (n - 1,): how far control points are from its first sample, and the largest |s'|.
+        """How far control points are from the first sample of each interval (n - 1,), and the largest |s'|.
 
         The spline lies within the hull of its control points, and its derivative within that of theirs.
         """

@@ -58,7 +58,7 @@ def _instant(value: Any) -> Any:
 
 
 def _same_numbers(one: Any, other: Any) -> bool:
-    """Of numbers, arrays of them, and what stands for them."""
+    """Whether numbers, or arrays of them, are equal up to rounding; None and words stand for numbers."""
     first, second = _numbers(one), _numbers(other)
     if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
         return False
@@ -74,7 +74,7 @@ def _numbers(value: Any) -> np.ndarray | None:
 
 
 def _same_entries(one: Any, other: Any) -> bool:
-    """Of lists and tuples, in which a name may stand by itself."""
+    """Whether lists have equal entries; a name by itself is a list of one."""
     first, second = ((each,) if isinstance(each, str) else each for each in (one, other))
     if not (isinstance(first, list | tuple | np.ndarray) and isinstance(second, list | tuple | np.ndarray)):
         return False

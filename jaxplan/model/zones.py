@@ -288,21 +288,21 @@ class _Sights:
         self.count = len(devices) + len(vectors)
 
     def device(self, zone: Zone, key: str, name: str) -> int:
-        """Of a device."""
+        """The number of a device, by its name."""
         if name not in self.devices:
             known = ", ".join(self.devices) or "the spacecraft has none"
             raise ValueError(f"zone {zone.name}: {key}: there is no {name!r}, only {known}")
         return self.devices.index(name)
 
     def terminal(self, zone: Zone, key: str, name: str) -> int:
-        """Of a device that must be a terminal."""
+        """The number of a device that must be a terminal."""
         number = self.device(zone, key, name)
         if number >= self.terminals:
             raise ValueError(f"zone {zone.name}: {key}: {name!r} has no joints")
         return number
 
     def bound(self, zone: KeepOut | KeepIn) -> list[int]:
-        """Of all that a cone binds."""
+        """The numbers of all sights that a cone binds."""
         given: object = zone.devices  # whatever its type says
         if isinstance(given, str):
             raise ValueError(f"zone {zone.name}: devices = {given!r}: must be a tuple of names")

@@ -20,12 +20,12 @@ def when(scenario: Scenario, time: float) -> str:
 
 
 def invalid(broken: Sequence[str]) -> str:
-    """Of a start or goal that breaks something."""
+    """What a start or goal breaks."""
     return "; ".join(broken)
 
 
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
-    """Of targets that no attitude reaches beside the rows of the scenario's constraints."""
+    """Why no attitude reaches the targets beside the rows of the scenario's constraints."""
     craft = scenario.spacecraft
     if found.worst_joint is not None and found.joint_excess > 0:
         return (
@@ -52,7 +52,7 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
 
 
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
-    """Of a device that no motion brings to its goal direction, in one of the scenario's scenes."""
+    """Why no motion brings a device to its goal direction, in one of the scenario's scenes."""
     rows = scene.cones
     ring = [scenario.zones[zone] for zone in rows.zone[list(barrier.zones)]]
     sight = sight_names(scenario.spacecraft.device_names, rows)[barrier.device]
@@ -67,7 +67,7 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
 
 
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
-    """Of a search without success."""
+    """Why a search found no path."""
     settings = scenario.search
     blocked = _in_the_way(scenario, scene)
     if result.status is Status.TIME_LIMIT:
@@ -96,7 +96,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 
 
 def farther(nearest: Plan, plan: Plan) -> str:
-    """Of a plan that goes to another goal than the nearest one, which failed."""
+    """Why a plan goes to another goal than the nearest one, which failed."""
     assert nearest.goal is not None
     slew = np.rad2deg(nearest.goal.slew_angle)
     failed = f"this is not the nearest goal: that, {slew:.4g} deg away, ended as {nearest.status.name}"
@@ -104,7 +104,7 @@ def farther(nearest: Plan, plan: Plan) -> str:
 
 
 def uncertified(certificate: Certificate) -> str:
-    """Of a trajectory that is not proved safe."""
+    """Why a trajectory is not proved safe, and what to change."""
     beyond = {name for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
     advice = []
     if beyond & {"yaw", "pitch"}:

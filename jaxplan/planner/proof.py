@@ -149,7 +149,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 
 
 def _zone_names(scenario: Scenario) -> list[str]:
-    """Of each row of the scenario's constraints."""
+    """The name of the zone that each row of the scenario's constraints is of."""
     return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 

@@ -264,7 +264,7 @@ def _escaped(text: str, most: int = _VALUE) -> str:
 
 
 def _fitting(parts: Sequence[str], most: int) -> list[str]:
-    """As many of the first parts as have no more characters together."""
+    """The first parts, as many as have at most so many characters together."""
     kept: list[str] = []
     for part in parts:
         most -= len(part)

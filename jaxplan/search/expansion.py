@@ -248,7 +248,7 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
     axes, body, joints = (jnp.asarray(part) for part in (lines.axes[1], lines.body, lines.joints))
 
     def chosen(values: Array) -> Array:
-        """Of options (..., o, d) those of each child, (..., m, d)."""
+        """The values of each child (..., m, d), from those of options (..., o, d)."""
         return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:
@@ -263,7 +263,7 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         return alone, constraints.scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
 
     def slack(alone: Array, between: Array | None, asked: Array) -> Array:
-        """Of the largest scores on an interval: (a, m)."""
+        """The slack (a, m) that the largest scores on an interval leave."""
         bound = jnp.where(rows.bound.T, alone, -jnp.inf)
         largest = reduce(jnp.maximum, [bound[:, choice[:, device], device] for device in devices])
         if between is not None:

@@ -77,7 +77,7 @@ class Band:
         return bool(np.all(self.slacks >= 0))
 
     def path(self, scene: Scene) -> Path:
-        """As a path."""
+        """The path along its nodes."""
         return make_path(scene, self.attitudes, self.joints)
 
 

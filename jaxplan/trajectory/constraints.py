@@ -162,7 +162,7 @@ class LoadBlock:
         return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """See `LinearBlock.change`."""
+        """How a step changes the slack of every row, see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
             shares = np.einsum("sida,dsa->si", self._local(curve), curves[own, :, :, :3])
@@ -213,7 +213,7 @@ class MarginBlock:
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """See `LinearBlock.change`; zero of rows that stay far."""
+        """How a step changes the slack of every row, zero of rows that stay far; see `LinearBlock.change`."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = margin_slopes(self.at, which[own], *rest)

@@ -203,7 +203,7 @@ def _largest_of(magnitudes: Array) -> Array:
 
 
 def _breaks(trajectory: Trajectory) -> Array:
-    """Of the platform and the joints, in order."""
+    """The breaks of platform and joints together, in order."""
     return jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
 
 

@@ -245,7 +245,7 @@ def some(whole: T, which: np.ndarray) -> T:
 
 
 def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
-    """Of two iterates of one stack, the other ones where (G,) bool says so."""
+    """Choose between two iterates of one stack: the other ones where (G,) bool says so."""
     if np.all(others) or not np.any(others):
         return other if np.any(others) else first
 

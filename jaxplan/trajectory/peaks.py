@@ -389,5 +389,5 @@ def _further(
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Of vectors (3, n)."""
+    """Cross product of vectors (3, n)."""
     return np.array(vectors.cross(first, second))  # quicker than a stack

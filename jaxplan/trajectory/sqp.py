@@ -225,7 +225,7 @@ class SQPState:
         return done
 
     def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
-        """Those of (G,) bool that are asked about are done where the next program cannot promise enough."""
+        """Set (G,) done, of those that are asked about, where the next program cannot promise enough."""
         which = np.flatnonzero(asked & ~done)
         if len(which):
             quadratic = self.program(self.at, np.zeros(len(done)))

@@ -353,7 +353,7 @@ def _stretches(problem: FitProblem) -> bool:
 
 
 def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
-    """Those of the other attempts that are sound and quicker than the first ones, once these keep limits."""
+    """The other attempts that are sound and quicker than the first ones, once these keep limits."""
 
     def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
         if other is None or own is None or not other.sound:
