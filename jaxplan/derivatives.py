@@ -356,7 +356,7 @@ class Differentiable:
         """The plan with the trajectory that the function has at its scenario, and a certificate of that.
 
         A plan may end some thousandths of its energy above the optimum, which is enough to fly. Slopes are
-        those of the optimum; with ``trajectory.optimal`` the plan is that already. It leans on limits at the
+        those of the optimum; with ``trajectory.optimal`` the plan is at it already. It touches limits at the
         places that a fit looks at, so what lies between may break one by a little; then it is UNCERTIFIED.
         """
         plan, goal = self.plan, self.plan.goal

@@ -106,7 +106,7 @@ def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.nd
 def _zones(
     rng: np.random.Generator, recipes: Sequence[Recipe], clear: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Zone, ...]:
-    """Zones of all recipes that some states are clear of; none where a recipe is out of luck."""
+    """Draw zones by all recipes, clear of some states; none where a recipe finds no such zone."""
     found: list[Zone] = []
     for recipe in recipes:
         for _ in range(DRAWS):

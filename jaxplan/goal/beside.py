@@ -70,7 +70,7 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
-    """Rotation vectors (k, 3) from the start of random attitudes around given ones."""
+    """Random attitudes near given ones, as rotation vectors (k, 3) from the start."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     axes = rng.standard_normal((TRIES, 3))
     turns = rng.uniform(0, WIDEST, (TRIES, 1)) * axes / np.linalg.norm(axes, axis=-1, keepdims=True)

@@ -10,7 +10,9 @@ T = TypeVar("T")
 
 
 def made_once(make: Callable[[Any], T]) -> Callable[[Any], T]:
-    """What keeps an answer for the next time; one with an array of JAX is not, as it may belong to a trace.
+    """Decorate a method so that its answer is kept with the object, and made only once.
+
+    An answer that holds an array of JAX is not kept, since it may belong to a trace.
 
     Args:
         make: of an object, something that follows from its attributes alone.

@@ -46,7 +46,7 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def too_large() -> ScenarioError:
-    """The error for a file that is not worth reading."""
+    """The error for a file that is too large to be a scenario or a plan."""
     return ScenarioError([f"larger than {LARGEST_FILE >> 20} MiB, which no scenario is"])
 
 

@@ -252,7 +252,11 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:
-        """Scores of each sight (a, o, d, z), and of sights to each other (a or 1, m, d, z)."""
+        """Scores (`model.constraints`) at a sample of the motions.
+
+        Of each sight to the rows (a attitude moves, o joint options, d sights, z rows), and for m children
+        of sights to each other (a or 1, m, d, z).
+        """
         seen = jnp.take(body, sample, axis=3)  # (3, a or 1, o, d)
         values = constraints.joint_values(rows, jnp.take(joints, sample, axis=2)) if rows.inner else None
         along = jnp.take(axes, sample, axis=2)[:, :, None, None]

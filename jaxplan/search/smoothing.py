@@ -73,7 +73,7 @@ class Band:
 
     @property
     def clear(self) -> bool:
-        """Whether every edge is as clear as wanted."""
+        """Whether every edge keeps the wanted clearance."""
         return bool(np.all(self.slacks >= 0))
 
     def path(self, scene: Scene) -> Path:

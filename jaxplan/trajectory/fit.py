@@ -84,8 +84,8 @@ class FitQuery:
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.
         end_joint_rates: (2n,) rad/s.
-        horizon: s, the duration for which zones that move are taken: where the motion is at a share of its
-            own, these are at the same share of that.
+        horizon: s, how long zones that move are followed: after a share of the motion's duration they are
+            where they are after the same share of the horizon.
     """
 
     path: Path

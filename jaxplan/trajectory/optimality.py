@@ -213,7 +213,7 @@ def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced
 
 @quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """Coefficients (n, A) of the curve of a root, and its duration."""
+    """Spline coefficients (n, A) and duration, s, of the curve that a root ``z`` of `residual` stands for."""
     x, _, duration = _split(held, inputs, jnp.asarray(z))
     return held.free @ x + offset_of(held, inputs, duration), duration
 

@@ -140,7 +140,7 @@ class Basis:
 
     @classmethod
     def on(cls, breaks: np.ndarray) -> "Basis":
-        """The basis on breaks (K + 1,)."""
+        """Make the spline basis on breaks (K + 1,) in [0, 1]."""
         knots = _knots(breaks, DEGREE)
         matrices = [np.eye(len(breaks) - 1 + DEGREE)]
         for degree in range(DEGREE, DEGREE - _DERIVATIVES + 1, -1):
