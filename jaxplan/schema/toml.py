@@ -114,6 +114,8 @@ def value_text(value: Any) -> str:
     """A value as the right side of a line says it."""
     if isinstance(value, str):
         return quote(value)
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{spell_key(key)} = {value_text(item)}' for key, item in value.items())} }}"
     if not isinstance(value, list):

@@ -95,7 +95,7 @@ def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray
     if xp is np and np.all(np.abs(shares - shares[0]) <= 1e-12 * shares[0]):
         return np.linspace(0.0, 1.0, len(shares) + 1)
     ends = xp.cumsum(xp.concatenate([xp.zeros(1, costs.dtype), xp.where(own, shares, 0)]))
-    return ends / ends[-1]
+    return xp.where(ends < ends[-1], ends / ends[-1], 1.0)  # exactly, since `places` has a root there
 
 
 def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:

@@ -31,7 +31,7 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
-_NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
+NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 
 Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
@@ -382,8 +382,8 @@ def _success(attempt: Attempt, *, stretch: bool = False) -> Fit:
     found = _kept_limits(attempt, stretch=stretch)
     if not attempt.problem.settings.optimal or found.origin is None:
         return found
-    notes = "; ".join(filter(None, (found.note, _NOT_OPTIMAL)))
-    spare = replace(found, message=f"{found.message}; {_NOT_OPTIMAL}", note=notes)
+    notes = "; ".join(filter(None, (found.note, NOT_OPTIMAL)))
+    spare = replace(found, message=f"{found.message}; {NOT_OPTIMAL}", note=notes)
     best = found.origin.at_optimum()
     if best is None or not best.sound or not (stretch or best.kept):
         return spare

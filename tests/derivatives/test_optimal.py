@@ -6,12 +6,12 @@ import jax
 import numpy as np
 import pytest
 from builders import make_scenario
-from jaxplan.trajectory.outcome import NOT_OPTIMAL
 from scipy.optimize import minimize
 
 import jaxplan as jp
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.active_set import FitRecord, least_change
+from jaxplan.trajectory.strategy import NOT_OPTIMAL
 
 
 def asking(scenario, **settings):

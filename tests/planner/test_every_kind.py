@@ -6,8 +6,8 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.contour import ContourSet
 from matplotlib.legend import Legend
-from matplotlib.patches import PathPatch
 from reference import least_margin, stated_margins
 
 import jaxplan as jp
@@ -105,7 +105,7 @@ def test_a_zone_for_vectors_alone_is_not_hatched_and_says_whose(mixed):
     written = [text.get_text() for text in axes.texts]
     assert "tracker-1\nfor a vector\nof the body" in written
     assert "shade-2\nfor a vector\nof terminal-2" in written
-    hatched = sum(patch.get_hatch() is not None for patch in axes.findobj(PathPatch))
+    hatched = sum(any(area.hatches) for area in axes.findobj(ContourSet))
     assert hatched == 3  # sky-1, sky-2 and aside-3
     plt.close("all")
 

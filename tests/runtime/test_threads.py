@@ -3,7 +3,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import jaxplan as jp
-from jaxplan import sensitivity
+from jaxplan import derivatives
 from jaxplan.runtime.workers import _libraries, one_thread
 
 
@@ -51,12 +51,12 @@ def test_plans_are_held_and_followed_with_one_thread(two_threads, monkeypatch):
         raise ZeroDivisionError
 
     for name in ("fit", "find_goals"):
-        monkeypatch.setattr(sensitivity, name, look)
+        monkeypatch.setattr(derivatives, name, look)
     scenario = jp.paper_case(1)
     plan = jp.Plan(scenario=scenario, status=jp.Status.OK, path=(), goal=())
     with pytest.raises(ZeroDivisionError):
         jp.hold(plan)
-    for follow in (jp.follow, sensitivity.follow_and_hold):
+    for follow in (jp.follow, derivatives.follow_and_hold):
         with pytest.raises(ZeroDivisionError):
             follow(plan, scenario)
     assert seen == [{1}] * 3

@@ -60,7 +60,7 @@ def faults_of(tables):
 
 
 PLACES = list(places(TABLES))
-NUMBERS = [place for place in PLACES if isinstance(at(TABLES, place), int | float)]
+NUMBERS = [place for place in PLACES if type(at(TABLES, place)) in (int, float)]
 INTEGERS = {
     "schema_version",
     "search.attitude_moves",

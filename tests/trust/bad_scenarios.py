@@ -41,7 +41,7 @@ half_angle_deg = 15.0 | half_angle_deg = 1e300 | keep_in[0].half_angle_deg = 1e+
 attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [0.6, 0.2, 0.3, 0.4] | order w x y z, its norm is
 attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [1, 0, 0] | quaternion_wxyz = [1, 0, 0]: must be
 attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [0, 0, 0, 0] | quaternion_wxyz = [0, 0, 0, 0]: must
-attitude = [-0.3050, 2.2751, 0.9203] | attitude = [1, 0, 0, 0] | start.attitude = [1, 0, 0, 0]: must be an
+attitude = [-0.3050, 2.2751, 0.9203] | attitude = [1, 0, 0, 0] | start.attitude = [1, 0, 0, 0]: must be a
 attitude = [-0.3050, 2.2751, 0.9203] | attitude = [1e9, 0, 0] | start.attitude[0] = 1000000000.0:""",
     "keys": """\
 schema_version = 1 | schema_version = 2 | schema_version = 2: must be 1
