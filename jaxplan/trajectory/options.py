@@ -73,7 +73,7 @@ BOX_QP = SimpleNamespace(
 
 # When steps are damped, when it becomes dearer to break rows, and when the search ends.
 SQP = SimpleNamespace(
-    together=32,  # problems of a stack; with more, memory is what takes the time
+    together=16,  # problems of a stack; with more, memory is what takes the time
     enough_steps=16,  # after which only searches go on whose duration still falls
     most_steps=64,  # after which every search ends
     falling=0.05,  # of the duration, in a step: it still falls
