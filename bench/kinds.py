@@ -26,7 +26,7 @@ from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM, STRETCHED
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the check is the tests' own
-from stated import least_margin
+from reference import least_margin
 
 NEW_KINDS = tuple(kind for kind in RANDOM_KINDS if kind not in SKY_KINDS)
 ALLOWED = 1e-9  # rad below zero

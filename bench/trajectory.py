@@ -18,8 +18,8 @@ from _options import positive
 
 sys.path.insert(0, str(File(__file__).parents[1] / "tests"))
 
+from builders import make_spacecraft
 from node_paths import NAMES, load, wandering
-from scenes import make_spacecraft
 
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings

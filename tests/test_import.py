@@ -1,13 +1,18 @@
 """What `import jaxplan` brings along, and what it leaves to those who need it."""
 
+import ast
 import json
 import subprocess
 import sys
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 import jaxplan
 
+ROOT = Path(__file__).parents[1]
+BENCH = ROOT / "bench"
 HEAVY = ["erfa", "matplotlib", "osqp", "scipy.spatial", "sgp4", "tqdm"]
 
 
@@ -45,3 +50,13 @@ def test_every_public_name_is_there():
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'plann'"):
         _ = jaxplan.plann
+
+
+@pytest.mark.parametrize("script", sorted(BENCH.glob("*.py")), ids=lambda script: script.stem)
+def test_every_name_that_a_bench_imports_is_there(script):
+    own = {path.stem for path in (ROOT / "tests").glob("*.py")}
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in {"jaxplan", *own}:
+            module = import_module(node.module)
+            for name in (alias.name for alias in node.names):
+                assert hasattr(module, name) or import_module(f"{node.module}.{name}")
