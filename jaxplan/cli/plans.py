@@ -1,6 +1,7 @@
 """The commands on one plan: ``plan``, ``check``, ``plot``, ``report`` and ``export``."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,9 +95,15 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
+    from jaxplan.planner import certify
+
     plan = load(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
+    if plan.ok:  # what figures call proved is proved anew
+        plan = replace(plan, certificate=certify(plan))
     _draw(plan, folder)
+    if plan.certificate is not None and plan.ok and not plan.certificate.certified:
+        return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return code_of(plan.status)
 
 

@@ -126,7 +126,9 @@ class Plan:
             when = f", {tense} at {self.goal.time:.2f} s" if moves(self.scenario) else ""
             rows.append(("goal slew", f"{np.rad2deg(self.goal.slew_angle):.2f} deg{when}"))
         if self.search is not None:
-            rows.append(("search", f"{self.scenario.search.method}, {self.search.expansions} expansions"))
+            count = self.search.expansions
+            said = "1 expansion" if count == 1 else f"{count} expansions"
+            rows.append(("search", f"{self.scenario.search.method}, {said}"))
         if self.path is not None:
             edges = self.path.edges
             interior = max(edges - 1, 0)

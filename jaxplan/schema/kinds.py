@@ -148,7 +148,11 @@ class YesNo(Kind):
     wanted = "true or false"
 
     def read(self, value: Any, place: Place) -> Any:
-        return value if isinstance(value, bool) else place.refuse(f"must be {self.wanted}", value)
+        return (
+            bool(value)
+            if isinstance(value, bool | np.bool_)
+            else place.refuse(f"must be {self.wanted}", value)
+        )
 
 
 @dataclass(frozen=True)

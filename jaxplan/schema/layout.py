@@ -108,16 +108,17 @@ class TargetList(Kind):
     def read(self, value: Any, place: Place) -> Any:
         entries = value if isinstance(value, list | tuple) else ()
         if not any(isinstance(one, str | dict | DirectionPath) for one in entries):
-            return self.still.read(value, place)
+            read = self.still.read(value, place)
+            return read.reshape(-1, 3) if isinstance(read, np.ndarray) else read  # also of no terminals
         count = place.reading.sizes["terminal"]
         if count not in (None, len(value)):
             complaint = f"must be an array of {count} {self.wanted}, not of {len(value)}"
             return place.refuse(complaint, value)
-        read = tuple(Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value))
-        if any(one is WRONG for one in read):
+        each = tuple(Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value))
+        if any(one is WRONG for one in each):
             return WRONG
-        moving = any(isinstance(one, Followed | DirectionPath) for one in read)
-        return read if moving else np.array(read)
+        moving = any(isinstance(one, Followed | DirectionPath) for one in each)
+        return each if moving else np.array(each)
 
     def may_miss(self, reading: Reading) -> bool:
         return self.still.may_miss(reading)

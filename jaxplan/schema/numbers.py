@@ -73,7 +73,8 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
         value, kind = getattr(value, entry.attribute), entry.kind
         if isinstance(kind, Rows):
             if row is None or not row < len(value):
-                raise KeyError(f"{name}: {key} has {len(value)} rows, write {key}[0] for the first")
+                rows = f"{len(value)} rows, write {key}[0] for the first" if len(value) else "no rows"
+                raise KeyError(f"{name}: {key} has {rows}")
             path.append(row)
             value, table = value[row], kind.table
         elif isinstance(kind, Goal):

@@ -112,7 +112,9 @@ class Tuning(Printed):
     @property
     def title(self) -> str:
         """Title with the number of scenarios and steps."""
-        return f"Tuning of {len(self.scenarios)} scenarios, {len(self.history) - 1} steps"
+        count = len(self.scenarios)
+        of = "1 scenario" if count == 1 else f"{count} scenarios"
+        return f"Tuning of {of}, {len(self.history) - 1} steps"
 
     def lines(self) -> list[tuple[str, str]]:
         """The message, where there is one."""

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, case_path
-from jaxplan.cli import main
+from jaxplan.cli import main, plans
 from jaxplan.exporting.formats import FORMATS
 from jaxplan.search import PLANNERS
 
@@ -44,6 +45,21 @@ def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
     code, _, err = run(capsys, "plot", tmp_path / "out" / "plan.json", "-o", tmp_path / "again")
     assert code == 0
     assert sorted(file.name for file in (tmp_path / "again").glob("*.png")) == pictures
+
+
+def test_what_figures_call_proved_is_not_what_a_file_claims(capsys, tmp_path, monkeypatch):
+    assert main(["plan", "case-1", "-o", str(tmp_path)]) == 0
+    file = tmp_path / "plan.json"
+    told = jp.load_plan(file).certificate.min_margin
+    content = json.loads(file.read_text())
+    claims = content["report" if "report" in content else "certificate"]
+    claims["min_margin"] = 1.0
+    file.write_text(json.dumps(content))
+    drawn = []
+    monkeypatch.setattr(plans, "_draw", lambda plan, folder: drawn.append(plan))
+    assert main(["plot", str(file)]) == 0
+    assert drawn[0].certificate.min_margin == pytest.approx(told, abs=1e-12)
+    capsys.readouterr()
 
 
 def test_a_scenario_file_is_planned_like_the_case_it_holds(capsys, case_file):

@@ -871,3 +871,20 @@ def test_a_scenario_of_plain_lists_is_replanned(handed_over):
     with jax.enable_x64(True):
         again = jax.eval_shape(lambda: jp.replan(held, HAND_OVER))
     assert again.coefficients.shape == handed_over.trajectory.coefficients.shape
+
+
+@pytest.mark.parametrize("directions", [[], np.zeros((0, 3))], ids=["list", "array"])
+def test_targets_of_no_terminals_are_planned_beside_others(directions):
+    craft = jp.Spacecraft(
+        instruments=[jp.Instrument(name="camera", boresight=[0, 0, 1])],
+        rate_limit=0.05,
+        acceleration_limit=0.02,
+    )
+    scenario = jp.Scenario(
+        name="alone", spacecraft=craft, goal=jp.Targets(directions=directions),
+        start=jp.GivenState(rotation_vector=[0.1, 0.2, 0.3], joints=[]),
+    )  # fmt: skip
+    none, other = jp.plan_batch([scenario, jp.paper_case(2)], progress=False)
+    assert none.ok
+    assert none.goal.slew_angle == pytest.approx(0, abs=1e-9)
+    assert other.ok
