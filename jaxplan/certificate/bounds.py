@@ -1,4 +1,4 @@
-"""What holds between samples: how far polynomials through them may be off, and bounds of least values.
+"""Bounds between samples: how far polynomials through them may be off, and how small their values get.
 
 **Interpolation.** A trajectory is sampled on intervals so short that polynomials through the samples leave
 out next to nothing (`gather`). The polynomial of degree K through the samples at `motion.NODES` of an

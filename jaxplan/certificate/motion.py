@@ -40,7 +40,7 @@ NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)  # in [-1, 1]: extrema o
 
 
 class Trajectory(Protocol):
-    """What a trajectory is, whatever made it: a dataclass with N pieces of the platform, M of the joints."""
+    """A trajectory as the certificate reads it: N pieces of the platform, M of the joints."""
 
     @property
     def breaks(self) -> np.ndarray:

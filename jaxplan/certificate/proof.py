@@ -69,7 +69,7 @@ def certify(
 
 
 def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
-    """What `certify` says of each of many trajectories, in less time."""
+    """Certify many trajectories together, in less time than one by one; see `certify`."""
     with np.errstate(all="ignore"):  # NaN and infinities are found by their values
         cases = [Case.of(claim) for claim in claims]
         legible = [case for case in cases if isinstance(case, Case)]
@@ -161,7 +161,7 @@ class Case:
 
     @property
     def kind(self) -> Hashable:
-        """What is the same for all cases that may be proved together."""
+        """A key that is equal for cases that may be proved together."""
         if self.bindings.ways or len(self.curve.breaks) > _PIECES:
             return id(self)  # alone
         craft = self.claim.spacecraft
@@ -213,7 +213,7 @@ def _certify(cases: Sequence[Case]) -> list[Certificate]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Proof:
-    """What is found of trajectories that are proved together.
+    """Bounds that were found of trajectories that are proved together.
 
     Attributes:
         motion: of all.
@@ -234,7 +234,7 @@ class _Proof:
     jumps: dict[str, np.ndarray]
 
     def certificate(self, case: Case, place: int) -> Certificate:
-        """What is said of one trajectory, by its place among all."""
+        """The certificate of one trajectory, by its place among all."""
         claim, bindings, margin, samples = case.claim, self.bindings, self.margin, self.evidence.samples
         first, beyond = self.evidence.on.begins[place : place + 2].tolist()
         clauses = np.flatnonzero(bindings.layout.owner == place)

@@ -226,6 +226,7 @@ def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Ar
     for rows, score in zip(scene.tables, interval_scores(scene, lines), strict=True):
         if not rows.bound.size:
             continue
+        lost = jnp.any(jnp.isnan(score.reshape(len(wanted), -1)), axis=1)  # which `jnp.max` may drop
         if rows is scene.cones:  # the worst interval counts: one arc cosine for all
             score = jnp.max(score, axis=1, keepdims=True)
         margins = jnp.where(jnp.isneginf(score), jnp.inf, margins_of_scores(rows, score))
@@ -234,5 +235,6 @@ def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Ar
             new = [jnp.min(part, axis=(1, 2)) for part in both]
         else:
             new = [jnp.min(worst_constraint(rows, part), axis=1) for part in both]
+        new = [jnp.where(lost, -jnp.inf, part) for part in new]
         least = [jnp.minimum(first, second) for first, second in zip(least, new, strict=True)]
     return least[0], least[1]

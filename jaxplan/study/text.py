@@ -1,5 +1,6 @@
 """Results as text: a title, lines of a label and a value, and a table whose columns line up."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from jaxplan.runtime.display import Cells, as_table
@@ -7,21 +8,21 @@ from jaxplan.runtime.display import Cells, as_table
 Lines = Sequence[tuple[str, str]]
 
 
-class Printed:
+class Printed(ABC):
     """A result that prints itself, and shows itself as a table in notebooks."""
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """Title above the lines and the table."""
-        raise NotImplementedError
 
     def lines(self) -> Lines:
         """Lines above the table, as (label, value)."""
         return ()
 
+    @abstractmethod
     def cells(self) -> Cells:
         """The table as rows of texts, the first of them its head."""
-        raise NotImplementedError
 
     def __str__(self) -> str:
         return aligned(self.title, self.lines(), self.cells())
