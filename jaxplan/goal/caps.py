@@ -30,7 +30,6 @@ from dataclasses import dataclass, replace
 from itertools import chain, product
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -92,19 +91,21 @@ class GoalProblem:
         return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
 
 
-def group_excess(excess: Array, member: Array, group: Array) -> Array:
+def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
     """Excess of each group: the worst cap of its best member.
 
     Args:
         excess: (m, K) of every cap.
         member: (m,) number of each cap's member, ascending.
-        group: (m,) number of each cap's group.
+        group: (m,) number of each cap's group, ascending.
 
     Returns:
-        (m, K), -inf for numbers that no group has.
+        (groups, K).
     """
-    of_group, _, _ = _by_group(excess, member, group)
-    return jnp.where(of_group < jnp.inf, of_group, -jnp.inf)
+    members, groups = (np.flatnonzero(np.diff(numbers, prepend=-1)) for numbers in (member, group))
+    of_member = np.maximum.reduceat(excess, members, axis=0)
+    found: np.ndarray = np.minimum.reduceat(of_member, np.searchsorted(members, groups), axis=0)
+    return found
 
 
 def applies(excess: Array, member: Array, group: Array) -> Array:
@@ -118,21 +119,12 @@ def applies(excess: Array, member: Array, group: Array) -> Array:
     Returns:
         (m, K) bool.
     """
-    of_group, of_member, group_of = _by_group(excess, member, group)
     count = excess.shape[0]
-    best = jnp.where(of_member <= of_group[group_of], jnp.arange(count)[:, None], count)
-    chosen = jax.ops.segment_min(best, group_of, num_segments=count)
-    return chosen[group] == member[:, None]
-
-
-def _by_group(excess: Array, member: Array, group: Array) -> tuple[Array, Array, Array]:
-    """Excess of each group and each member, +inf for numbers not used, and the group of each member."""
-    count = excess.shape[0]
-    of_member = jax.ops.segment_max(excess, member, num_segments=count, indices_are_sorted=True)
-    used = jnp.zeros(count, bool).at[member].set(True)
-    of_member = jnp.where(used[:, None], of_member, jnp.inf)
-    group_of = jnp.zeros_like(group).at[member].set(group)
-    return jax.ops.segment_min(of_member, group_of, num_segments=count), of_member, group_of
+    of_member, of_group = ((number[:, None] == number)[:, :, None] for number in (member, group))
+    own = jnp.max(jnp.where(of_member, excess, -jnp.inf), axis=1)
+    best = jnp.min(jnp.where(of_group, own, jnp.inf), axis=1)
+    first = jnp.min(jnp.where(of_group & (own <= best), member[:, None], count), axis=1)
+    return first == member[:, None]
 
 
 class Pairs(NamedTuple):

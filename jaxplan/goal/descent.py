@@ -33,6 +33,7 @@ from jax import Array
 from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
 from jaxplan.goal.caps import Caps, applies
+from jaxplan.runtime.jit import materialise, quick_jit
 
 
 def apply(matrix: Array, vector: Array) -> Array:
@@ -42,7 +43,7 @@ def apply(matrix: Array, vector: Array) -> Array:
 
 def identity(matrix: Array) -> Array:
     """Identity of the type of a matrix."""
-    return jnp.eye(3, dtype=matrix.dtype)[:, :, None]
+    return jnp.eye(3, dtype=matrix.dtype).reshape(3, 3, *[1] * (matrix.ndim - 2))
 
 
 def sum_of_squares(vectors: Array) -> Array:
@@ -51,7 +52,7 @@ def sum_of_squares(vectors: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse, by the adjugate."""
+    """Inverse of (3, 3, ..., K), by the adjugate."""
     first, second, third = matrix
     rows = (cross(second, third), cross(third, first), cross(first, second))
     adjugate = jnp.stack([jnp.stack(row) for row in rows])
@@ -59,7 +60,7 @@ def inverse(matrix: Array) -> Array:
 
 
 def least_eigenvalue(matrix: Array) -> Array:
-    """Least eigenvalue (K,), by the cosine formula for the roots of a cubic."""
+    """Least eigenvalue (..., K) of (3, 3, ..., K), by the cosine formula for the roots of a cubic."""
     mean = jnp.trace(matrix) / 3
     rest = matrix - mean * identity(matrix)
     square = jnp.sum(rest * rest, axis=(0, 1)) / 6
@@ -71,6 +72,7 @@ def least_eigenvalue(matrix: Array) -> Array:
 
 CHANGES = 64  # of the active set at most; most programs take three to eight
 ROUNDING = 1e-13  # rad, a violation that counts as none
+REGULARISATION = 1e-6  # added to the least squares of a restoration, so that they have one solution
 DEPENDENT = 1e-12  # squared sine below which a constraint's gradient lies in the span of the active ones
 MET = -1e3  # excess that stands for a constraint that need not be looked at
 
@@ -103,11 +105,13 @@ class _Progress(NamedTuple):
     done: Array  # (K,) bool
 
 
-def solve(hessian: Array, gradient: Array, gradients: Array, excess: Array) -> tuple[Array, Active, Array]:
+def solve(
+    inverse_hessian: Array, gradient: Array, gradients: Array, excess: Array
+) -> tuple[Array, Active, Array]:
     """Solve the programs.
 
     Args:
-        hessian: (3, 3, K) ``H``, positive definite.
+        inverse_hessian: (3, 3, K) of ``H``, positive definite.
         gradient: (3, K).
         gradients: (3, m, K) of the constraints.
         excess: (m, K).
@@ -117,7 +121,6 @@ def solve(hessian: Array, gradient: Array, gradients: Array, excess: Array) -> t
         is active and ``d`` means nothing.
     """
     lanes, dtype = excess.shape[1], excess.dtype
-    inverse_hessian = inverse(hessian)
     start = _Progress(
         changes=0,
         move=-apply(inverse_hessian, gradient),
@@ -152,7 +155,10 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
     normal = jnp.take_along_axis(gradients, entering[None, None], axis=1)[:, 0]
     distance = jnp.take_along_axis(violation, entering[None], axis=0)[0]
 
-    way, share, gain = _directions(inverse_hessian, normals, active.number >= 0, normal)
+    # kept as arrays: fused into all that follows they would be computed once for each number of the state
+    normal, distance, entering = materialise(progress.changes + 1, (normal, distance, entering))
+    found = _directions(inverse_hessian, normals, active.number >= 0, normal)
+    way, share, gain = materialise(progress.changes + 1, found)
     shrinks = share > 0
     leaves = jnp.where(shrinks, active.multiplier / jnp.where(shrinks, share, 1), jnp.inf)
     leave = jnp.min(leaves, axis=0)
@@ -199,12 +205,12 @@ def _directions(
     return way, share, jnp.where(blocked, 0, gain)
 
 
-def restoration(gradients: Array, excess: Array) -> Array:
-    """The ``d`` (3, K) that brings the violated constraints nearest to their bounds, in least squares."""
+def restoration(gradients: Array, excess: Array) -> tuple[Array, Array]:
+    """Least squares of the violations: ``M`` (3, 3, K) and ``b`` (3, K), whose ``d`` is ``-M^-1 b``."""
     violated = excess > 0
     matrix = sum_of_squares(jnp.where(violated, gradients, 0))
-    matrix = matrix + 1e-6 * identity(matrix)
-    return -apply(inverse(matrix), jnp.sum(gradients * jnp.where(violated, excess, 0), axis=1))
+    pull = jnp.sum(gradients * jnp.where(violated, excess, 0), axis=1)
+    return matrix + REGULARISATION * identity(matrix), pull
 
 
 LANES = 128
@@ -218,6 +224,7 @@ TINY = 1e-20  # least square of the sine of an angle to a cap's axis, where the 
 # The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
 # where these are at their bounds; relative to the multipliers.
 PROXIMITY = 100.0
+WITHIN = 1e6  # likewise, so large that the least curvature is that of a motion along the active caps
 
 
 class Minima(NamedTuple):
@@ -264,11 +271,10 @@ class _Point(NamedTuple):
     slew: Array  # (K,)
     excess: Array  # (K,)
     residual: Array  # (K,)
-    lagrangian: Array  # (3, 3, K), its Hessian
-    normals: Array  # (3, 3, K), gradients of the active caps, the component first
+    curvature: Array  # (K,)
 
 
-@jax.jit  # which takes longer to compile than `quick_jit`, and a sixth less to run
+@quick_jit
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
@@ -285,23 +291,25 @@ def descent_ends(
         stationarity = eta + jnp.sum(active.multiplier * normals, axis=1)
         slackness = jnp.max(jnp.abs(active.multiplier * depth), axis=0)
         residual = jnp.maximum(jnp.sqrt(dot(stationarity, stationarity)), slackness) / scale
-        point = _Point(quaternion, slew, jnp.max(excess, axis=0), residual, lagrangian, normals)
-
-        hessian = lagrangian + PROXIMITY * scale * sum_of_squares(normals)
+        squares = sum_of_squares(normals)
         gradient = eta + PROXIMITY * scale * jnp.sum(normals * depth, axis=1)
-        raised = jnp.maximum(0, LEAST_CURVATURE - least_eigenvalue(hessian))
-        hessian = hessian + raised * identity(hessian)
-        move, active, lost = solve(hessian, gradient, gradients, excess)
-        move = jnp.where(lost, restoration(gradients, excess), move)
+        curved = jnp.stack([PROXIMITY * scale * squares, WITHIN * squares], axis=2) + lagrangian[:, :, None]
+        least, curvature = least_eigenvalue(curved)
+        hessian = curved[:, :, 0] + jnp.maximum(0, LEAST_CURVATURE - least) * identity(lagrangian)
+        point = _Point(quaternion, slew, jnp.max(excess, axis=0), residual, curvature)
+
+        matrix, pull = restoration(gradients, excess)
+        inverses = inverse(jnp.stack([hessian, matrix], axis=2))
+        move, active, lost = solve(inverses[:, :, 0], gradient, gradients, excess)
+        move = jnp.where(lost, -apply(inverses[:, :, 1], pull), move)
         length = jnp.sqrt(dot(move, move))
         return turned(quaternion, move * (LONGEST_STEP / jnp.maximum(length, LONGEST_STEP))), active, point
 
     lanes, dtype = starts.shape[1], starts.dtype
-    number, matrix = jnp.zeros(lanes, dtype), jnp.zeros((3, 3, lanes), dtype)
-    unknown = _Point(starts, number, number, number, matrix, matrix)
+    number = jnp.zeros(lanes, dtype)
+    unknown = _Point(starts, number, number, number, number)
     *_, end = jax.lax.fori_loop(0, STEPS + 1, step, (starts, none_active(lanes, dtype), unknown))
-    curvature = least_eigenvalue(end.lagrangian + 1e6 * sum_of_squares(end.normals))
-    return jnp.concatenate([end.quaternion, jnp.stack([end.slew, end.excess, end.residual, curvature])])
+    return jnp.concatenate([end.quaternion, jnp.stack([end.slew, end.excess, end.residual, end.curvature])])
 
 
 def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:

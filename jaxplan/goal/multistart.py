@@ -17,9 +17,7 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxplan.geometry import quaternion, rotations
 from jaxplan.goal.caps import Caps, GoalProblem, assemble, group_excess
@@ -108,15 +106,9 @@ def depths(caps: Caps, seed: int) -> np.ndarray:
     reach = caps.half_angle - RADIUS
     excluded = np.where(reach > 0, np.cos(reach), np.inf)
     single = np.float32
-    return np.asarray(
-        _depths(entries.astype(single), excluded.astype(single), _rotations(seed), caps.member, caps.group)
-    )
-
-
-@quick_jit
-def _depths(entries: Array, excluded: Array, rotations: Array, member: Array, group: Array) -> Array:
-    depth = entries @ rotations - excluded[:, None]
-    return jnp.max(group_excess(depth, member, group), axis=0)
+    depth = entries.astype(single) @ _rotations(seed) - excluded.astype(single)[:, None]
+    found: np.ndarray = np.max(group_excess(depth, caps.member, caps.group), axis=0)
+    return found
 
 
 def minima(caps: Caps, count: int, seed: int) -> np.ndarray:

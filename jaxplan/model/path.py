@@ -100,7 +100,7 @@ def halve(path: Path) -> Path:
 
 def step_cost(
     rotation: ArrayLike, joint_change: ArrayLike, attitude_step: ArrayLike, joint_steps: ArrayLike
-) -> Array:
+) -> AnyArray:
     """Cost of a motion in steps: the slowest of the platform and all joints.
 
     Args:
@@ -112,8 +112,8 @@ def step_cost(
     Returns:
         (...) steps.
     """
-    joint_cost = jnp.max(jnp.abs(joint_change) / joint_steps, axis=-1, initial=0.0)
-    return jnp.maximum(jnp.asarray(rotation) / attitude_step, joint_cost)
+    xp, turn, change, step, steps = arrays(rotation, joint_change, attitude_step, joint_steps)
+    return xp.maximum(turn / step, xp.max(xp.abs(change) / steps, axis=-1, initial=0.0))
 
 
 def motion(

@@ -34,6 +34,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 _EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -117,6 +119,23 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
             return traced(*args, **kwargs)
 
     return kernel
+
+
+def materialise(positive: ArrayLike, values: Any) -> Any:
+    """The same values, kept by the compiler as arrays instead of being fused into the loops that read them.
+
+    Without it what goes into many results is computed, and compiled, anew for each of them. A conditional
+    whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on the CPU.
+
+    Args:
+        positive: () an argument of the jitted function, or the count of a loop, that is above zero.
+        values: any tree of arrays.
+    """
+
+    def never(array: jax.Array) -> jax.Array:
+        return jnp.full_like(array, jnp.nan if jnp.issubdtype(array.dtype, jnp.inexact) else -1)
+
+    return jax.lax.cond(jnp.asarray(positive) > 0, lambda v: v, lambda v: jax.tree.map(never, v), values)
 
 
 @cache

@@ -46,7 +46,7 @@ from jaxplan.model.constraints import (
     thresholds,
 )
 from jaxplan.model.directions import Sights
-from jaxplan.search.edges import materialise
+from jaxplan.runtime.jit import materialise
 from jaxplan.search.scene import JOINT_RESERVE, Scene, tapered
 
 PIECES = 24
@@ -275,11 +275,8 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
     near = NEAR_DAMPING * jnp.clip(1 - slacks / FAR, 0, 1)
     weight = 2 * PENALTY * jnp.where(slacks < 0, 1, near)
     rows, weight, force = materialise(problem.steps[0], (rows, weight, 2 * PENALTY * jnp.minimum(slacks, 0)))
-    first = jnp.zeros((5, *rows.shape[2:]))
-    second = jnp.zeros((5, *first.shape))
-    for z in range(rows.shape[1]):
-        first += force[z] * rows[:, z]
-        second += weight[z] * rows[:, None, z] * rows[None, :, z]
+    first = jnp.sum(force * rows, axis=1)
+    second = jnp.sum(weight * rows[:, None] * rows[None], axis=2)
     first, second = (_of_devices(problem.sights, part) for part in (first, second))
     beyond = beyond_limits(problem, joints[:, None])[:, 0]
     return first, second, 2 * PENALTY * jnp.sign(joints) * beyond, 2 * PENALTY * (beyond > 0)

@@ -18,12 +18,10 @@ so that loops run over the batch. Attitudes are unit quaternions relative to the
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import cross, dot
@@ -40,6 +38,7 @@ from jaxplan.model.constraints import (
     thresholds,
     worst_constraint,
 )
+from jaxplan.runtime.jit import materialise
 from jaxplan.search.scene import Scene
 
 Tables = tuple[Array, Array]
@@ -72,25 +71,6 @@ class LinesOfSight:
         """(a, o, d, z or 1) of each interval, ``C h^2 / 2`` of `edge_bound`."""
         half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
         return half
-
-
-def materialise(positive: ArrayLike, values: Any) -> Any:
-    """The same values, kept by the compiler as arrays instead of being fused into the loops that read them.
-
-    Without it the sines and cosines of a few angles are taken anew for every zone, device and move. A
-    conditional whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on
-    the CPU.
-
-    Args:
-        positive: () an argument of the jitted function that is above zero.
-        values: any tree of floating-point arrays.
-    """
-    return jax.lax.cond(
-        jnp.asarray(positive) > 0,
-        lambda v: v,
-        lambda v: jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), v),
-        values,
-    )
 
 
 def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:

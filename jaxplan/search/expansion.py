@@ -22,8 +22,9 @@ from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import dot
 from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT
+from jaxplan.runtime.jit import materialise
 from jaxplan.search.calls import Call, Kernel
-from jaxplan.search.edges import LinesOfSight, Tables, axes_at, fold, lines_of_sight, materialise
+from jaxplan.search.edges import LinesOfSight, Tables, axes_at, fold, lines_of_sight
 from jaxplan.search.fields import look_up
 from jaxplan.search.scene import Scene
 

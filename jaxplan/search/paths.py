@@ -15,7 +15,7 @@ from jax import Array
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion, rotations
-from jaxplan.geometry.vectors import AnyArray, array_module
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.path import Path, step_cost
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.calls import Call, Kernel, Scenes
@@ -118,25 +118,26 @@ def _straight_slacks(scene: Scene, ends: Array, clearance: Array) -> Array:
     return interval_slacks(scene, lines, clearance[None])[0]
 
 
-def path_states(scene: Scene, attitudes: Array, joints: Array) -> Array:
+def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray:
     """States (k, 4 + 2n) of nodes (k, 3, 3) and (k, 2n), neighbours of the same sign."""
+    xp, start, turned = arrays(scene.start_attitude, attitudes)
     # a product and a sum instead of small matrix products
-    since = jnp.sum(jnp.asarray(scene.start_attitude)[:, :, None] * attitudes[:, :, None, :], axis=1)
-    return jnp.concatenate([quaternion.continuous(since), joints], axis=-1)
+    since = xp.sum(start[:, :, None] * turned[:, :, None, :], axis=1)
+    return xp.concatenate([quaternion.continuous(since), joints], axis=-1)
 
 
-def edge_costs(scene: Scene, states: Array) -> tuple[Array, Array]:
+def edge_costs(scene: Scene, states: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Steps that each edge costs, and those of all its motions added up, both (m,)."""
     angles = quaternion.distance(states[:-1, :4], states[1:, :4])
     if states.shape[1] == 4:  # no joints; on one core XLA cannot compile a sum over none beside LAPACK
         return angles / scene.attitude_step, angles / scene.attitude_step
-    change = jnp.diff(states[:, 4:], axis=0)
-    every = jnp.sum(jnp.abs(change) / scene.joint_steps, axis=-1)
+    change = states[1:, 4:] - states[:-1, 4:]
+    every = abs(change / scene.joint_steps).sum(axis=-1)
     cost = step_cost(angles, change, scene.attitude_step, scene.joint_steps)
     return cost, angles / scene.attitude_step + every
 
 
-def evenly(states: Array, costs: Array, count: Array | int, nodes: int) -> Array:
+def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int) -> AnyArray:
     """Nodes at equal costs along a path.
 
     Args:
@@ -148,12 +149,13 @@ def evenly(states: Array, costs: Array, count: Array | int, nodes: int) -> Array
     Returns:
         (nodes, 4 + 2n); ends as they were.
     """
-    until = jnp.concatenate([jnp.zeros(1), jnp.cumsum(costs)])
-    at = jnp.arange(nodes) * (until[-1] / count)
-    edge = jnp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
-    part = jnp.clip((at - until[edge]) / jnp.maximum(costs[edge], _TINY), 0, 1)
+    xp = array_module(states, costs)
+    until = xp.concatenate([xp.zeros(1), xp.cumsum(costs)])
+    at = np.arange(nodes) * (until[-1] / count)
+    edge = xp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
+    part = xp.clip((at - until[edge]) / xp.maximum(costs[edge], _TINY), 0, 1)
     found = between(states[edge], states[edge + 1], part)
-    return jnp.where(jnp.arange(nodes)[:, None] >= count, states[-1], found)
+    return xp.where(np.arange(nodes)[:, None] >= count, states[-1], found)
 
 
 def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:

@@ -98,7 +98,10 @@ def descended_bands(
     calls = []
     for scene, start, clearance, length in zip(scenes.scenes, starts, clearances, lengths, strict=True):
         most = max(EDGES, padded_count(math.ceil(min(length, LONGEST * scene.straight_steps))))
-        calls.append(Call(_descended, (*padded(*start, most), clearance)))
+        states = path_states(scene, *start)
+        costs, _ = edge_costs(scene, states)
+        nodes = evenly(states, costs, elastic.PIECES, elastic.PIECES + 1)
+        calls.append(Call(_descended, (nodes, np.sum(costs), clearance, np.zeros(most))))
     return [_band(*one) for one in zip(starts, scenes.answers(calls), strict=True)]
 
 
@@ -125,34 +128,31 @@ def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
 
 
 @Kernel
-def _descended(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
+def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edges: Array) -> Array:
     """One descent, its nodes at equal costs, and what is to be known of its edges.
 
     Args:
         scene: the problem.
-        attitudes: (m + 1, 3, 3) of the nodes to start from, the last repeated as often as need be.
-        joints: (m + 1, 2n) rad.
+        states: (PIECES + 1, 4 + 2n) of a path, at equal costs.
+        length: steps of the path.
         clearance: rad wanted.
+        edges: (m,) of which only the number counts: no more edges are made.
 
     Returns:
         (m + 2, 9 + 2n + 4) attitude and joints of each node, the last repeated, and `edges_of` for the edge
         behind it; in the last row the number of edges.
     """
-    states = path_states(scene, attitudes, joints)
-    costs, _ = edge_costs(scene, states)
-    states = evenly(states, costs, elastic.PIECES, elastic.PIECES + 1)
-    problem = elastic.make_problem(scene, jnp.sum(costs), clearance)
+    problem = elastic.make_problem(scene, length, clearance)
     q, j = elastic.descend(problem, states[:, :4].T, states[:, 4:].T, ITERATIONS)
     j = jnp.clip(j, -problem.limits[:, None], problem.limits[:, None])
 
-    states = jnp.concatenate([q, j]).T
+    states, most = jnp.concatenate([q, j]).T, edges.shape[0]
     costs, _ = edge_costs(scene, states)
-    edges = attitudes.shape[0] - 1
-    count = jnp.clip(jnp.ceil(jnp.sum(costs) - ARRIVED), 1, edges)
-    states = evenly(states, costs, count, edges + 1)
+    count = jnp.clip(jnp.ceil(jnp.sum(costs) - ARRIVED), 1, most)
+    states = evenly(states, costs, count, most + 1)
     since = quaternion.to_matrix(states[:, :4])
     turned = jnp.sum(jnp.asarray(scene.start_attitude)[:, :, None] * since[:, None], axis=2)
-    table = edges_of(scene, path_states(scene, turned, states[:, 4:]), clearance).T
+    table = edges_of(scene, states, clearance).T
     rows = jnp.concatenate([turned.reshape(-1, 9), states[:, 4:], jnp.pad(table, [(0, 1), (0, 0)])], axis=-1)
     return jnp.concatenate([rows, jnp.full((1, rows.shape[1]), count)])
 

@@ -78,7 +78,7 @@ def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
     excess = rng.standard_normal((count, rows)) * 0.5 - np.where(np.arange(count) % 3, 1.2, 0.3)[:, None]
     gradients[:, 1], excess[:, 1] = gradients[:, 0], excess[:, 0]  # one constraint twice
     found, active, lost = descent.solve(
-        np.moveaxis(hessian, 0, -1),
+        np.moveaxis(np.linalg.inv(hessian), 0, -1),
         gradient.T,
         np.moveaxis(gradients, (0, 2), (-1, 0)),
         excess.T,
@@ -113,7 +113,10 @@ def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
 def test_restoration_is_the_least_squares_step_to_the_violated_bounds():
     rng = np.random.default_rng(6)
     gradients, excess = rng.standard_normal((8, 3)), rng.standard_normal(8)
-    found = np.asarray(descent.restoration(gradients.T[:, :, None], excess[:, None]))[:, 0]
+    matrix, pull = (
+        np.asarray(part)[..., 0] for part in descent.restoration(gradients.T[:, :, None], excess[:, None])
+    )
+    found = -np.linalg.solve(matrix, pull)
     violated = excess > 0
     expected = np.linalg.lstsq(gradients[violated], -excess[violated])[0]
     np.testing.assert_allclose(found, expected, atol=1e-5)
