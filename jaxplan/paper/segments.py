@@ -32,20 +32,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.paper import qp
 from jaxplan.runtime.batching import run_all
-from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.curve import Trajectory
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, energy, legendre
 
 _CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a turn
@@ -136,9 +131,6 @@ def shortest_duration(
     return xp.maximum(by_rate, xp.sqrt(xp.max(xp.abs(accelerations) / limits[1])))
 
 
-_FEWEST_SEGMENTS = 16  # smallest number that segments are padded to
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segments:
     """The programs of the platform or of the joints, but for what couples them.
@@ -199,12 +191,8 @@ def assemble(
     Returns:
         Segments of the joints, segments of the platform (``node_values`` are those of ``b``), and the charts.
     """
-    count = len(joint_ends) - 1
     indices = [node_indices(ends, order - 2) for ends in (joint_ends, platform_ends)]
-    nodes = padded(attitudes, FEWEST_NODES), padded(times, FEWEST_NODES)
-    with jax.enable_x64(True):
-        found = _assemble(*nodes, *(padded(index, _FEWEST_SEGMENTS) for index in indices), order=order)
-        joint_rows, rows, b, rate, end_turn = (np.asarray(array)[:count] for array in found)
+    joint_rows, rows, b, rate, end_turn = assembled(attitudes, times, *indices, order=order)
 
     def segments(
         ends: np.ndarray, node_rows: np.ndarray, values: np.ndarray, weights: tuple[float, float]
@@ -231,9 +219,9 @@ def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
 
 
 def assembled(
-    attitudes: Array, times: Array, joint_nodes: Array, platform_nodes: Array, *, order: int
-) -> tuple[Array, ...]:
-    """What depends on the nodes, as a pure function.
+    attitudes: AnyArray, times: AnyArray, joint_nodes: AnyArray, platform_nodes: AnyArray, *, order: int
+) -> tuple[AnyArray, ...]:
+    """What depends on the nodes, as a pure function of arrays of numpy or JAX.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -245,22 +233,20 @@ def assembled(
     Returns:
         Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment.
     """
+    xp = array_module(attitudes, times)
 
-    def rows(times: Array) -> Array:
+    def rows(times: AnyArray) -> AnyArray:
         start, end = times[:, :1], times[:, -1:]
         return legendre(2 * (times - start) / (end - start) - 1, order)
 
     own_times, own_attitudes = times[platform_nodes], attitudes[platform_nodes]
-    relative = jnp.swapaxes(own_attitudes[:, :1], -1, -2) @ own_attitudes  # R_a^T R_j
+    relative = xp.swapaxes(own_attitudes[:, :1], -1, -2) @ own_attitudes  # R_a^T R_j
     tau = own_times - own_times[:, :1]
     rate = so3.log(relative[:, -1]) / tau[:, -1:]  # Omega of (25)
     turned = tau[..., None] * rate[:, None]
     back = so3.exp(-turned / 2)  # U_j^T
     b = so3.log(back @ relative @ back) + turned  # (32); the errata have it for nodes within a segment
     return rows(times[joint_nodes]), rows(own_times), b, rate, back[:, -1]
-
-
-_assemble = quick_jit(assembled, static_argnames="order")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,12 +26,14 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxplan.geometry.vectors import AnyArray, array_module
+
 DEGREE = 5  # of the splines
 SMOOTHNESS = DEGREE - 1  # continuous derivatives of a spline
 _DERIVATIVES = 4  # the curve itself and three more
 
 
-def legendre(x: ArrayLike, order: int) -> Array:
+def legendre(x: ArrayLike, order: int) -> AnyArray:
     """Values of all Legendre polynomials up to an order, by their three-term recurrence.
 
     Args:
@@ -41,6 +43,8 @@ def legendre(x: ArrayLike, order: int) -> Array:
     Returns:
         (..., l + 1).
     """
+    if array_module(x) is np:
+        return np.polynomial.legendre.legvander(np.asarray(x), order)
     return _legendre(order, jnp.asarray(x))
 
 
