@@ -1,7 +1,5 @@
 """A constellation on the globe, coloured by how long its manoeuvres take, and how those times are spread."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -9,6 +7,7 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
+from jaxplan.constellation import Constellation
 from jaxplan.plotting.projections import GlobeView
 from jaxplan.plotting.sky import grid_lines
 from jaxplan.plotting.style import (
@@ -26,9 +25,6 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.runtime.arguments import expect_like
-
-if TYPE_CHECKING:
-    from jaxplan.constellation import Constellation
 
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
@@ -49,10 +45,10 @@ _PARTS = ("switch", "planned", "duration", "certified", "sun_outage", "study")  
 
 
 def constellation(
-    result: "Constellation",
+    result: Constellation,
     ax: Canvas = None,
     *,
-    minimum: "Constellation | None" = None,
+    minimum: Constellation | None = None,
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> list[Axes]:
@@ -93,7 +89,7 @@ def constellation(
     return [globe, histogram]
 
 
-def _view(result: "Constellation", angles: tuple[float, float] | None) -> GlobeView:
+def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
@@ -102,7 +98,7 @@ def _view(result: "Constellation", angles: tuple[float, float] | None) -> GlobeV
     return GlobeView.from_angles(azimuth + _BESIDE[0], _BESIDE[1])
 
 
-def _draw_globe(axes: Axes, result: "Constellation", norm: Normalize, view: GlobeView) -> Entries:
+def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeView) -> Entries:
     """The Earth in units of its radius, with the satellites that can be seen; entries for a legend."""
     shell = result.switch.shell
     radius = shell.radius / (shell.radius - shell.altitude)
@@ -152,7 +148,7 @@ def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
     axes.text(0, -1.12 * radius, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
-def _draw_planes(axes: Axes, result: "Constellation", view: GlobeView) -> None:
+def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
     """The orbits of a few planes, where the Earth is not in front of them."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
@@ -180,7 +176,7 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
 
 
 def _draw_histogram(
-    axes: Axes, result: "Constellation", minimum: "Constellation | None", norm: Normalize
+    axes: Axes, result: Constellation, minimum: Constellation | None, norm: Normalize
 ) -> Entries:
     """Shares of the satellites by manoeuvre time; entries for a legend."""
     tidy(axes)
@@ -214,7 +210,7 @@ def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 
-def _described(result: "Constellation", times: np.ndarray) -> str:
+def _described(result: Constellation, times: np.ndarray) -> str:
     """Which durations these are (a word of the settings, or stretched), how many, and their median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
     return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"

@@ -6,7 +6,7 @@ was found, so a curve ends at the success rate and goes on as a thin dotted line
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,12 +36,10 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.runtime.arguments import expect_like, several
+from jaxplan.study import Study
 
-if TYPE_CHECKING:
-    from jaxplan.study import Study
-
-Studies: TypeAlias = "Study | Iterable[Study] | Mapping[str, Study]"
-Named: TypeAlias = "dict[str, Study]"
+Studies: TypeAlias = Study | Iterable[Study] | Mapping[str, Study]
+Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
 _PARTS = ("kind", "planner", "settings", "table", "timings")  # of a study
@@ -323,7 +321,7 @@ def named(studies: Studies) -> Named:
     return result
 
 
-def _names(studies: "Sequence[Study]") -> list[str]:
+def _names(studies: Sequence[Study]) -> list[str]:
     kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
     names = []
     for study in studies:
@@ -358,7 +356,7 @@ def _looks(studies: Named) -> list[Look]:
     ]
 
 
-def _planned_values(study: "Study", column: str) -> np.ndarray:
+def _planned_values(study: Study, column: str) -> np.ndarray:
     """A column of table or times, of the scenes that are planned, in ascending order."""
     planned = [row for row in study.table if row["status"] == OK]
     if planned and column not in planned[0]:

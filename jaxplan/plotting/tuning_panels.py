@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,9 +23,7 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.runtime.arguments import expect_like
-
-if TYPE_CHECKING:
-    from jaxplan.tuning import SearchTuning, Tuning
+from jaxplan.tuning import SearchTuning, Tuning
 
 Row = Mapping[str, float]
 
@@ -48,7 +45,7 @@ _ANSWER: Look = {
 _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
 
 
-def tuning(result: "Tuning | SearchTuning", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
 
     A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:

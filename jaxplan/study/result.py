@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.study.rows import COLUMNS, OK, TIMES, Row
 from jaxplan.study.store import TABLE, TIMINGS, read_header, scan
 from jaxplan.study.text import Printed
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 QUANTILES: Mapping[str, float] = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "most": 1.0}
 # Label, column, and whether every scene counts or only those that are planned.
@@ -218,8 +215,8 @@ class Study:
             spreads={label: _spread(known) for label, known in values.items() if len(known)},
         )
 
-    def to_pandas(self) -> "pd.DataFrame":
-        """Table and times as one data frame, a row a scene, missing values as pandas' own NA.
+    def to_pandas(self) -> Any:
+        """Table and times as one `pandas.DataFrame`, a row a scene, missing values as pandas' own NA.
 
         Raises:
             ImportError: without pandas, which the extra ``study`` brings.
