@@ -22,6 +22,10 @@ from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
 
 
+class UncertifiedError(ValueError):
+    """A plan is not written, since its motion is not certified."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Format:
     """A kind of file, or of folder with several files.
@@ -85,8 +89,9 @@ def export(
 
     Raises:
         TypeError: for what is no plan or path.
+        UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails.
         ValueError: if the format, epoch or step is no good or the scene has another epoch, all faults at
-            once; if the plan is not certified; if an extra is missing.
+            once; if an extra is missing.
         FileExistsError: if there is something at the path.
     """
     expect("plan", plan, Plan, "jp.load_plan reads one from a file")
@@ -104,12 +109,14 @@ def export(
     if kind is not None and kind.dated and epoch is None and own is None:
         faults.append(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
     if plan.trajectory is None or not plan.ok:
-        faults.append(_refusal(plan))
+        faults.append(ending(plan))
     else:
         try:
             times = instants(plan.trajectory.duration, step_s)
         except ValueError as error:
             faults.append(str(error))
+    if faults == [ending(plan)]:
+        raise UncertifiedError(*faults)
     if faults or kind is None:
         raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
     absent = [module for module in kind.needs if find_spec(module) is None]
@@ -119,7 +126,9 @@ def export(
     report = certify(plan)
     if not report.certified:
         reasons = "; ".join(report.faults)
-        raise ValueError(f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}")
+        raise UncertifiedError(
+            f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}"
+        )
     sampled = sample(plan, start, times)
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampled, fresh)
@@ -132,8 +141,8 @@ def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
 
 
-def _refusal(plan: Plan) -> str:
-    """Why a plan that is not certified is not written."""
+def ending(plan: Plan) -> str:
+    """What a plan without certificate lacks, and how it ended."""
     lack = "has no trajectory" if plan.trajectory is None else "is not certified"
     ending = ": ".join(filter(None, [plan.status.name, plan.message]))
     return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
