@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.constellation.links import WHEN
-from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell
+from jaxplan.constellation.switch import LinkSwitch
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers

@@ -13,9 +13,8 @@ import numpy as np
 
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.study.result import Study
+from jaxplan.study.result import Printed, Study
 from jaxplan.study.rows import OK, Row
-from jaxplan.study.text import Printed
 
 _QUANTITIES = {
     "path length (steps)": "length_steps",

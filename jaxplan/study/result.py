@@ -1,8 +1,9 @@
-"""The result of a study: its table, its times, and a summary of what follows from them."""
+"""The result of a study: its table, its times, and a summary of what follows from them; results as text."""
 
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,11 +13,53 @@ from typing import Any
 import numpy as np
 
 from jaxplan.runtime.arguments import file_path
-from jaxplan.runtime.display import shown
+from jaxplan.runtime.display import Cells, as_table, shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.study.rows import COLUMNS, OK, TIMES, Row
 from jaxplan.study.store import TABLE, TIMINGS, read_header, scan
-from jaxplan.study.text import Printed
+
+Lines = Sequence[tuple[str, str]]
+
+
+class Printed(ABC):
+    """A result that prints itself, and shows itself as a table in notebooks."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title above the lines and the table."""
+
+    def lines(self) -> Lines:
+        """Lines above the table, as (label, value)."""
+        return ()
+
+    @abstractmethod
+    def cells(self) -> Cells:
+        """The table as rows of texts, the first of them its head."""
+
+    def __str__(self) -> str:
+        return aligned(self.title, self.lines(), self.cells())
+
+    def _repr_html_(self) -> str:
+        return as_table(self.title, self.lines(), self.cells())
+
+
+def aligned(title: str, lines: Lines, cells: Cells) -> str:
+    """Labels and values, and below them a table whose columns line up.
+
+    Args:
+        title: above all.
+        lines: (label, value).
+        cells: rows of the table, the first of them its head.
+    """
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    widths[0] = max([widths[0], *(len(label) for label, _ in lines)])
+    text = [title, *(f"  {label:<{widths[0]}}  {value}" for label, value in lines)]
+    for row in cells:
+        numbers = (f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        text.append(f"  {row[0]:<{widths[0]}}  {'  '.join(numbers)}")
+    return "\n".join(text)
+
 
 QUANTILES: Mapping[str, float] = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "most": 1.0}
 # Label, column, and whether every scene counts or only those that are planned.

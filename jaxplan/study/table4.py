@@ -31,12 +31,10 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene, search_batch
-from jaxplan.study.blocks import Answer
-from jaxplan.study.result import Study, success_interval
-from jaxplan.study.rows import COLUMNS, OK, filled, times_of
+from jaxplan.study.result import Study, aligned, success_interval
+from jaxplan.study.rows import COLUMNS, OK, Answer, filled, times_of
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
-from jaxplan.study.text import aligned
 
 TOLERANCE = 1e-9
 """rad, by which a margin may be below zero: rounding."""

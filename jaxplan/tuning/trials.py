@@ -17,9 +17,9 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.progress import Bar, progress_bar
 from jaxplan.study import Study, run_study
-from jaxplan.study.blocks import LARGEST
+from jaxplan.study.result import Printed
+from jaxplan.study.run import LARGEST
 from jaxplan.study.task import Task, make_task
-from jaxplan.study.text import Printed
 from jaxplan.tuning.parameters import Range, make_ranges
 
 Score = Callable[[Study], float]

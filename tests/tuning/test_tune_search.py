@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 import jaxplan as jp
 from jaxplan.study import run
-from jaxplan.study.blocks import Answer
-from jaxplan.study.rows import COLUMNS, TIMES
+from jaxplan.study.rows import COLUMNS, TIMES, Answer
 from jaxplan.tuning import Tuning
 
 OWN = {"search.heuristic_weight": 8.0, "search.anchor_weight": 2.0, "search.attitude_step_rad": 0.1}
