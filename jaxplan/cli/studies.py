@@ -28,8 +28,8 @@ def study(options: argparse.Namespace) -> int:
     study = run_study(
         range(first, first + count),
         options.kind or "keep_out",
-        options.planner or "mha",
-        settings,
+        planner=options.planner or "mha",
+        settings=settings,
         workers=workers,
         out=options.out,
     )

@@ -8,8 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from jaxplan.constellation import Constellation
-from jaxplan.plotting.projections import GlobeView
-from jaxplan.plotting.sky import grid_lines
+from jaxplan.plotting.projections import GlobeView, grid_lines
 from jaxplan.plotting.style import (
     GREY,
     KEEP_OUT,

@@ -14,12 +14,14 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
 
-from jaxplan.geometry.vectors import pointing, separation
+from jaxplan import so3
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.path import Path
 from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, binds_all
 from jaxplan.planner import Plan
-from jaxplan.plotting import samples
-from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle
+from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -37,6 +39,7 @@ from jaxplan.plotting.style import (
     expect_plan,
     expect_view,
     legend_beside,
+    motion,
     note,
     panels,
     plain,
@@ -160,12 +163,6 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
     axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
-def grid_lines() -> list[np.ndarray]:
-    """Meridians and parallels every 30 deg, each (k, 3)."""
-    meridians = [circle(pointing(angle, 0.0), np.pi / 2) for angle in np.deg2rad(range(0, 180, 30))]
-    return meridians + [circle(np.array([0.0, 0.0, 1.0]), angle) for angle in np.deg2rad(range(30, 180, 30))]
-
-
 def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> None:
     """All that is to be seen of a plan, with its title and legend."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
@@ -243,7 +240,7 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
-    for across, upward, directions, strength in projection.sheets():
+    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
         inside = directions @ axis - np.cos(zone.half_angle)
         if not np.any(inside > 0):
             continue
@@ -342,9 +339,8 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     spots = projection.fit(wanted, size)
     apart = separation(projection.directions(spots, axis), axis)
     fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
-    order = np.argsort(
-        spots[:, 1] != wanted[:, 1], kind="stable"
-    )  # those that were moved up or down come last
+    moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
+    order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
 
 
@@ -417,8 +413,20 @@ def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
 def boresight_ways(plan: Plan) -> np.ndarray | None:
     """(k, D, 3) along the trajectory, or along the path if there is none; None without a path."""
     if plan.trajectory is not None:
-        return samples.motion(plan).boresights
-    return None if plan.path is None else samples.path_boresights(plan)
+        return motion(plan).boresights
+    return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
+
+
+def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
+    """Boresights (k, D, 3) along a path: geodesics of the platform with linear joints."""
+    attitudes, joints, edges = path.attitudes, path.joints, path.edges
+    if edges:
+        places = np.linspace(0, edges, points_an_edge * edges + 1)
+        edge = np.minimum(places.astype(int), edges - 1)
+        part = places - edge
+        attitudes = so3.geodesic(attitudes[edge], attitudes[edge + 1], part)
+        joints = joints[edge] + part[:, None] * (joints[edge + 1] - joints[edge])
+    return np.asarray(craft.boresights(attitudes, joints))
 
 
 def end_marks(plan: Plan) -> list[tuple[Look, str, np.ndarray]]:

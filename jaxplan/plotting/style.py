@@ -16,8 +16,10 @@ A name stands at the first of some places where it covers no other name, and the
 Arguments that cannot be drawn are refused by their names.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import matplotlib as mpl
@@ -30,13 +32,14 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke, withTickedStroke
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import as_floats, expect, show
 from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory.curve import Samples
 
 Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
 Entry: TypeAlias = tuple[Artist, str]  # of a legend
@@ -59,6 +62,7 @@ HALO: Look = {  # of a name at a place
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
 _LEGEND_ROWS = 14
+INSTANTS = 1024  # of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _STILL = 1e-3  # of a limit, up to which nothing is said to move
 
 
@@ -299,3 +303,92 @@ def expect_view(view: object) -> None:
     angles = as_floats(view)
     if angles is None or angles.shape != (2,):
         raise ValueError(f"view = {show(view)}: must be azimuth and elevation of the eye, deg, or None")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A trajectory on a grid of times.
+
+    Attributes:
+        times: (k,) s; a single one if the manoeuvre takes no time.
+        values: the trajectory there.
+        boresights: (k, D, 3).
+        node_times: (m + 1,) s.
+    """
+
+    times: np.ndarray
+    values: Samples
+    boresights: np.ndarray
+    node_times: np.ndarray
+
+
+def motion(plan: Plan) -> Motion:
+    """A plan's trajectory on the grid.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory.
+    """
+    trajectory = expect_plan(plan).trajectory
+    if trajectory is None:
+        ending = ": ".join(filter(None, [plan.status.name, plan.message]))
+        raise ValueError(
+            f"the plan of {plan.scenario.name!r} has no trajectory to draw; it ended as {ending}"
+        )
+    times = np.linspace(0.0, trajectory.duration, INSTANTS if trajectory.duration > 0 else 1)
+    values = trajectory.sample(times)
+    return Motion(
+        times=times,
+        values=values,
+        boresights=plan.scenario.spacecraft.boresights(values.attitude, values.joints),
+        node_times=np.asarray(trajectory.node_times),
+    )
+
+
+def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
+    """Draw one curve; a manoeuvre that takes no time is a dot."""
+    marker = "o" if len(times) == 1 else None
+    axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
+
+
+def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
+    """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
+    time_span(grid, float(moves.times[-1]), moves.node_times)
+
+
+def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
+    """Time from zero to an end, s, with ticks for nodes."""
+    lowest = grid[-1]
+    for axes in grid:
+        tidy(axes)
+        axes.set_xticks(np.asarray(node_times), minor=True)
+        axes.tick_params(axis="x", which="minor", length=3, color="0.35")
+        if end > 0:
+            axes.set_xlim(0, end)
+            axes.xaxis.set_major_locator(_EndLocator(end))
+            axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))
+        else:
+            axes.set(xlim=(-1, 1), xticks=[0])
+        shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
+        axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)
+
+
+class _EndLocator(MaxNLocator):
+    """Round times, and the duration, so that it can be read off."""
+
+    def __init__(self, end: float) -> None:
+        super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
+        self.end = end
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The ticks of a view, less those whose labels would run into that of the end."""
+        ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
+        return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
+
+
+def _seconds(end: float, time: float, _: int | None = None) -> str:
+    """A time as its tick says it; the duration to three digits, or to the second."""
+    if time != end:
+        return f"{time:.6g}"
+    text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.study.result import Printed, Study
+from jaxplan.study.result import Printed, Study, counted
 from jaxplan.study.rows import OK, Row
 
 _QUANTITIES = {
@@ -61,7 +61,7 @@ class Comparison(Printed):
     @property
     def title(self) -> str:
         """Title with the number of scenes."""
-        return f"Two studies of the same {self.scenes} scenes"
+        return f"Two studies of the same {counted(self.scenes, 'scene')}"
 
     @property
     def neither(self) -> int:

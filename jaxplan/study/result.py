@@ -94,6 +94,11 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, in the plural but for one."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 @shown("done", "planned", "statuses", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary(Printed):
@@ -205,9 +210,9 @@ class Study:
     @property
     def title(self) -> str:
         """Scenes, planner and settings in one line."""
-        of = "scenarios" if self.kind is None else f"{self.kind} scenes"
+        of = "scenario" if self.kind is None else f"{self.kind} scene"
         changed = "".join(f", {name} = {value}" for name, value in self.settings.items())
-        return f"{self.scenes} {of} by {self.planner}{changed}"
+        return f"{counted(self.scenes, of)} by {self.planner}{changed}"
 
     @property
     def done(self) -> int:

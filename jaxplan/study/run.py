@@ -34,9 +34,9 @@ from jaxplan.study.task import BLOCK, Chunk, Task, make_task
 def run_study(
     scenarios_or_seeds: Iterable[Scenario] | Iterable[int],
     kind: str | None = None,
+    *,
     planner: str = "mha",
     settings: Mapping[str, Any] | None = None,
-    *,
     workers: Workers | None = None,
     out: str | os.PathLike[str] | None = None,
     chunk: int | None = None,

@@ -6,6 +6,7 @@ beginning: at the last numbers and, where plans fail there or others on the way 
 best numbers whose plans are all certified are the answer; those to begin with are among them.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,8 +26,8 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
-from jaxplan.schema.numbers import find_number, with_numbers
-from jaxplan.study.result import Printed
+from jaxplan.schema.numbers import with_numbers
+from jaxplan.study.result import Printed, counted
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (
@@ -37,7 +38,7 @@ from jaxplan.tuning.objectives import (
     mean_slope,
     objective_label,
 )
-from jaxplan.tuning.parameters import Parameter, as_dict, parameters
+from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
 
 
 @shown("step", "objective", "free")
@@ -100,7 +101,8 @@ class Tuning(Printed):
         plans: of them.
         numbers: the tuned numbers by name, in the file's units: the last ones or, where those are worse or
             have no certified plans, better ones on the way to them.
-        objective: of these plans; never above that of the plans to begin with.
+        objective: of these plans; never above `before`.
+        before: objective of the plans to begin with, which are planned and certified like the tuned ones.
         label: what was lowered, with its unit.
         history: a row a step: its number, the objective, the length of its gradient in the free parameters,
             and the numbers by name. Its trajectories are followed, not searched anew.
@@ -113,6 +115,7 @@ class Tuning(Printed):
     numbers: Mapping[str, float]
     objective: float
     history: tuple[Mapping[str, float], ...]
+    before: float = math.nan
     label: str = "objective"
     message: str = ""
     state: Any = field(default=None, repr=False)
@@ -125,7 +128,7 @@ class Tuning(Printed):
     def cells(self) -> list[list[str]]:
         """Objective and numbers before and after, as rows of texts with their head."""
         first = self.history[0]
-        rows = {"objective": (first["objective"], self.objective)}
+        rows = {"objective": (self.before, self.objective)}
         rows |= {name: (first[name], value) for name, value in self.numbers.items()}
         return [["", "before", "after"], *([name, f"{a:.6g}", f"{b:.6g}"] for name, (a, b) in rows.items())]
 
@@ -140,9 +143,8 @@ class Tuning(Printed):
     @property
     def title(self) -> str:
         """Title with the number of scenarios and steps."""
-        count = len(self.scenarios)
-        of = "1 scenario" if count == 1 else f"{count} scenarios"
-        return f"Tuning of {of}, {len(self.history) - 1} steps"
+        of, steps = counted(len(self.scenarios), "scenario"), counted(len(self.history) - 1, "step")
+        return f"Tuning of {of}, {steps}"
 
     def lines(self) -> list[tuple[str, str]]:
         """The message, where there is one."""
@@ -185,9 +187,9 @@ def tune(
         same result.
 
     Raises:
-        KeyError: if a scenario has no such number.
         TypeError: for what is no scenario, optimizer or result of tuning.
-        ScenarioError: for scenarios that no file could hold; all faults are named.
+        ScenarioError: for scenarios that no file could hold, all faults of which are named, and if a scenario
+            has no such number.
         ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
@@ -209,7 +211,7 @@ def tune(
     tuned = parameters(given[0], over)
     for scenario in given[1:]:
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
-            find_number(scenario, one.place.name)
+            number_of(scenario, one.place.name)
     optimizer = optax.with_extra_args_support(optax.adam(0.1) if optimizer is None else optimizer)
     with jax.enable_x64(True):
         free = jnp.array([one.free() for one in tuned])
@@ -302,6 +304,7 @@ class _Descent:
             plans=tuple(best.plans),
             numbers=as_dict(self._tuned, np.asarray(best.stop.free)),
             objective=best.objective,
+            before=self._mean(state.first),
             history=(*state.history, self._row),
             message="; ".join(messages),
             state=state,

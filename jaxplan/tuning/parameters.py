@@ -156,7 +156,7 @@ def parameters(
             that may be negative, such as an angle, needs bounds.
 
     Raises:
-        KeyError: if a scenario has no such number.
+        ScenarioError: if a scenario has no such number; the message says what there is.
         ValueError: if bounds are none, or the first value does not lie between them.
     """
     if isinstance(over, str):
@@ -169,7 +169,7 @@ def parameters(
             raise ValueError(
                 f"{name}: settings of the search have no gradient, jp.tune_search tries them out"
             )
-        place = find_number(scenario, name)
+        place = number_of(scenario, name)
         first = float(place.get(scenario))
         if isinstance(over, Mapping):
             bounds = _pair(over[name])
@@ -189,6 +189,14 @@ def parameters(
     if not found:
         raise ValueError("over names nothing to tune")
     return tuple(found)
+
+
+def number_of(scenario: Scenario, name: str) -> NumberPlace:
+    """Where a number stands; a ScenarioError, as of any other unknown key, where there is none."""
+    try:
+        return find_number(scenario, name)
+    except KeyError as error:
+        raise ScenarioError(error.args, "over") from None
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.progress import Bar, progress_bar
 from jaxplan.study import Study, run_study
-from jaxplan.study.result import Printed
+from jaxplan.study.result import Printed, counted
 from jaxplan.study.run import LARGEST
 from jaxplan.study.task import Task, make_task
 from jaxplan.tuning.parameters import Range, make_ranges
@@ -107,7 +107,12 @@ class Trials:
         task = self.task
         # in one chunk where it may be, so that the times of trials compare
         study = run_study(
-            task.scenes, task.kind, task.planner, numbers if number else {}, chunk=LARGEST, progress=False
+            task.scenes,
+            task.kind,
+            planner=task.planner,
+            settings=numbers if number else {},
+            chunk=LARGEST,
+            progress=False,
         )
         if not study.complete:  # a study ends early where it is interrupted
             raise KeyboardInterrupt
@@ -158,7 +163,7 @@ class SearchTuning(Printed):
     @property
     def title(self) -> str:
         """Title with the scenes and the number of trials."""
-        return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
+        return f"Tuning of {replace(self.baseline, settings={}).title}, {counted(len(self.history), 'trial')}"
 
     @property
     def answer(self) -> int:
@@ -228,8 +233,8 @@ def tune_search(
         ScenarioError: for settings or bounds that a file could not hold; all are named.
 
     Example:
-        >>> found = jp.tune_search(range(20), "hard_keep_out", planner="mha-paper", objective="expansions")
-        >>> study = jp.run_study(range(20, 200), "hard_keep_out", "mha-paper", found.settings)
+        >>> found = jp.tune_search(range(20), "hard_keep_out", objective="expansions")
+        >>> study = jp.run_study(range(20, 200), "hard_keep_out", settings=found.settings)
     """
     for name, value, least in (("trials", trials, 2), ("seed", seed, 0)):
         if type(value) is not int or value < least:
