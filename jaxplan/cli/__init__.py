@@ -69,7 +69,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
 
 
 def _drop_output() -> None:
-    """Forget output that nobody takes, lest Python complains of it at its end."""
+    """Discard output that cannot be written, lest Python complains at its exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -80,12 +80,12 @@ class Parser(argparse.ArgumentParser):
     """A parser whose errors are of the command that was given, and name its help."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the words, and end."""
+        """Print what is wrong with the words, and exit."""
         self.print_usage(sys.stderr)
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """The words by their meaning, of which none may be left."""
+        """Parse the words; one that has no meaning is an error."""
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(f"unrecognized arguments: {' '.join(left)}")

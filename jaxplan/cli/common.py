@@ -11,13 +11,13 @@ MARK = "jaxplan"  # in the pictures that are ours
 
 
 def complain(message: str, code: int) -> int:
-    """Say what went wrong; returns the exit code."""
+    """Print what went wrong to stderr; returns the exit code."""
     print(f"jaxplan: {message}", file=sys.stderr)
     return code
 
 
 def writable_folder(name: str) -> Path:
-    """The folder for results, made and tried before anything is computed for it."""
+    """Make the folder for results and try to write there, before anything is computed."""
     if not name:
         raise ValueError("DIR of -o is empty, it must name a folder")
     folder = Path(name)
@@ -33,17 +33,17 @@ def writable_folder(name: str) -> Path:
 
 
 def try_folder_of(path: str | Path) -> None:
-    """Make and try the folder of a file that shall be written, before anything is computed for it."""
+    """Make the folder of a file and try to write there, before anything is computed."""
     writable_folder(str(Path(path).parent))
 
 
 def print_result(result: Any) -> None:
-    """Results go to stdout."""
+    """Print a result to stdout, dicts and lists as JSON."""
     print(json.dumps(result, indent=1) if isinstance(result, dict | list) else result)
 
 
 def say(message: str) -> None:
-    """Messages go to stderr."""
+    """Print a message to stderr."""
     print(message, file=sys.stderr)
 
 

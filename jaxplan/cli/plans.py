@@ -105,7 +105,7 @@ def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
 
 
 def _line(found: dict[str, Any]) -> str:
-    """The findings for a reader."""
+    """Findings of one scenario file as text."""
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
@@ -260,7 +260,7 @@ def load_plan_file(name: str) -> Plan:
 
 
 def _first_character(name: str) -> str | None:
-    """The first one of a file that is not blank: of plans a brace, and never of TOML; None if unread."""
+    """First character of a file that is no blank (plans have a brace, TOML never has); None if unreadable."""
     if not Path(name).is_file():  # what came through a pipe is gone
         return None
     try:

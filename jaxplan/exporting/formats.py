@@ -133,7 +133,7 @@ def export(
 
 
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
-    """The place beside a plan file that is called after it and the format, as ``plan.aem``."""
+    """Path beside a plan file that is named after it and the format, such as ``plan.aem``."""
     kind = FORMATS.get(format)
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
 
@@ -146,7 +146,7 @@ def ending(plan: Plan) -> str:
 
 
 def _free_place(path: str | os.PathLike[str], kind: Format, overwrite: bool) -> Path:
-    """The place to write to, if what is there may go.
+    """The path to write to, if nothing is there or it may be replaced.
 
     Raises:
         FileExistsError: if something is there and was not to be replaced.

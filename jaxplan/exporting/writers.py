@@ -169,7 +169,7 @@ def write_npz(sampled: Sampled, path: Path) -> None:
 
 
 def _arrays(sampled: Sampled) -> list[tuple[str, str, np.ndarray]]:
-    """Stem and unit of a name, and what it stands for: (k,), (k, 3), or (k, 4) for the quaternion."""
+    """Name, unit and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
     values, terminals = sampled.values, sampled.spacecraft.terminals
     arrays = [
         ("time", "_s", sampled.times),

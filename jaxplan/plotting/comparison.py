@@ -133,7 +133,7 @@ def planner_colour(name: str) -> str:
 
 
 def _is_printed(row: Row) -> bool:
-    """Whether a row is only known from print: spreads instead of a value for each scene."""
+    """True for a row of the paper, which has spreads instead of a value for each scene."""
     return row.solved is None
 
 
@@ -154,7 +154,7 @@ def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
 
 
 def _title(rows: Sequence[Row]) -> str:
-    """The kind, and how many scenes the rows are of."""
+    """Title of a kind: its name, and how many scenes the rows have."""
     own, printed = ([row.scenes for row in rows if _is_printed(row) == of] for of in (False, True))
     told = [f"{_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
     told += [f"{_range(printed)} as printed"] if printed else []
@@ -167,7 +167,7 @@ def _range(counts: Sequence[int]) -> str:
 
 
 def _success(axes: Axes, rows: Sequence[Row]) -> None:
-    """Shares of the scenes where a path was found and where it is clear, percent."""
+    """Draw the shares of scenes, percent, where a path was found and where it is clear."""
     for line, row in enumerate(rows):
         if row.scenes == 0:
             _remark(axes, line, "no scenes")
@@ -185,7 +185,7 @@ def _success(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
-    """Times of all searches, hollow where one ended without a clear path; or lengths of the clear paths."""
+    """Draw times of all searches, hollow without a clear path, or lengths of the clear paths."""
     times = column == "seconds"
     if times:
         axes.set_xscale("log")
@@ -204,7 +204,7 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
 
 
 def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None) -> None:
-    """A dot a scene and the mean, or the printed spread."""
+    """Draw a dot for each scene and the mean, or the spread of a printed row."""
     if _is_printed(row):
         least, largest, mean = values
         axes.plot([least, largest], [line, line], **_SPREAD)
@@ -250,7 +250,7 @@ def _entries(rows: Sequence[Row]) -> Entries:
 
 
 def _align(column: Sequence[Axes]) -> None:
-    """The same scale for all kinds; where they share it, the lowest panel alone says what it is."""
+    """Give a column of panels one scale; where they share the axis, only the lowest has its label."""
     decades = column[0].get_xscale() == "log"
     drawn = [axes for axes in column if axes.lines]
     spans = np.array([axes.dataLim.intervalx if decades else axes.get_xlim() for axes in drawn])

@@ -98,7 +98,7 @@ def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeVie
 
 
 def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeView) -> Entries:
-    """The Earth in units of its radius, with the satellites that can be seen; entries for a legend."""
+    """Draw the Earth in units of its radius with the satellites that can be seen; returns legend entries."""
     shell = result.switch.shell
     radius = shell.radius / (shell.radius - shell.altitude)
     places = shell.positions(result.switch.time)[result.planned] / (shell.radius - shell.altitude)
@@ -148,7 +148,7 @@ def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
 
 
 def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
-    """The orbits of a few planes, where the Earth is not in front of them."""
+    """Draw the orbits of all planes, where the Earth is not in front of them."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
     ways = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
@@ -159,7 +159,7 @@ def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
 
 
 def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float) -> None:
-    """An arrow towards the Sun at the edge of the picture; nothing where it is right in front or behind."""
+    """Draw an arrow towards the Sun at the edge of the picture; none where it is right in front or behind."""
     if sun is None:
         return
     toward = view.project(sun)
@@ -177,7 +177,7 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
 def _draw_histogram(
     axes: Axes, result: Constellation, minimum: Constellation | None, norm: Normalize
 ) -> Entries:
-    """Shares of the satellites by manoeuvre time; entries for a legend."""
+    """Draw the histogram of manoeuvre times; returns legend entries."""
     tidy(axes)
     times = result.duration[np.isfinite(result.duration)]
     shortest = np.zeros(0) if minimum is None else minimum.duration[np.isfinite(minimum.duration)]
@@ -210,6 +210,6 @@ def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _described(result: Constellation, times: np.ndarray) -> str:
-    """Which durations these are (a word of the settings, or stretched), how many, and their median."""
+    """Legend text of a histogram: the setting of the duration, the number of satellites, and the median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
     return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"

@@ -127,7 +127,7 @@ class Film(FuncAnimation):
         return float(self.picture.motion.times[-1])
 
     def __del__(self) -> None:
-        """Say nothing: a film that nobody looked at is no fault."""
+        """Suppress matplotlib's warning about an animation that was never drawn."""
 
     def save(
         self, filename: str | os.PathLike[str], writer: Any = None, *arguments: Any, **settings: Any
@@ -165,7 +165,7 @@ class Film(FuncAnimation):
             )
 
     def _repr_html_(self) -> str:
-        """The player; of a long film with every second picture, or every third, and so on."""
+        """The player for a notebook, which leaves out pictures of a long film."""
         step = -(-len(self.instants) // _PLAYER)
         if step == 1:
             return self.to_jshtml()
@@ -173,7 +173,7 @@ class Film(FuncAnimation):
 
 
 def _writer(target: Path) -> str:
-    """The writer of matplotlib for a file."""
+    """Choose the writer of matplotlib by the ending of a file's name."""
     suffix = target.suffix.lower()
     if suffix in _STILLS:
         return "pillow"
@@ -201,7 +201,7 @@ def _check_place(target: Path) -> None:
 
 
 def _smaller(found: re.Match[str]) -> str:
-    """A picture inside a page with fewer colours."""
+    """Reduce the colours of a picture that is embedded in a page, so that it takes fewer bytes."""
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
     picture.convert("RGB").quantize(_COLOURS).save(file, "png")
@@ -209,7 +209,7 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """Everything that moves; a call with the number of an instant brings it there."""
+    """Artists of a film that move; a call with the number of an instant moves them to it."""
 
     def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, moves, view

@@ -74,7 +74,7 @@ class Margin:
 
 
 def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
-    """Give one axis of a panel the scale, with ticks at round numbers.
+    """Give one axis of a panel the asinh scale of margins, with ticks at round numbers.
 
     Args:
         axes: the panel.
@@ -92,7 +92,7 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
 
 
 class _DegreeLocator(Locator):
-    """Round numbers of degrees, as many as there is room for.
+    """Locator of ticks at round numbers of degrees, as many as there is room for.
 
     Args:
         digits: first digits that ticks may have; those of the first ones come first.
@@ -120,7 +120,7 @@ class _DegreeLocator(Locator):
 
 
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """Margin of every device to every zone that binds it, over time; so of other directions that zones bind.
+    """Margin over time of every device, and every other direction, to each zone that binds it.
 
     The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
     axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
@@ -240,7 +240,7 @@ def _name_zones(
 
 
 def _proved(plan: Plan) -> list[tuple[float, float, str]]:
-    """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
+    """The proved bound of all margins as (time in s, margin in deg, legend text), if there is one."""
     proof = plan.certificate
     if proof is None or proof.min_margin is None or proof.worst_time is None:
         return []
@@ -252,7 +252,7 @@ def _proved(plan: Plan) -> list[tuple[float, float, str]]:
 
 
 def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
-    """Margins of all that is bound to every constraint that binds it, equations (11) and (12).
+    """Margins over time of devices and vectors to constraints that bind them, equations (11) and (12).
 
     A group counts as the best of its entries: at every instant the one whose worst member has most margin.
     So the smallest of all margins at an instant is that of the scene.

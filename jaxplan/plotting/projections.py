@@ -112,7 +112,7 @@ class Sheet(NamedTuple):
 
 
 class FlatMap:
-    """The sphere unfolded.
+    """Projection of the sphere to azimuth and elevation in degrees.
 
     Attributes:
         letter: deg that a letter of a name is wide and a line of it high.
@@ -125,11 +125,11 @@ class FlatMap:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(..., 2) of the picture for (..., 3) directions."""
+        """Points (..., 2) of the picture of directions (..., 3)."""
         return unfold(directions)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """(...) of marks and lines at directions (..., 3)."""
+        """Opacity (...) of marks and lines at directions (..., 3)."""
         return np.ones(directions.shape[:-1])
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -148,7 +148,7 @@ class FlatMap:
         yield _sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, of one beyond 90 deg those of a half sphere."""
+        """Half the width and height of a cone in the picture, at most those of a half sphere."""
         angle = min(float(np.rad2deg(half_angle)), 90.0)
         return angle / np.cos(min(abs(azimuth_elevation(axis)[1]), np.pi / 3)), angle
 
@@ -159,7 +159,7 @@ class FlatMap:
         return np.clip(np.stack([azimuth, spots[:, 1]], axis=-1), -room, room)
 
     def directions(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """(k, 3) at points (k, 2) of the picture."""
+        """Directions (k, 3) at points (k, 2) of the picture."""
         return np.asarray(pointing(*np.deg2rad(spots.T)))
 
 
@@ -173,14 +173,14 @@ def _flat_sheet() -> Sheet:
 
 
 def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
-    """The lines of a grid, and more of them over a part that may lie between two."""
+    """The lines of a grid with more lines about a centre, so that what is small does not fall between two."""
     more = centre + reach * _ACROSS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
 
 @dataclass(frozen=True)
 class GlobeView:
-    """The sphere seen from outside.
+    """Orthographic projection of the sphere, as it is seen from outside.
 
     Attributes:
         axes: (3, 3) rows right, up and toward the eye, inertial.
@@ -197,13 +197,13 @@ class GlobeView:
 
     @classmethod
     def from_angles(cls, azimuth: float, elevation: float) -> Self:
-        """The eye at an inertial azimuth and elevation, rad."""
+        """The view with the eye at an inertial azimuth and elevation, rad."""
         toward, right, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
         return cls(np.array([right, up, toward]))
 
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:
-        """The view from around with most of (k, 3) directions in front, of equals the levelest."""
+        """The view with most of the directions (k, 3) in front, from a low elevation where views are equal."""
         angles = [(a, e) for e in _ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
         views = [cls.from_angles(*pair) for pair in angles]
         shares = [
@@ -214,20 +214,20 @@ class GlobeView:
 
     @property
     def words(self) -> str:
-        """From where it is seen."""
+        """Caption that says from where the globe is seen."""
         azimuth, elevation = np.rad2deg(azimuth_elevation(self.axes[2]))
         return f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(..., 2) of the picture for (..., 3) points."""
+        """Points (..., 2) of the picture of points (..., 3)."""
         return np.asarray(directions @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """(...) toward the eye; the sphere's near side is positive."""
+        """Depth (...) of points (..., 3) toward the eye; it is positive on the near side of the sphere."""
         return np.asarray(points @ self.axes[2])
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """(...) of marks and lines at directions (..., 3), less on the far side."""
+        """Opacity (...) of marks and lines at directions (..., 3), less on the far side."""
         return np.where(self.depth(directions) >= 0, 1.0, PALE)
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -239,7 +239,7 @@ class GlobeView:
         return [(np.where(side[:, None], flat, np.nan), alpha) for side, alpha in ((near, 1.0), (far, PALE))]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """The front, then the back of the sphere. Beyond the limb they go on as at the limb."""
+        """The layers of front and back of the sphere, with the limb's directions beyond it."""
         across = upward = _GLOBE_LINES
         points = _whole_disc()
         if half_angle <= _SMALL:
@@ -259,7 +259,7 @@ class GlobeView:
         return spots
 
     def directions(self, spots: np.ndarray, beside: np.ndarray) -> np.ndarray:
-        """(k, 3) at points (k, 2) of the picture, on the side of a direction (3,); NaN beyond the limb."""
+        """Directions (k, 3) at points (k, 2), on the side of a direction (3,); NaN beyond the limb."""
         depth = np.sqrt(np.where(np.hypot(*spots.T) < 1, 1 - np.sum(spots**2, axis=-1), np.nan))
         side = 1 if self.depth(beside) >= 0 else -1
         return np.column_stack([spots, side * depth]) @ self.axes
@@ -269,7 +269,7 @@ Projection: TypeAlias = FlatMap | GlobeView
 
 
 def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
-    """(m, n, 3) points of the near half sphere at the lines of a grid about the unit disc."""
+    """Points (m, n, 3) of the near half sphere at the lines of a grid about the unit disc."""
     right, up = np.meshgrid(across, upward)
     radius = np.maximum(np.hypot(right, up), 1)
     right, up = right / radius, up / radius

@@ -152,7 +152,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
 
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
-    """The empty globe with a grid, and from where it is seen."""
+    """Draw the empty globe with a grid, and a caption that says from where it is seen."""
     axes.set_aspect("equal")
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
@@ -164,7 +164,7 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
 
 
 def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> None:
-    """All that is to be seen of a plan, with its title and legend."""
+    """Draw all that a projection shows of a plan, with title and legend."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
     entries = device_entries(craft.device_names)
@@ -184,7 +184,7 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
 
 
 def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:
-    """Zones with their names, the ways of those that move, and the plan's title."""
+    """Draw zones with their names, the ways of those that move, and the plan's title."""
     for zone in zones:
         draw_zone(axes, projection, zone)
     for last, way in zone_ways(plan):
@@ -200,7 +200,7 @@ def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[C
 
 
 def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) -> list[Line2D]:
-    """A line (k, 3) on the sphere, in the parts into which it falls."""
+    """Draw a line (k, 3) on the sphere, in the parts into which the projection cuts it."""
     drawn = []
     for flat, alpha in projection.parts(line):
         faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
@@ -209,14 +209,14 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 
 
 def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, look: Look) -> None:
-    """Marks at directions (k, 3)."""
+    """Draw marks at directions (k, 3)."""
     flat, opacity = projection.project(directions), projection.opacity(directions)
     for alpha in np.unique(opacity):
         axes.plot(*flat[opacity == alpha].T, **{"alpha": alpha, **look})
 
 
 def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -> Entries:
-    """Marks of start and goal of every device, or of its target without a goal; returns legend entries.
+    """Mark start and goal of every device, or its target if there is no goal; returns legend entries.
 
     Args:
         axes: where to.
@@ -236,7 +236,7 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """A zone with its edge: hatched for keep-out; hardly filled where it binds further vectors alone."""
+    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
@@ -275,7 +275,7 @@ def _zone_fill(zone: Cone) -> Look:
 
 
 def _binds_devices(zone: Cone) -> bool:
-    """Whether a zone binds any device, and not further vectors alone."""
+    """True if a zone binds a device, False if it binds only other vectors."""
     return binds_all(zone) or bool(zone.devices)
 
 
@@ -345,7 +345,7 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
 
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
-    """In few words which devices and vectors a zone binds; nothing if it binds all devices and no vector."""
+    """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
     bound = [name for name in names if binds_all(zone) or name in zone.devices]
     others = [name for name in names if name not in bound]
     lines = []
@@ -388,14 +388,14 @@ def zone_entries(scenario: Scenario) -> Entries:
 
 
 def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> list[Cone]:
-    """Zones that have a place on the sky, where they are at a time, s: all, those that move, or the rest."""
+    """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
     cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
     wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
     return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
 
 
 def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Zones that move where they are at last, and the ways of their axes (k, 3).
+    """Moving zones at their last places, with the ways of their axes (k, 3).
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
@@ -411,7 +411,7 @@ def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
 
 
 def boresight_ways(plan: Plan) -> np.ndarray | None:
-    """(k, D, 3) along the trajectory, or along the path if there is none; None without a path."""
+    """Boresights (k, D, 3) along the trajectory, or along the path without one; None without a path."""
     if plan.trajectory is not None:
         return motion(plan).boresights
     return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)

@@ -70,7 +70,7 @@ _LINE, _ABOVE = 0.26, 0.75  # inches: of a study's line, and of what is around t
 
 
 class Quantity(NamedTuple):
-    """What a curve is of.
+    """A quantity whose distribution is drawn as a curve.
 
     Attributes:
         label: of the axis, with its unit.
@@ -131,7 +131,7 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
 
 
 def study_figure(studies: Studies) -> Figure:
-    """The same on a page of its own, which does not belong to pyplot.
+    """Draw `study` on a page of its own, which does not belong to pyplot.
 
     Args:
         studies: see `study`.
@@ -216,7 +216,7 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
 def distribution(
     studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
 ) -> Axes:
-    """The share of all scenes that are planned with at most a value; of margins, with at least it.
+    """Share of all scenes that are planned with at most each value (for margins: with at least it).
 
     Args:
         studies: one, several, or several by their names.
@@ -271,7 +271,7 @@ def distribution(
 
 
 def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
-    """Steps from one value to the next, and the dotted line to the edge where scenes are without a plan."""
+    """Draw steps from one value to the next, and a dotted line to the edge if scenes have no plan."""
     left, right = axes.get_xlim()
     shares = 100 * np.arange(len(values) + 1) / scenes
     top = shares[-1]
@@ -340,7 +340,7 @@ def _names(studies: Sequence[Study]) -> list[str]:
 
 
 def _looks(studies: Named) -> list[Look]:
-    """Colour and line style of each: the planner's colour, unless two are by the same.
+    """Colour and line style of each study: the planner's colour, unless two studies have one planner.
 
     Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
     """

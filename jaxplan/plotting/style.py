@@ -76,7 +76,7 @@ def device_style(number: int) -> Look:
 
 
 def plain(text: Text) -> Text:
-    """A text shown letter by letter: names come from files, and a ``$`` in one is no formula."""
+    """Show a text letter by letter: names come from files, and a ``$`` in one is no formula."""
     text.set_parse_math(False)
     return text
 
@@ -87,7 +87,7 @@ def note(axes: Axes, text: str) -> None:
 
 
 def tidy(axes: Axes) -> None:
-    """A light grid, small figures, and no frame above and to the right."""
+    """Give a panel a light grid and small tick labels, without frame above and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TEXT)
@@ -95,7 +95,7 @@ def tidy(axes: Axes) -> None:
 
 
 def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[Text]:
-    """A line for each name at heights 0, 1, ... downward; returns the names at the left, if shown."""
+    """Give a panel a line for each name at heights 0, 1, ... downward; returns the labels that are shown."""
     tidy(axes)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_yticks(range(len(names)), list(names))
@@ -104,7 +104,7 @@ def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[
 
 
 def plain_numbers(axis: Axis) -> None:
-    """Numbers at the larger ticks as a person writes them, without powers; none at the smaller ones."""
+    """Write the numbers of major ticks without powers, and none at minor ticks."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
     axis.set_minor_formatter(NullFormatter())
 
@@ -121,7 +121,7 @@ def barrier(side: int) -> Look:
 def limit_lines(
     axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
 ) -> Entries:
-    """Limits at plus and minus their values, drawn as barriers or, far from the curves, told above the panel.
+    """Draw limits at plus and minus their values, or tell those far from the curves above the panel.
 
     Args:
         axes: where to.
@@ -150,7 +150,7 @@ def limit_lines(
 
 
 def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
-    """A legend to the right of the axes, so that it covers no data."""
+    """Put a legend to the right of the axes, so that it covers no data."""
     if not entries:
         return
     # a label that begins with an underscore would be left out
@@ -284,7 +284,7 @@ def expect_plan(plan: object) -> Plan:
 
 
 def expect_trajectories(given: object, spacecraft: object) -> None:
-    """Raise a TypeError for what are no trajectories by their names, or no spacecraft."""
+    """Raise a TypeError unless these are trajectories by their names, and a spacecraft."""
     for name, trajectory in expect_mapping("trajectories", given).items():
         advice = "a plan has one as plan.trajectory"
         expect(f"trajectories[{name!r}]", trajectory, Trajectory, advice)
@@ -299,7 +299,7 @@ def expect_mapping(name: str, value: object) -> Mapping[Any, Any]:
 
 
 def expect_view(view: object) -> None:
-    """Raise a ValueError for what are no two angles."""
+    """Raise a ValueError unless a view is two angles."""
     angles = as_floats(view)
     if angles is None or angles.shape != (2,):
         raise ValueError(f"view = {show(view)}: must be azimuth and elevation of the eye, deg, or None")
@@ -352,12 +352,12 @@ def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> No
 
 
 def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
-    """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
+    """Label the time in seconds under the lowest panel and those that do not share its axis."""
     time_span(grid, float(moves.times[-1]), moves.node_times)
 
 
 def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
-    """Time from zero to an end, s, with ticks for nodes."""
+    """Let panels show the time from zero to an end, s, with minor ticks at nodes."""
     lowest = grid[-1]
     for axes in grid:
         tidy(axes)
@@ -374,7 +374,7 @@ def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> N
 
 
 class _EndLocator(MaxNLocator):
-    """Round times, and the duration, so that it can be read off."""
+    """Locator of ticks at round times and at the duration."""
 
     def __init__(self, end: float) -> None:
         super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
@@ -387,7 +387,7 @@ class _EndLocator(MaxNLocator):
 
 
 def _seconds(end: float, time: float, _: int | None = None) -> str:
-    """A time as its tick says it; the duration to three digits, or to the second."""
+    """Label of a tick: its time; the duration has three digits, or whole seconds."""
     if time != end:
         return f"{time:.6g}"
     text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"

@@ -101,7 +101,7 @@ class Panel(NamedTuple):
 
 
 def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Panel]:
-    """Yaws and pitches, or a derivative of them."""
+    """Panels of yaws and pitches, or of a derivative of them."""
     styles = [device_style(number) for number in range(len(craft.terminals))]
     found = []
     for quantity in (each for each in QUANTITIES if each.of_joints and each.power == power):
@@ -121,7 +121,7 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 def _figure(
     plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
 ) -> list[Axes]:
-    """Panels from top to bottom, each group with a legend beside its first."""
+    """Draw panels from top to bottom, with a legend beside the first of each group."""
     count = sum(len(group) for _, group in groups)
     grid = panels(ax, count, size(count))
     left = iter(grid)
@@ -197,7 +197,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """A derivative of pitches, yaws (the paper's order) and the platform's attitude."""
+    """Draw a derivative of pitches, yaws (the paper's order) and the platform's attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics()
     joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
@@ -236,7 +236,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
-    """What a spacecraft limits beside rates and accelerations: the panels of its `torque`."""
+    """Quantities beside rates and accelerations that a spacecraft limits; `torque` has a panel of each."""
     limited = (limit.quantity for limit in timed_limits(craft)[0])
     return [quantity for quantity in limited if quantity.by_inertia or quantity.power > 2]
 
@@ -252,7 +252,7 @@ def _terminals(craft: Spacecraft) -> Entries:
 
 
 def _labelled(words: str, quantity: Quantity) -> str:
-    """What a panel of a quantity is labelled with: words and the unit, which stands below a long word."""
+    """Label of a panel: words and unit, which stands on a line of its own below a long word."""
     below = len(words.split()[-1]) > _LONG and "\n" not in words
     between = "\n" if below else " "
     return f"{words}{between}({quantity.printed_unit})"
@@ -429,13 +429,13 @@ def _spin_limits(craft: Spacecraft) -> np.ndarray:
 
 
 def _limit(axes: Axes, limit: float, highest: float) -> Entries:
-    """A limit of panels whose highest value is known, both in radians; its legend entry if it is drawn."""
+    """Draw a limit beside a known highest value, both in radians; returns its legend entry, if drawn."""
     style: Look = {"color": GREY}
     return limit_lines(axes, np.rad2deg([limit]), [style], np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
-    """Titles above the columns and time below them."""
+    """Put titles above the columns of panels and the time below."""
     end = max(float(one.times[-1]) for one in sampled.values())
     for column, title in enumerate(titles):
         plain(every[column].set_title(title, fontsize=TEXT))

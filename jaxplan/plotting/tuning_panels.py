@@ -100,7 +100,7 @@ def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = T
 
 
 def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
-    """Each trial, those with more failures than the best crossed out, and the best until then."""
+    """Draw each trial, a cross for those with more failures than the best, and the best until then."""
     best = list(accumulate(rows, _better))
     numbers = np.array([row["trial"] for row in rows])
     values = np.array([row[key] for row in rows], dtype=float)
@@ -122,7 +122,7 @@ def _better(first: Row, second: Row) -> Row:
 
 
 def _use_decades(axes: Axes, values: np.ndarray) -> None:
-    """A logarithmic axis, linear near zero, where values are so far apart that the least are one line."""
+    """Make the vertical axis logarithmic, and linear near zero, if values differ by a factor of `_FAR`."""
     known = values[np.isfinite(values)]
     positive = known[known > 0]
     if not len(positive) or np.any(known < 0) or np.max(known) < _FAR * np.min(positive):
@@ -139,7 +139,7 @@ def _use_decades(axes: Axes, values: np.ndarray) -> None:
 
 
 class _WholeNumbers(ScalarFormatter):
-    """Ticks that say the whole number, in as many digits as it takes: no offset or power stands aside."""
+    """Formatter of ticks with all their digits, without an offset or power beside the axis."""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
         """The labels of some ticks."""
@@ -159,5 +159,5 @@ def _entries(rows: Sequence[Row]) -> Entries:
 
 
 def _broken(name: str) -> str:
-    """A dotted name, or a sum of objectives, on lines of its own, so that it fits beside a low panel."""
+    """Break a dotted name, or a sum of objectives, into lines that fit beside a low panel."""
     return name.replace(".", ".\n") if " " not in name else name.replace(" + ", " +\n").replace(" (", "\n(")

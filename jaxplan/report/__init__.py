@@ -55,7 +55,7 @@ def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = F
 
 
 def _free_place(path: str | os.PathLike[str], overwrite: bool) -> Path:
-    """The place to write to, if what is there may go."""
+    """The path to write to, if nothing is there or it may be replaced."""
     if not os.fspath(path):
         raise ValueError("path is empty, it must name a file to write")
     target = Path(path)
@@ -111,7 +111,7 @@ def page(plan: Plan) -> str:
 
 
 def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
-    """How it ended by the certificate made anew, and what happened if not all is well.
+    """Status by the certificate made anew, and the message if the plan is not certified.
 
     So a plan that says it is certified but is not is found out.
     """
@@ -129,7 +129,7 @@ def _word(status: Status) -> str:
 
 
 def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Markup]) -> list[Markup]:
-    """The sections, as far as the plan came."""
+    """The sections of the page, as far as the plan came."""
 
     def shown(*names: str) -> list[Markup]:
         return [pictures[name] for name in names if name in pictures]

@@ -146,7 +146,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
 
 
 def _by_scene(study: Study) -> dict[Hashable, Row]:
-    """Rows with their times by what tells a scene from the others of its kind."""
+    """Rows of a study with their times, by seed, or by number and name of given scenarios."""
     times = {row["scene"]: row for row in study.timings}
     return {
         row["seed"] if study.kind is not None else (row["scene"], row["name"]): times.get(row["scene"], {})

@@ -102,7 +102,7 @@ def counted(number: int, noun: str) -> str:
 @shown("done", "planned", "statuses", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary(Printed):
-    """A study in a few numbers.
+    """Summary of a study: success rate, statuses, and quantiles of what was found.
 
     Attributes:
         study: which one.
@@ -201,7 +201,7 @@ class Study:
         return [row for row in self._rows(TIMINGS) if row["scene"] in done]
 
     def _rows(self, name: str) -> list[Row]:
-        """The rows of a file in the order of scenes; of those that are there twice the last."""
+        """Rows of a file in the order of scenes; of several rows of a scene the last counts."""
         if self.folder is None:
             return sorted(self._held[name], key=lambda row: row["scene"])
         rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes)}
@@ -235,7 +235,7 @@ class Study:
         return success_interval(self.planned, self.done)
 
     def values(self, column: str, every: bool = False) -> np.ndarray:
-        """The values of a column, of the scenes that are planned, where they have one.
+        """Values of a column in the planned scenes that have one.
 
         Args:
             column: of the table or the times, or "over_bound" for a duration over the least that the goal
@@ -309,7 +309,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 
 @contextmanager
 def _extra(package: str) -> Iterator[None]:
-    """Say which extra brings a package that is missing."""
+    """Name the extra that brings a package, if it is missing."""
     try:
         yield
     except ImportError as error:

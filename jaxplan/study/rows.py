@@ -54,7 +54,7 @@ TIMES: Mapping[str, type] = {
 
 
 def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
-    """A row of what is known; None for the rest, and for numbers that are none, as of a failed proof."""
+    """A row of the values known; None for the others, and for numbers that are not finite."""
     row: Row = {}
     for name, kind in columns.items():
         value = known.get(name)
@@ -144,7 +144,7 @@ def _plan_or_error(block: Chunk, place: int) -> Plan | str:
 
 
 def answer_of(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
-    """The rows of what became of a chunk's scenes."""
+    """Rows and times of a chunk's scenes by their plans, or errors."""
     table, timings = [], []
     for place, outcome in enumerate(outcomes):
         head = chunk.head(place)

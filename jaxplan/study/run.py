@@ -43,7 +43,7 @@ def run_study(
     progress: bool = True,
     executor: Workers | None = None,
 ) -> Study:
-    """Plan many scenes, and note what became of each.
+    """Plan many scenes, and keep a row of the outcome of each.
 
     On one machine the table is always the same to the last bit, whoever plans and however often the study
     is interrupted: scenes are planned together in blocks of 16 by their number, and searches have no time
@@ -195,7 +195,7 @@ class Blocks:
         return self._task.chunk(blocks) if blocks else None
 
     def learn(self, scenes: int, seconds: float) -> None:
-        """Take into account how long so many scenes took."""
+        """Adapt the size of chunks to how long so many scenes took."""
         if self._fixed is None:
             wanted = AIM * scenes / max(seconds, 1e-9) / BLOCK
             self._size = int(min(max(wanted, self._size / 2, 1), self._size * 2, LARGEST))
@@ -220,7 +220,7 @@ class Blocks:
 
 
 def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
-    """Answer one chunk after the other."""
+    """Work on one chunk after the other in this process."""
     while (chunk := chunks.take(0)) is not None:
         answer = work(chunk)
         chunks.learn(len(chunk.scenes), answer.seconds)
@@ -228,7 +228,7 @@ def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
 
 
 def by_workers(chunks: Blocks, work: Work, pool: WorkerPool) -> Iterator[Answer]:
-    """Answer chunks as workers get done with them.
+    """Hand chunks out to workers, and yield their answers as they come.
 
     As many are handed out at once as keep all workers busy: more and more, as long as they are begun at once.
     Answers that are there when a worker dies count; the other chunks are planned again, see `Blocks`.

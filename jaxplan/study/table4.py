@@ -199,7 +199,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
 
 
 def row_of_study(study: Study) -> Row:
-    """The row of Table 4 of a study of searches."""
+    """Make a row of Table 4 of a study of searches."""
     known = {row["scene"]: row for row in study.table if row["status"] != Status.NO_PATH.name}
     clear = [row for row in known.values() if row["certified"]]
     return Row(

@@ -57,7 +57,7 @@ class Task:
 
     @property
     def examples(self) -> int:
-        """Number of leading scenes that show all settings: one of random scenes, since a kind shares them."""
+        """Number of scenes to check settings on: one of a kind of random scenes, or all given scenarios."""
         return len(self.scenes) if self.kind is None else 1
 
     def scenario(self, place: int) -> Scenario:
@@ -170,7 +170,7 @@ def make_task(
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON has them, in one order, so that equal ones look alike."""
+    """Settings as JSON has them, sorted by name, so that equal settings are equal texts."""
     if not isinstance(settings, Mapping):
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
@@ -190,7 +190,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unwrapped(value: object) -> Any:
-    """A number or array of numpy as Python's own."""
+    """Convert a number or array of numpy to Python's own."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r} is nothing that a scenario file holds")

@@ -44,7 +44,7 @@ from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
 @shown("step", "objective", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stop:
-    """Numbers on the way of a descent.
+    """A point of a descent: free parameters, step and objective.
 
     Attributes:
         free: parameters.
@@ -83,7 +83,7 @@ class State:
     lowest: Stop | None = None
 
     def expect(self, asked: Mapping[str, Any]) -> None:
-        """Raise where a call that resumes asks for something else."""
+        """Raise a ValueError if a call that resumes asks for something else."""
         differing = [name for name, value in asked.items() if self.asked[name] != value]
         if differing:
             raise ValueError(
@@ -122,7 +122,7 @@ class Tuning(Printed):
 
     @property
     def scenario(self) -> Scenario:
-        """The first of them."""
+        """The first of the tuned scenarios."""
         return self.scenarios[0]
 
     def cells(self) -> list[list[str]]:
@@ -240,7 +240,7 @@ class _Planned(NamedTuple):
 
 
 class _Descent:
-    """A descent under way: what it is asked for, where it is, and what is seen from there."""
+    """A descent under way, with its state, and the objective and gradient there."""
 
     def __init__(
         self,

@@ -46,14 +46,14 @@ class Range:
     own: float
 
     def number(self, value: float) -> float | int:
-        """A value as a file has it, between the bounds."""
+        """Round a value as a file has it, within the bounds."""
         if self.integer:
             return round(value)
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
 
 def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
-    """The settings that are asked for.
+    """Ranges of the settings that are to be varied, after a check of their names and bounds.
 
     Args:
         task: the study that is made in each trial.
@@ -147,7 +147,7 @@ class Parameter:
 def parameters(
     scenario: Scenario, over: Sequence[str] | Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
-    """The parameters that are asked for.
+    """Parameters for the numbers that are to be tuned, after a check of their names and bounds.
 
     Args:
         scenario: with the values to begin with.
@@ -200,7 +200,7 @@ def number_of(scenario: Scenario, name: str) -> NumberPlace:
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
-    """Bounds where none are given."""
+    """Bounds of a number for which none are given."""
     interval = place.interval
     if interval is None or interval.low < 0:
         raise ValueError(
@@ -211,5 +211,5 @@ def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
-    """The numbers by name."""
+    """Tuned numbers by name, in the file's units."""
     return {one.place.name: float(one.value(z)) for one, z in zip(tuned, free, strict=True)}

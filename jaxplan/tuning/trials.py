@@ -40,18 +40,18 @@ _OVER: Mapping[str, tuple[float, float]] = {
 
 
 class Ended(Exception):
-    """No more trials: they are spent, or one raised the cause of this."""
+    """Raised when all trials are spent, or by an error in one, which is the cause then."""
 
 
 class Trial(NamedTuple):
-    """A trial: its row of the history, and its study."""
+    """One trial: its row of the history, and its study."""
 
     row: Row
     study: Study
 
 
 class Trials:
-    """Makes studies and keeps their rows, the best of them, and that by the scenes' own settings."""
+    """Runs trials, and keeps their rows, the best trial, and the one by the scenes' own settings."""
 
     def __init__(
         self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
@@ -65,7 +65,7 @@ class Trials:
         self.own = self.best = self._noted(numbers)
 
     def __call__(self, values: np.ndarray) -> float:
-        """The rank of settings, lower is better; those that were tried before cost nothing."""
+        """Rank of settings, of which lower is better; settings that were tried before cost no trial."""
         numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
         key = tuple(numbers.values())
         if key not in self._known:
@@ -95,7 +95,7 @@ class Trials:
         return self._trial(int(trial.row["trial"]), numbers)
 
     def _noted(self, numbers: Row) -> Trial:
-        """The next trial, which counts."""
+        """Make the next trial and enter it in the history."""
         trial = self._trial(len(self.history), numbers)
         self.history.append(trial.row)
         self._known[tuple(numbers.values())] = self._rank(trial)
@@ -103,7 +103,7 @@ class Trials:
         return trial
 
     def _trial(self, number: int, numbers: Row) -> Trial:
-        """A study by settings; trial 0 is by the scenes' own."""
+        """Make a study by settings; that of trial 0 is by the scenes' own."""
         task = self.task
         # in one chunk where it may be, so that the times of trials compare
         study = run_study(
@@ -126,7 +126,7 @@ class Trials:
         return min(one, other, key=self._rank)
 
     def _rank(self, trial: Trial) -> float:
-        """Failed scenes, and less than one for the objective."""
+        """Rank of a trial: its failed scenes, plus a share below one that grows with the objective."""
         value, scale = trial.row["objective"], abs(self.history[0]["objective"])
         scale = scale if 0 < scale < math.inf else 1.0
         share = value / (abs(value) + scale) if value < math.inf else 1.0
@@ -298,7 +298,7 @@ def _search(trial: Trials, seed: int) -> str:
 
 
 def _make_score(objective: str | Score) -> tuple[str, Score]:
-    """The objective's label, and the function."""
+    """Label and function of an objective."""
     if isinstance(objective, str):
         if objective not in _OBJECTIVES:
             known = ", ".join(_OBJECTIVES)
