@@ -8,6 +8,6 @@ the order of a quaternion or the frame of a rate, the writer of each says. The i
 scenario's, and files that must name one call it J2000 or EME2000.
 """
 
-from jaxplan.exporting.formats import FORMATS, UncertifiedError, default_path, ending, export
+from jaxplan.exporting.formats import FORMATS, UncertifiedError, default_path, ending, export, free_place
 
-__all__ = ["FORMATS", "UncertifiedError", "default_path", "ending", "export"]
+__all__ = ["FORMATS", "UncertifiedError", "default_path", "ending", "export", "free_place"]

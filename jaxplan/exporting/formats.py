@@ -119,7 +119,7 @@ def export(
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
-    target = _free_place(path, kind, overwrite)
+    target = free_place(path, kind.parts, overwrite=overwrite)
     report = certify(plan)
     if not report.certified:
         reasons = "; ".join(report.faults)
@@ -145,30 +145,35 @@ def ending(plan: Plan) -> str:
     return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
 
 
-def _free_place(path: str | os.PathLike[str], kind: Format, overwrite: bool) -> Path:
+def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, overwrite: bool) -> Path:
     """The path to write to, if nothing is there or it may be replaced.
+
+    Args:
+        path: of a file, or of a folder.
+        parts: suffixes of the files of a folder, empty for a single file.
+        overwrite: whether an old file may be replaced, or a folder that holds files of these suffixes only.
 
     Raises:
         FileExistsError: if something is there and was not to be replaced.
-        ValueError: if something is there that this format would not have written.
+        ValueError: if the path is empty, or something is there that would not have been written so.
     """
     if not os.fspath(path):
         raise ValueError("path is empty, it must name a file or folder to write")
     target = Path(path)
+    if not parts and target.is_dir():
+        raise ValueError(f"{target}: is a folder, and this format is a file")
     if not os.path.lexists(target):
         return target
     if not overwrite:
         hint = "is there already; overwrite=True (--force) replaces it"
         raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
-    if not kind.parts:
-        if target.is_dir():
-            raise ValueError(f"{target}: is a folder, and this format is a file")
-        return target
-    if target.is_symlink() or not target.is_dir():
+    if parts and (target.is_symlink() or not target.is_dir()):
         raise ValueError(f"{target}: is a file, and this format is a folder of files")
-    foreign = sorted(p.name for p in target.iterdir() if p.suffix not in kind.parts or not p.is_file())
+    foreign = sorted(
+        p.name for p in (target.iterdir() if parts else ()) if p.suffix not in parts or not p.is_file()
+    )
     if foreign:
         raise ValueError(
-            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(kind.parts)} may be there"
+            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(parts)} may be there"
         )
     return target

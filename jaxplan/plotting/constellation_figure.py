@@ -34,11 +34,11 @@ _OUT: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "z
 _RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
 _LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
 _CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
-_COLOURS = "viridis"
+_COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
 _MOST = 0.99  # of the satellites, whose times the colours span
 _FAR = 1.5  # times what most take: longer ones are named instead of drawn
 _FEW_PLANES = 12  # that are drawn as lines
-_BINS = 28
+_BINS = 28  # of the histogram
 _BESIDE = np.deg2rad((-65.0, 20.0))  # azimuth from the Sun's and elevation of the eye
 _PARTS = ("switch", "planned", "duration", "certified", "sun_outage", "study")  # of a constellation
 

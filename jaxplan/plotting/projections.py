@@ -203,7 +203,7 @@ class GlobeView:
 
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:
-        """The view with most of the directions (k, 3) in front, from a low elevation where views are equal."""
+        """The view with most of the directions (k, 3) in front; of equals, one from a low elevation."""
         angles = [(a, e) for e in _ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
         views = [cls.from_angles(*pair) for pair in angles]
         shares = [

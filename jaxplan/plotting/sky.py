@@ -258,11 +258,8 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
 def zone_outline(zone: Cone) -> Look:
     """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
     inside = isinstance(zone, KeepIn)
-    alone = (0, (5, 2.5)) if inside else "-"
-    return {
-        "color": KEEP_IN if inside else KEEP_OUT,
-        "linestyle": alone if zone.any_of is None else (0, (1, 1.5)),
-    }
+    style = (0, (1, 1.5)) if zone.any_of is not None else (0, (5, 2.5)) if inside else "-"
+    return {"color": KEEP_IN if inside else KEEP_OUT, "linestyle": style}
 
 
 def _zone_fill(zone: Cone) -> Look:
@@ -369,11 +366,12 @@ def _group(zone: Cone) -> list[str]:
 
 def zone_entries(scenario: Scenario) -> Entries:
     """Legend entries: one of each kind of zones that the scenario has."""
+
+    def kind(zone: Cone) -> tuple[bool, bool, bool]:
+        return isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None
+
     kinds: dict[str, Entry] = {}
-    for zone in sorted(
-        zones_at(scenario, 0.0),
-        key=lambda zone: (isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None),
-    ):
+    for zone in sorted(zones_at(scenario, 0.0), key=kind):
         inside = isinstance(zone, KeepIn)
         text = "keep-in zone" if inside else "keep-out zone"
         text += "" if _binds_devices(zone) else ",\nfor no device"

@@ -61,7 +61,7 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_LEGEND_ROWS = 14
+_LEGEND_ROWS = 14  # of a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _STILL = 1e-3  # of a limit, up to which nothing is said to move
 

@@ -48,9 +48,9 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
     figure = new_figure(OVERVIEW_SIZE) if ax is None else ax
-    upper, lower = figure.add_gridspec(2, 1, height_ratios=(5, 4))
-    top = sphere(plan, ax=figure.add_subplot(upper))
-    rows = lower.subgridspec(2 if craft.terminals else 1, 2)
+    halves = figure.add_gridspec(2, 1, height_ratios=(5, 4))
+    top = sphere(plan, ax=figure.add_subplot(halves[0]))
+    rows = halves[1].subgridspec(2 if craft.terminals else 1, 2)
     grid = rows.subplots(sharex=True, squeeze=False)
     joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
     if joints:

@@ -6,12 +6,12 @@ makes HTML in which no text of a scenario can be anything but text, `tables` has
 found, and here it is put together: head, verdict, and the parts in the order of planning.
 """
 
-import errno
 import os
 from importlib.resources import files
 from pathlib import Path
 
 from jaxplan.certificate import Certificate
+from jaxplan.exporting import free_place
 from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proof import certify, check_margins
@@ -47,23 +47,10 @@ def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = F
     """
     expect("plan", plan, Plan, "jp.plan makes one of a scenario")
     file_path("path", path)
-    target = _free_place(path, overwrite)
+    target = free_place(path, overwrite=overwrite)
     text = page(plan)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
-    return target
-
-
-def _free_place(path: str | os.PathLike[str], overwrite: bool) -> Path:
-    """The path to write to, if nothing is there or it may be replaced."""
-    if not os.fspath(path):
-        raise ValueError("path is empty, it must name a file to write")
-    target = Path(path)
-    if target.is_dir():
-        raise ValueError(f"{target}: is a folder, and the page is a file")
-    if os.path.lexists(target) and not overwrite:
-        hint = "is there already; overwrite=True (--force) replaces it"
-        raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
     return target
 
 
