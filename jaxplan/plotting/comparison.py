@@ -31,7 +31,7 @@ from jaxplan.plotting.style import (
     plain_numbers,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like, several
+from jaxplan.runtime.arguments import expect_any, several
 from jaxplan.search import PLANNERS
 from jaxplan.study.table4 import Row
 
@@ -141,9 +141,7 @@ def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
     """The rows of each kind, those from print last."""
     kinds: dict[str, list[Row]] = {}
     for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
-        expect_like(
-            f"rows[{number}]", row, ("kind", "planner", "solved"), "a row of jaxplan.study.table4.compare"
-        )
+        expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.table4.compare")
         kinds.setdefault(row.kind, []).append(row)
     return [sorted(of_kind, key=_is_printed) for of_kind in kinds.values()]
 

@@ -23,7 +23,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like
+from jaxplan.runtime.arguments import expect_any
 
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
@@ -40,7 +40,6 @@ _FAR = 1.5  # times what most take: longer ones are named instead of drawn
 _FEW_PLANES = 12  # that are drawn as lines
 _BINS = 28  # of the histogram
 _BESIDE = np.deg2rad((-65.0, 20.0))  # azimuth from the Sun's and elevation of the eye
-_PARTS = ("switch", "planned", "duration", "certified", "sun_outage", "study")  # of a constellation
 
 
 def constellation(
@@ -75,7 +74,7 @@ def constellation(
         >>> jp.plot.constellation(jp.plan_constellation(switch))
     """
     for name, given in (("result", result), *([("minimum", minimum)] if minimum is not None else [])):
-        expect_like(name, given, _PARTS, "a Constellation, as jp.plan_constellation returns")
+        expect_any(name, given, (Constellation,), "a Constellation, as jp.plan_constellation returns")
     if not len(result.planned):
         raise ValueError("there are no satellites to draw yet")
     globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.3, 1.0), shared=False)

@@ -22,7 +22,7 @@ from jaxplan.plotting.style import (
     plain_numbers,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like
+from jaxplan.runtime.arguments import expect_any
 from jaxplan.tuning import SearchTuning, Tuning
 
 Row = Mapping[str, float]
@@ -67,9 +67,7 @@ def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = T
     Example:
         >>> jp.plot.tuning(jp.tune_search(range(20), "hard_keep_out", objective="expansions"))
     """
-    expect_like(
-        "result", result, ("label", "history", "answer"), "a Tuning or SearchTuning, as jp.tune returns"
-    )
+    expect_any("result", result, (Tuning, SearchTuning), "a Tuning or SearchTuning, as jp.tune returns")
     rows = result.history
     if not rows:
         raise ValueError("the tuning has no steps to draw")
