@@ -19,9 +19,8 @@ from _options import positive
 
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.runtime.workers import WorkerPool
-from jaxplan.study.blocks import Answer, Blocks, by_workers, plan_chunk
-from jaxplan.study.rows import STEPS, row_of, times_of
-from jaxplan.study.run import run_task
+from jaxplan.study.rows import STEPS, Answer, plan_chunk, row_of, times_of
+from jaxplan.study.run import Blocks, by_workers, run_task
 from jaxplan.study.task import Chunk, Task
 
 _REHEARSALS = 2  # of the whole study, after which each process has compiled what it uses

@@ -8,8 +8,7 @@ import signal
 import sys
 import time
 
-from jaxplan.study.blocks import Answer
-from jaxplan.study.rows import COLUMNS, TIMES
+from jaxplan.study.rows import COLUMNS, TIMES, Answer
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
 

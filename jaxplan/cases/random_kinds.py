@@ -135,12 +135,12 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
 
 
 def _angle(rng: np.random.Generator, least: float, most: float) -> float:
-    """An angle in rad between two in deg."""
+    """Draw an angle, rad, between two in deg."""
     return math.radians(rng.uniform(least, most))
 
 
 def _as_filed(angle: float) -> float:
-    """The angle to the last bit that a file in degrees can say."""
+    """Round an angle to one that a file in degrees keeps to the last bit."""
     return math.radians(math.degrees(angle))
 
 

@@ -43,7 +43,7 @@ PATIENCE = 50
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
-    """Every decision on a draw: whether a slack, known to rounding, is above zero."""
+    """True where a slack, known to rounding, is above zero; every decision on a draw is made by this."""
     return slack >= HAIR
 
 

@@ -1,16 +1,19 @@
-"""The command line: ``jaxplan new``, ``validate``, ``plan`` and what follows from a plan, and studies.
+"""The command line: the words of all commands, and the exit codes that they end with.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
-certified. Heavy imports wait until a command needs them, so that ``--help`` answers at once.
+certified. A command is the function of its name in `jaxplan.cli.plans` or `jaxplan.cli.studies`; these are
+imported when a command runs, so that ``--help`` answers at once.
 """
 
 import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NoReturn
 
-from jaxplan.cli import plans, scenes, studies
-from jaxplan.cli.common import BAD_INPUT, DONE, Parser, complain
+from jaxplan.cli.common import BAD_INPUT, DONE, complain
+from jaxplan.version import __version__
 
 DESCRIPTION = "Plan certified attitude manoeuvres of spacecraft with several pointing devices."
 EXIT_CODES = "Exit codes: 0 done, 1 no plan, 2 bad input, 3 not certified."
@@ -19,6 +22,15 @@ FIRST_STEPS = """\
   jaxplan validate scene.toml       see whether all is right with it
   jaxplan plan scene.toml -o out    plan it: out/plan.json and figures"""
 
+# As words, since to ask the modules for them takes a second that help should not take.
+_KINDS = (
+    "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
+    "joint_bounds, grouped, moving, moved_goals or mixed"
+)
+_PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
+_OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans
+_SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code.
@@ -26,9 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: the words after ``jaxplan``; those of the process by default.
     """
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
     try:
-        code = int(options.run(options))
+        code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
         return code
     except KeyboardInterrupt:
@@ -44,12 +57,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(str(error), BAD_INPUT)
 
 
+def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    if options.command is not None:
+        home = import_module(f"jaxplan.cli.{'studies' if options.command in _OF_STUDIES else 'plans'}")
+        return int(getattr(home, options.command)(options))
+    if options.version:
+        print(f"jaxplan {__version__}")
+        return DONE
+    parser.print_help(sys.stderr)
+    return BAD_INPUT
+
+
 def _drop_output() -> None:
-    """Forget output that nobody takes, lest Python complains of it at its end."""
+    """Discard output that cannot be written, lest Python complains at its exit."""
     try:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are of the command that was given, and name its help."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong with the words, and exit."""
+        self.print_usage(sys.stderr)
+        self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see {self.prog} --help\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the words; one that has no meaning is an error."""
+        known, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}")
+        return known, left
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -61,18 +101,136 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    scenes.add_commands(commands)
-    plans.add_commands(commands)
-    studies.add_commands(commands)
-    parser.set_defaults(run=lambda options: _no_command(parser, options))
+    _add_scene_commands(commands)
+    _add_plan_commands(commands)
+    _add_study(commands)
+    _add_table4(commands)
     return parser
 
 
-def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
-    if options.version:
-        from jaxplan.version import __version__
+def _count(text: str) -> int:
+    """A whole number of at least 1, for argparse."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
+    return int(text)
 
-        print(f"jaxplan {__version__}")
-        return DONE
-    parser.print_help(sys.stderr)
-    return BAD_INPUT
+
+def _add_scene_commands(commands: Any) -> None:
+    """Tell the parser of the commands on scenario files."""
+    new = commands.add_parser(
+        "new",
+        help="write a scenario file to begin with",
+        description=("Write a scenario file that can be planned as it is, with a comment on every option."),
+    )
+    new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
+    new.add_argument(
+        "--from", dest="source", metavar="CASE", help="copy a case of the paper instead, case-1 to case-4"
+    )
+    new.add_argument("--force", action="store_true", help="replace a file that is there")
+    validate = commands.add_parser(
+        "validate",
+        help="say what is wrong with scenario files",
+        description=(
+            "Say what scenario files hold, or all that is wrong with them, and whether each start "
+            "(and goal, where it is a given state) keeps the limits and zones. Nothing is planned."
+        ),
+    )
+    validate.add_argument("files", nargs="+", metavar="SCENARIO", help=_SCENARIO)
+    validate.add_argument("--json", action="store_true", help="print what was found for machines")
+
+
+def _add_plan_commands(commands: Any) -> None:
+    """Tell the parser of the commands that make or read a plan."""
+    plan = commands.add_parser(
+        "plan", help="plan a scenario", description=("Plan a scenario and certify it.")
+    )
+    plan.add_argument("scenario", metavar="SCENARIO", help=_SCENARIO)
+    plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
+    plan.add_argument("--json", action="store_true", help="print a summary for machines")
+    check = commands.add_parser(
+        "check", help="certify a plan file anew", description=("Prove a plan file's trajectory safe, anew.")
+    )
+    plot = commands.add_parser(
+        "plot", help="draw a plan file", description=("Draw the figures of a plan file.")
+    )
+    report = commands.add_parser(
+        "report",
+        help="write a page on a plan file",
+        description=("Certify a plan file anew and write a self-contained HTML page on it."),
+    )
+    export = commands.add_parser(
+        "export",
+        help="write a plan for other tools",
+        description=("Certify a plan file anew and write its motion as another tool reads it."),
+    )
+    for each in (check, plot, report, export):
+        each.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
+    check.add_argument("--json", action="store_true", help="print the certificate for machines")
+    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
+    report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
+    report.add_argument("--force", action="store_true", help="replace a file that is there")
+    export.add_argument(
+        "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
+    )
+    export.add_argument(
+        "--epoch",
+        metavar="UTC",
+        help="of the start, such as 2026-01-01T00:00:00; that of the scene if absent",
+    )
+    export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
+    export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+
+
+def _add_study(commands: Any) -> None:
+    study = commands.add_parser(
+        "study",
+        help="plan many random scenes, and say how it went",
+        description=(
+            "Plan many random scenes, or report on studies made before. "
+            "Where a study with --out was interrupted, the same command goes on."
+        ),
+    )
+    study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KINDS} (keep_out)")
+    study.add_argument("-n", type=_count, metavar="N", help="number of scenes (100)")
+    study.add_argument("--first-seed", type=int, metavar="SEED", help="seed of the first scene (0)")
+    study.add_argument("--planner", metavar="P", help=f"planner of all scenes: {_PLANNERS} (mha)")
+    study.add_argument("--workers", type=_count, metavar="W", help="number of processes that plan (1)")
+    study.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        help="a setting, such as search.max_expansions=500; may be repeated",
+    )
+    study.add_argument(
+        "--report", nargs="+", metavar="DIR", help="plan nothing, report on the studies in these folders"
+    )
+    study.add_argument(
+        "-o", "--out", metavar="DIR", help="keep the study there; with --report, write figures there"
+    )
+    study.add_argument("--json", action="store_true", help="print the summary for machines")
+
+
+def _add_table4(commands: Any) -> None:
+    table4 = commands.add_parser(
+        "table4",
+        help="compare the planners as the paper's Table 4 does",
+        description=("Let every planner search the same random scenes, with the paper's rows beside."),
+    )
+    table4.add_argument(
+        "-n", type=_count, default=20, metavar="N", help="scenes a kind (20, as in the paper)"
+    )
+    table4.add_argument(
+        "--kind",
+        action="append",
+        metavar="K",
+        help=f"kind of random scenes: {_KINDS}; may be repeated (keep_out and keep_in, as in the paper)",
+    )
+    table4.add_argument(
+        "--planner", action="append", metavar="P", help=f"{_PLANNERS}; may be repeated (all of them)"
+    )
+    table4.add_argument(
+        "--first-seed", type=int, default=0, metavar="SEED", help="seed of the first scene (0)"
+    )
+    table4.add_argument("-o", "--out", metavar="DIR", help="write a figure of the comparison there")
+    table4.add_argument("--json", action="store_true", help="print the rows for machines")

@@ -1,139 +1,198 @@
-"""The commands on one plan: ``plan``, ``check``, ``plot``, ``report`` and ``export``."""
+"""The commands on one scene or plan, from ``new`` to ``export``.
+
+Each is a function of the words that were given, and returns the exit code.
+"""
 
 import argparse
+import os
+import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jaxplan import exporting, planner
+from jaxplan.cases import CASE_NAMES, case_path
 from jaxplan.cli.common import (
+    BAD_INPUT,
     DONE,
     MARK,
+    NO_PLAN,
     NOT_CERTIFIED,
-    code_of,
-    command,
     complain,
-    load,
-    load_scene,
     print_result,
     save,
     say,
+    set_up_jax,
     try_folder_of,
     writable_folder,
 )
+from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.status import Status
+from jaxplan.planner import Plan
+from jaxplan.planner.goals import find_goals
+from jaxplan.planner.record import report_summary
+from jaxplan.planner.validity import start_breaches
+from jaxplan.report import report_html
+from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import ScenarioError, load_scenario
+from jaxplan.schema.spelling import template
 
-if TYPE_CHECKING:
-    from jaxplan.planner import Plan
-
-
-def add_commands(commands: Any) -> None:
-    """Tell the parser of them."""
-    plan = command(commands, "plan", _plan, "plan a scenario", "Plan a scenario and certify it.")
-    plan.add_argument(
-        "scenario", metavar="SCENARIO", help="a scenario file, or case-1 to case-4 of the paper"
-    )
-    plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
-    plan.add_argument("--json", action="store_true", help="print a summary for machines")
-    check = command(
-        commands, "check", _check, "certify a plan file anew", "Prove a plan file's trajectory safe, anew."
-    )
-    plot = command(commands, "plot", _plot, "draw a plan file", "Draw the figures of a plan file.")
-    report = command(
-        commands,
-        "report",
-        _report,
-        "write a page on a plan file",
-        "Certify a plan file anew and write a self-contained HTML page on it.",
-    )
-    export = command(
-        commands,
-        "export",
-        _export,
-        "write a plan for other tools",
-        "Certify a plan file anew and write its motion as another tool reads it.",
-    )
-    for each in (check, plot, report, export):
-        each.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
-    check.add_argument("--json", action="store_true", help="print the certificate for machines")
-    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
-    report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
-    report.add_argument("--force", action="store_true", help="replace a file that is there")
-    export.add_argument(
-        "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
-    )
-    export.add_argument(
-        "--epoch",
-        metavar="UTC",
-        help="of the start, such as 2026-01-01T00:00:00; that of the scene if absent",
-    )
-    export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
-    export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
-    export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+_COUNTED = {  # what a scene and its spacecraft have several of, and what one of them is called
+    "terminals": "terminal",
+    "instruments": "instrument",
+    "keep_out": "keep-out zone",
+    "keep_in": "keep-in zone",
+    "joint_bounds": "joint bound",
+}
 
 
-def _plan(options: argparse.Namespace) -> int:
-    from jaxplan.planner import plan, save_plan
+def new(options: argparse.Namespace) -> int:
+    """Write a scenario file to begin with."""
+    if options.file == "-":
+        print(_text(options.source), end="")
+        return DONE
+    file = Path(options.file)
+    if not options.file or options.file.endswith(os.sep) or file.is_dir():
+        raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+    if file.exists() and not options.force:
+        raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
+    try_folder_of(file)
+    with replacing_file(file) as fresh:
+        fresh.write_text(_text(options.source), encoding="utf-8")
+    say(f"wrote {file}; plan it with: jaxplan plan {shlex.quote(str(file))} -o out")
+    return DONE
 
+
+def _text(source: str | None) -> str:
+    """The template, or the file of a case."""
+    if source is None:
+        return template()
+    if source not in CASE_NAMES:
+        raise ValueError(f"--from {source}: must be one of {', '.join(CASE_NAMES)}")
+    return case_path(source).read_text(encoding="utf-8")
+
+
+def validate(options: argparse.Namespace) -> int:
+    """Say what is wrong with scenario files."""
+    found = [_findings(name) for name in options.files]
+    print_result(found if options.json else "\n".join(map(_line, found)))
+    if any(one["faults"] for one in found):
+        return BAD_INPUT
+    return DONE if all(one["valid"] for one in found) else NO_PLAN
+
+
+def _findings(name: str) -> dict[str, Any]:
+    """Collect what a scenario file holds, its faults, and what its start and goal break."""
+    found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
+    try:
+        scene = load_scene(name)
+    except ScenarioError as error:
+        return found | {"faults": list(error.faults), "holds": None}
+    except ValueError as error:  # it is none at all
+        return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
+    start, goal = _breaches(scene)
+    everything = {**vars(scene), **vars(scene.spacecraft)}
+    holds = {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED}}
+    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
+
+
+def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
+    """List what the start breaks, and the goal where it is a given state among nothing that moves."""
+    goal = None
+    if isinstance(scene.goal, GivenState) and not moves(scene):
+        goal = find_goals(scene)
+    return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
+
+
+def _line(found: dict[str, Any]) -> str:
+    """Findings of one scenario file as text."""
+    name, holds = found["file"], found["holds"]
+    if holds is None:
+        return str(ScenarioError(found["faults"], name or '""'))
+    counted = [(key, holds[key]) for key in _COUNTED if holds[key]]
+    parts = ", ".join(f"{number} {_COUNTED[key]}{'' if number == 1 else 's'}" for key, number in counted)
+    broken = [
+        f"\n  {status.value}: {'; '.join(found[place])}"
+        for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
+        if found[place]
+    ]
+    if broken:
+        return f"{name}: {parts}{''.join(broken)}"
+    return f"{name}: ok: {parts}; the start keeps all limits and zones"
+
+
+def plan(options: argparse.Namespace) -> int:
+    """Plan a scenario, and write plan and figures to a folder."""
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
-    result = plan(scenario, throw=False)
+    result = planner.plan(scenario, throw=False)
     print_result(result.summary() if options.json else result)
     if folder is not None:
-        save_plan(result, folder / "plan.json")
+        planner.save_plan(result, folder / "plan.json")
         say(f"wrote {folder / 'plan.json'}")
         _draw(result, folder)
-    return code_of(result.status)
+    return _code_of(result)
 
 
-def _check(options: argparse.Namespace) -> int:
-    from jaxplan.planner import certify
-    from jaxplan.planner.record import report_summary
-
-    plan = load(options.plan)
-    report = certify(plan)
+def check(options: argparse.Namespace) -> int:
+    """Certify a plan file anew."""
+    plan = load_plan_file(options.plan)
+    if plan.trajectory is None or plan.goal is None:
+        return complain(f"{options.plan}: {exporting.ending(plan)}", _code_of(plan))
+    report = planner.certify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
 
 
-def _plot(options: argparse.Namespace) -> int:
-    from jaxplan.planner import certify
-
-    plan = load(options.plan)
+def plot(options: argparse.Namespace) -> int:
+    """Draw the figures of a plan file."""
+    plan = load_plan_file(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
-        plan = replace(plan, certificate=certify(plan))
+        plan = replace(plan, certificate=planner.certify(plan))
     _draw(plan, folder)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
-    return code_of(plan.status)
+    return _code_of(plan)
 
 
-def _report(options: argparse.Namespace) -> int:
-    from jaxplan.planner import certify
-    from jaxplan.report import report_html
-
-    plan = load(options.plan)
+def report(options: argparse.Namespace) -> int:
+    """Write a page on a plan file."""
+    plan = load_plan_file(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
     say(f"wrote {report_html(plan, path, overwrite=options.force)}")
-    if plan.ok and not certify(plan).certified:  # the page says why
+    if plan.ok and not planner.certify(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
-    return code_of(plan.status)
+    return _code_of(plan)
 
 
-def _export(options: argparse.Namespace) -> int:
-    from jaxplan.exporting import default_path, export
-
-    plan = load(options.plan)
-    path = default_path(options.plan, options.format) if options.out is None else options.out
+def export(options: argparse.Namespace) -> int:
+    """Write the motion of a plan file as another tool reads it."""
+    plan = load_plan_file(options.plan)
+    path = exporting.default_path(options.plan, options.format) if options.out is None else options.out
     try_folder_of(path)
-    written = export(
-        plan, path, format=options.format, epoch=options.epoch, step_s=options.step, overwrite=options.force
-    )
+    try:
+        written = exporting.export(
+            plan,
+            path,
+            format=options.format,
+            epoch=options.epoch,
+            step_s=options.step,
+            overwrite=options.force,
+        )
+    except exporting.UncertifiedError as error:
+        return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
     say(f"wrote {written}")
     return DONE
 
 
-def _draw(plan: "Plan", folder: Path) -> None:
+def _code_of(plan: Plan) -> int:
+    """The exit code for how a plan ended."""
+    return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
+
+
+def _draw(plan: Plan, folder: Path) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
     from jaxplan import plotting
 
@@ -146,3 +205,66 @@ def _draw(plan: "Plan", folder: Path) -> None:
         if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
             file.unlink()
             say(f"removed {file}, which was of an earlier plan")
+
+
+def load_scene(name: str) -> Scenario:
+    """The scenario of a file, or a case of the paper."""
+    set_up_jax()
+    cases = ", ".join(CASE_NAMES)
+    if name in CASE_NAMES:
+        return load_scenario(case_path(name))
+    if not name:
+        raise ValueError(f"SCENARIO is empty, it must name a file or one of {cases}")
+    if not Path(name).exists():
+        raise ValueError(
+            f"{name}: no such file, and none of the cases {cases}; jaxplan new writes a file to begin with"
+        )
+    if Path(name).is_dir():
+        raise ValueError(f"{name}: is a folder, name a scenario file in it")
+    try:
+        return load_scenario(name)
+    except ScenarioError as error:
+        if _first_character(name) == "{":
+            raise ValueError(
+                f"{name}: not TOML but JSON, as plan files are; jaxplan check, plot, report and export take "
+                "those"
+            ) from error
+        raise
+
+
+def load_plan_file(name: str) -> Plan:
+    """The plan of a file."""
+    set_up_jax()
+    if not name:
+        raise ValueError("PLAN is empty, it must name a plan.json")
+    if name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file()):
+        raise ValueError(
+            f"{name}: is a scenario and no plan file; make out/plan.json of it with: jaxplan plan "
+            f"{shlex.quote(name)} -o out"
+        )
+    if Path(name).is_dir():
+        inside = Path(name) / "plan.json"
+        advice = f"perhaps {inside} is meant" if inside.is_file() else "name a plan.json in it"
+        raise ValueError(f"{name}: is a folder, {advice}")
+    if not Path(name).exists():
+        raise ValueError(f"{name}: no such file; jaxplan plan SCENARIO -o DIR makes DIR/plan.json")
+    try:
+        return planner.load_plan(name)
+    except planner.PlanFileError as error:
+        if name.endswith(".timings.json"):
+            plan = name.removesuffix(".timings.json") + ".json"
+            raise ValueError(f"{name}: holds the timings of a plan, perhaps {plan} is meant") from error
+        if _first_character(name) not in (None, "{"):
+            raise ValueError(f"{error}; jaxplan plan SCENARIO -o DIR makes plan files") from error
+        raise
+
+
+def _first_character(name: str) -> str | None:
+    """First character of a file that is no blank (plans have a brace, TOML never has); None if unreadable."""
+    if not Path(name).is_file():  # what came through a pipe is gone
+        return None
+    try:
+        with open(name, encoding="utf-8-sig", errors="replace") as file:
+            return file.read(1000).lstrip()[:1]
+    except OSError:
+        return None

@@ -5,14 +5,13 @@
     >>> print(jp.plan_constellation(switch, workers=2))
 
 `shell` says where the satellites are, `links` whom their terminals point at and what is in the way; `switch`
-makes `problems` of it, and `result` plans them and says what came of it.
+makes planning problems of it, and `result` plans them and says what came of it.
 """
 
 from jaxplan.constellation.links import default_topologies
-from jaxplan.constellation.problems import LinkSwitch, relay_spacecraft
 from jaxplan.constellation.result import Constellation, ConstellationSummary, plan_constellation
 from jaxplan.constellation.shell import Shell, walker
-from jaxplan.constellation.switch import link_switch
+from jaxplan.constellation.switch import LinkSwitch, link_switch, relay_spacecraft
 
 __all__ = [
     "Constellation",

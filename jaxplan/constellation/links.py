@@ -75,7 +75,7 @@ def default_topologies(shell: Shell, terminals: int) -> tuple[np.ndarray, np.nda
 
 
 def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> np.ndarray:
-    """A topology that the caller gives.
+    """Check a topology that the caller gives.
 
     Args:
         value: (T, n) numbers of satellites.

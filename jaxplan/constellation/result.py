@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.constellation.links import WHEN
-from jaxplan.constellation.problems import LinkSwitch
 from jaxplan.constellation.shell import Shell
+from jaxplan.constellation.switch import LinkSwitch
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
@@ -25,7 +25,7 @@ _LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say
 @shown("satellites", "study.done", heading="Constellation of {0.switch.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Constellation:
-    """The satellites of a switch, planned. Arrays have one entry a satellite that is planned, N in all.
+    """Plans of a switch's satellites; arrays have an entry for each of the N satellites that are planned.
 
     Attributes:
         switch: what was planned.
@@ -44,7 +44,7 @@ class Constellation:
 
     @cached_property
     def table(self) -> list[dict[str, Any]]:
-        """A row a satellite: the same on every run.
+        """Table with a row for each satellite, the same on every run.
 
         Columns are satellite, plane, slot, the numbers of links that lead through the Sun's cone before and
         after, and those of a study from planner on.
@@ -75,42 +75,42 @@ class Constellation:
         ]
 
     def _column(self, name: str, kind: type = float) -> np.ndarray:
-        """(N,) a column of the table; NaN where nothing is known."""
+        """Column (N,) of the table; NaN where nothing is known."""
         return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=kind)
 
     @property
     def planned(self) -> np.ndarray:
-        """(N,) int: the satellites of the table's rows."""
+        """Numbers (N,) of the satellites in the table's rows."""
         return self._column("satellite", int)
 
     @property
     def status(self) -> np.ndarray:
-        """(N,) str: names of `Status`, or "crashed"."""
+        """Outcomes (N,): names of `Status`, or "crashed"."""
         return self._column("status", str)
 
     @property
     def certified(self) -> np.ndarray:
-        """(N,) bool: whether there is a certified plan."""
+        """Whether each satellite has a certified plan, (N,) bool."""
         return self._column("certified", bool)
 
     @property
     def duration(self) -> np.ndarray:
-        """(N,) s; NaN without a trajectory."""
+        """Durations (N,) of the manoeuvres, s; NaN without a trajectory."""
         return self._column("duration_s")
 
     @property
     def slew_angle(self) -> np.ndarray:
-        """(N,) rad, rotations of the platform from start to goal; NaN without a goal."""
+        """Rotations (N,) of the platforms from start to goal, rad; NaN without a goal."""
         return np.deg2rad(self._column("slew_deg"))
 
     @property
     def min_margin(self) -> np.ndarray:
-        """(N,) rad, proved lower bounds over all times and zones; NaN without a certificate."""
+        """Proved lower bounds (N,) of the margins at all times, rad; NaN without a certificate."""
         return np.deg2rad(self._column("min_margin_deg"))
 
     @property
     def sun_outage(self) -> np.ndarray:
-        """(N,) bool: whether a link of the satellite leads through the Sun's cone, before or after."""
+        """Whether a link of each satellite leads through the Sun's cone before or after, (N,) bool."""
         return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
 
     def summary(self) -> "ConstellationSummary":

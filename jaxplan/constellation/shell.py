@@ -64,7 +64,7 @@ class Shell:
 
     @property
     def slots(self) -> int:
-        """Satellites of a plane, S."""
+        """Number of satellites in a plane, S."""
         return self.total // self.planes
 
     @property
@@ -80,12 +80,12 @@ class Shell:
 
     @property
     def plane(self) -> np.ndarray:
-        """(T,) int, each satellite's plane."""
+        """Plane (T,) of each satellite."""
         return np.arange(self.total) // self.slots
 
     @property
     def slot(self) -> np.ndarray:
-        """(T,) int, each satellite's slot in its plane."""
+        """Slot (T,) of each satellite in its plane."""
         return np.arange(self.total) % self.slots
 
     @property
@@ -95,46 +95,46 @@ class Shell:
 
     @property
     def nodes(self) -> np.ndarray:
-        """(T,) rad, right ascensions of the ascending nodes."""
+        """Right ascensions (T,) of the ascending nodes, rad."""
         return self.node_spacing * self.plane
 
     @property
     def latitudes(self) -> np.ndarray:
-        """(T,) rad, arguments of latitude at time zero."""
+        """Arguments of latitude (T,) at time zero, rad."""
         return self.epoch_angle + 2 * math.pi * (
             self.slot / self.slots + self.phasing * self.plane / self.total
         )
 
     @property
     def radius(self) -> float:
-        """km, from the Earth's centre."""
+        """Radius of the orbits, km."""
         return orbits.EARTH_RADIUS + self.altitude
 
     @property
     def mean_motion(self) -> float:
-        """rad/s along the orbits."""
+        """Mean motion along the orbits, rad/s."""
         return math.sqrt(orbits.EARTH_MU / self.radius) / self.radius
 
     @property
     def period(self) -> float:
-        """s, of one revolution."""
+        """Period of one revolution, s."""
         return 2 * math.pi / self.mean_motion
 
     def positions(self, time: float = 0.0) -> np.ndarray:
-        """(T, 3) km, inertial, at a time in s."""
+        """Inertial positions (T, 3) at a time in s, km."""
         return self.states(time)[0]
 
     def velocities(self, time: float = 0.0) -> np.ndarray:
-        """(T, 3) km/s, inertial, at a time in s."""
+        """Inertial velocities (T, 3) at a time in s, km/s."""
         return self.states(time)[1]
 
     def nadir(self, time: float = 0.0) -> np.ndarray:
-        """(T, 3) unit vectors from the satellites to the Earth's centre, inertial, at a time in s."""
+        """Inertial unit vectors (T, 3) from the satellites to the Earth's centre at a time in s."""
         positions = self.positions(time)
         return np.asarray(-positions / np.linalg.norm(positions, axis=-1, keepdims=True))
 
     def states(self, time: float = 0.0) -> np.ndarray:
-        """(2, T, 3): positions and velocities at a time in s."""
+        """Positions and velocities (2, T, 3) at a time in s, km and km/s."""
         after = number("time", time, "a number of s")
         if not math.isfinite(after):
             raise ValueError(f"time = {after}: must be finite")
@@ -159,7 +159,7 @@ class Shell:
         return np.where((around == 0) | (self.pattern == "delta"), found, -1)
 
     def nearest_slot_steps(self) -> np.ndarray:
-        """(2,) int: steps ahead to the nearest and the second nearest satellite of the plane to the east.
+        """Steps (2,) ahead to the nearest and the second nearest satellite of the plane to the east.
 
         Near is what is least far away on the average of an orbit, which is closed: with a node further on by
         D and an argument of latitude by d, the mean cosine of the angle between two satellites is

@@ -4,10 +4,10 @@
 
 All formats hold the same motion, sampled in steps of time: the attitude as quaternions that do not jump in
 sign, the angular velocity, and the joints where the format has room for them. What they differ in, such as
-the order of a quaternion or the frame of a rate, the module of each says first. The inertial frame is the
+the order of a quaternion or the frame of a rate, the writer of each says. The inertial frame is the
 scenario's, and files that must name one call it J2000 or EME2000.
 """
 
-from jaxplan.exporting.formats import FORMATS, default_path, export
+from jaxplan.exporting.formats import FORMATS, UncertifiedError, default_path, ending, export, free_place
 
-__all__ = ["FORMATS", "default_path", "export"]
+__all__ = ["FORMATS", "UncertifiedError", "default_path", "ending", "export", "free_place"]

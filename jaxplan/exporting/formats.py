@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from jaxplan.epochs import parse_epoch
-from jaxplan.exporting.aem import write_aem
-from jaxplan.exporting.basilisk import write_basilisk
 from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
-from jaxplan.exporting.stk import write_stk
-from jaxplan.exporting.tables import write_csv, write_npz
+from jaxplan.exporting.writers import write_aem, write_basilisk, write_csv, write_npz, write_stk
 from jaxplan.planner import Plan, certify
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
+
+
+class UncertifiedError(ValueError):
+    """A plan is not written, since its motion is not certified."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +86,9 @@ def export(
 
     Raises:
         TypeError: for what is no plan or path.
+        UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails.
         ValueError: if the format, epoch or step is no good or the scene has another epoch, all faults at
-            once; if the plan is not certified; if an extra is missing.
+            once; if an extra is missing.
         FileExistsError: if there is something at the path.
     """
     expect("plan", plan, Plan, "jp.load_plan reads one from a file")
@@ -104,22 +106,26 @@ def export(
     if kind is not None and kind.dated and epoch is None and own is None:
         faults.append(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
     if plan.trajectory is None or not plan.ok:
-        faults.append(_refusal(plan))
+        faults.append(ending(plan))
     else:
         try:
             times = instants(plan.trajectory.duration, step_s)
         except ValueError as error:
             faults.append(str(error))
+    if faults == [ending(plan)]:
+        raise UncertifiedError(*faults)
     if faults or kind is None:
         raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
-    target = _free_place(path, kind, overwrite)
+    target = free_place(path, kind.parts, overwrite=overwrite)
     report = certify(plan)
     if not report.certified:
         reasons = "; ".join(report.faults)
-        raise ValueError(f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}")
+        raise UncertifiedError(
+            f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}"
+        )
     sampled = sample(plan, start, times)
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampled, fresh)
@@ -127,42 +133,47 @@ def export(
 
 
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
-    """The place beside a plan file that is called after it and the format, as ``plan.aem``."""
+    """Path beside a plan file that is named after it and the format, such as ``plan.aem``."""
     kind = FORMATS.get(format)
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
 
 
-def _refusal(plan: Plan) -> str:
-    """Why a plan that is not certified is not written."""
+def ending(plan: Plan) -> str:
+    """What a plan without certificate lacks, and how it ended."""
     lack = "has no trajectory" if plan.trajectory is None else "is not certified"
     ending = ": ".join(filter(None, [plan.status.name, plan.message]))
     return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
 
 
-def _free_place(path: str | os.PathLike[str], kind: Format, overwrite: bool) -> Path:
-    """The place to write to, if what is there may go.
+def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, overwrite: bool) -> Path:
+    """The path to write to, if nothing is there or it may be replaced.
+
+    Args:
+        path: of a file, or of a folder.
+        parts: suffixes of the files of a folder, empty for a single file.
+        overwrite: whether an old file may be replaced, or a folder that holds files of these suffixes only.
 
     Raises:
         FileExistsError: if something is there and was not to be replaced.
-        ValueError: if something is there that this format would not have written.
+        ValueError: if the path is empty, or something is there that would not have been written so.
     """
     if not os.fspath(path):
         raise ValueError("path is empty, it must name a file or folder to write")
     target = Path(path)
+    if not parts and target.is_dir():
+        raise ValueError(f"{target}: is a folder, and this format is a file")
     if not os.path.lexists(target):
         return target
     if not overwrite:
         hint = "is there already; overwrite=True (--force) replaces it"
         raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
-    if not kind.parts:
-        if target.is_dir():
-            raise ValueError(f"{target}: is a folder, and this format is a file")
-        return target
-    if target.is_symlink() or not target.is_dir():
+    if parts and (target.is_symlink() or not target.is_dir()):
         raise ValueError(f"{target}: is a file, and this format is a folder of files")
-    foreign = sorted(p.name for p in target.iterdir() if p.suffix not in kind.parts or not p.is_file())
+    foreign = sorted(
+        p.name for p in (target.iterdir() if parts else ()) if p.suffix not in parts or not p.is_file()
+    )
     if foreign:
         raise ValueError(
-            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(kind.parts)} may be there"
+            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(parts)} may be there"
         )
     return target

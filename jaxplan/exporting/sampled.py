@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampled:
-    """A manoeuvre as a table.
+    """A manoeuvre sampled on a grid of times.
 
     Attributes:
         name: of the scenario.
@@ -50,7 +50,7 @@ class Sampled:
     quaternions: np.ndarray
 
     def inertial(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (k, 3) in body axes, in inertial ones."""
+        """Convert vectors (k, 3) from body to inertial axes."""
         return np.asarray(np.einsum("kij,kj->ki", self.values.attitude, vectors))
 
 
@@ -92,7 +92,7 @@ def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sample
 
 
 def instants(duration: float, step: float) -> np.ndarray:
-    """(k,) s: multiples of the step, and the duration, in place of a multiple that all but coincides.
+    """Times (k,), s: multiples of the step and the duration, which replaces a multiple close to it.
 
     Raises:
         ValueError: if the step is out of range.
@@ -129,7 +129,7 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
 
 
 def terminal_motion(sampled: Sampled, terminal: int) -> tuple[np.ndarray, np.ndarray]:
-    """How a terminal turns on the body.
+    """Frames and angular velocities of a terminal on the body.
 
     Args:
         sampled: the manoeuvre.
@@ -160,7 +160,7 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
 
 
 def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator[str]:
-    """Lines of numbers, with their ends.
+    """Lines of text of a table of numbers, each with its line end.
 
     Args:
         columns: (k,) or (k, c), side by side.
@@ -182,7 +182,7 @@ def progress(rows: Iterable[T], total: int) -> Iterator[T]:
 
 
 def plain(text: str, longest: int = 80) -> str:
-    """A line of printable ASCII, with ``?`` for every other character, and for those that SPICE obeys."""
+    """Replace with ``?`` what is no printable ASCII, and the backslash, which has a meaning to SPICE."""
     return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"
 
 

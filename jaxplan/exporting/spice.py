@@ -57,7 +57,7 @@ class _Frame:
 
 
 def write_spice(sampled: Sampled, folder: Path) -> None:
-    """Write the kernels.
+    """Write the kernels of attitude, frames and clock to a folder.
 
     Args:
         sampled: with a start.
@@ -130,7 +130,7 @@ def _definition(frame: _Frame, kind: int) -> list[str]:
 
 @contextmanager
 def _pool_holding(kernel: str) -> Iterator[None]:
-    """SPICE's pool of variables with those of text kernels, and as it was afterwards.
+    """Load a text kernel into SPICE's pool of variables for a while, and restore the pool afterwards.
 
     Loading and unloading a file would throw away what the user has put into the pool by hand.
     """

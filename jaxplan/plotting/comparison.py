@@ -7,7 +7,6 @@ at 1, downward.
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle, islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,11 +31,9 @@ from jaxplan.plotting.style import (
     plain_numbers,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like, several
+from jaxplan.runtime.arguments import expect_any, several
 from jaxplan.search import PLANNERS
-
-if TYPE_CHECKING:
-    from jaxplan.study.table4 import Row
+from jaxplan.study.table4 import Row
 
 _CLEAR: Look = {"marker": "o", "markersize": 5.5, "linestyle": "none"}
 _FOUND: Look = {"marker": "D", "markersize": 5, "linestyle": "none", "markerfacecolor": "white"}
@@ -69,7 +66,7 @@ _AREA: Look = {"color": "0.93", "linewidth": 0}
 _BOUND: Look = {"color": "black", "linewidth": 1.6}
 
 
-def table4(rows: "Iterable[Row]", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Success rates, search times and path lengths of planners that searched the same scenes.
 
     Each kind of scenes has four panels with a planner a line: the shares of scenes where a path was found and
@@ -117,7 +114,7 @@ def table4(rows: "Iterable[Row]", ax: Canvas = None, *, legend: bool = True) -> 
     return every
 
 
-def comparison_figure(rows: "Iterable[Row]") -> Figure:
+def comparison_figure(rows: Iterable[Row]) -> Figure:
     """Draw `table4` on a page of its own, which does not belong to pyplot.
 
     Args:
@@ -135,29 +132,27 @@ def planner_colour(name: str) -> str:
     return COLOURS[names.index(name) % len(COLOURS)] if name in names else GREY
 
 
-def _is_printed(row: "Row") -> bool:
-    """Whether a row is only known from print: spreads instead of a value for each scene."""
+def _is_printed(row: Row) -> bool:
+    """True for a row of the paper, which has spreads instead of a value for each scene."""
     return row.solved is None
 
 
-def _by_kind(rows: "Iterable[Row]") -> "list[list[Row]]":
+def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
     """The rows of each kind, those from print last."""
     kinds: dict[str, list[Row]] = {}
     for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
-        expect_like(
-            f"rows[{number}]", row, ("kind", "planner", "solved"), "a row of jaxplan.study.table4.compare"
-        )
+        expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.table4.compare")
         kinds.setdefault(row.kind, []).append(row)
     return [sorted(of_kind, key=_is_printed) for of_kind in kinds.values()]
 
 
-def _size(kinds: "Sequence[Sequence[Row]]") -> tuple[float, float]:
+def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
     """Width and height of the page, inches."""
     return _WIDTH, max(_FOOT + sum(_HEAD + _ROW * len(of_kind) for of_kind in kinds), _LEAST)
 
 
-def _title(rows: "Sequence[Row]") -> str:
-    """The kind, and how many scenes the rows are of."""
+def _title(rows: Sequence[Row]) -> str:
+    """Title of a kind: its name, and how many scenes the rows have."""
     own, printed = ([row.scenes for row in rows if _is_printed(row) == of] for of in (False, True))
     told = [f"{_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
     told += [f"{_range(printed)} as printed"] if printed else []
@@ -169,8 +164,8 @@ def _range(counts: Sequence[int]) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def _success(axes: Axes, rows: "Sequence[Row]") -> None:
-    """Shares of the scenes where a path was found and where it is clear, percent."""
+def _success(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw the shares of scenes, percent, where a path was found and where it is clear."""
     for line, row in enumerate(rows):
         if row.scenes == 0:
             _remark(axes, line, "no scenes")
@@ -187,8 +182,8 @@ def _success(axes: Axes, rows: "Sequence[Row]") -> None:
     axes.set_xlabel("success rate (%)", fontsize=TEXT)
 
 
-def _spreads(axes: Axes, rows: "Sequence[Row]", column: str) -> None:
-    """Times of all searches, hollow where one ended without a clear path; or lengths of the clear paths."""
+def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
+    """Draw times of all searches, hollow without a clear path, or lengths of the clear paths."""
     times = column == "seconds"
     if times:
         axes.set_xscale("log")
@@ -206,8 +201,8 @@ def _spreads(axes: Axes, rows: "Sequence[Row]", column: str) -> None:
     axes.set_xlabel(_COLUMNS[column], fontsize=TEXT)
 
 
-def _values(axes: Axes, line: int, row: "Row", values: np.ndarray, solved: np.ndarray | None = None) -> None:
-    """A dot a scene and the mean, or the printed spread."""
+def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None) -> None:
+    """Draw a dot for each scene and the mean, or the spread of a printed row."""
     if _is_printed(row):
         least, largest, mean = values
         axes.plot([least, largest], [line, line], **_SPREAD)
@@ -232,7 +227,7 @@ def _remark(axes: Axes, line: int, text: str) -> None:
     axes.text(0.02, line, text, transform=place, ha="left", va="center", color=GREY, fontsize=SMALL)
 
 
-def _entries(rows: "Sequence[Row]") -> Entries:
+def _entries(rows: Sequence[Row]) -> Entries:
     """Legend entries of what the panels of these rows show."""
     drawn = any(row.scenes for row in rows)
     own = [row for row in rows if row.scenes and row.solved is not None]
@@ -253,7 +248,7 @@ def _entries(rows: "Sequence[Row]") -> Entries:
 
 
 def _align(column: Sequence[Axes]) -> None:
-    """The same scale for all kinds; where they share it, the lowest panel alone says what it is."""
+    """Give a column of panels one scale; where they share the axis, only the lowest has its label."""
     decades = column[0].get_xscale() == "log"
     drawn = [axes for axes in column if axes.lines]
     spans = np.array([axes.dataLim.intervalx if decades else axes.get_xlim() for axes in drawn])

@@ -1,7 +1,5 @@
 """A constellation on the globe, coloured by how long its manoeuvres take, and how those times are spread."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -9,8 +7,8 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
-from jaxplan.plotting.projections import GlobeView
-from jaxplan.plotting.sky import grid_lines
+from jaxplan.constellation import Constellation
+from jaxplan.plotting.projections import GlobeView, grid_lines
 from jaxplan.plotting.style import (
     GREY,
     KEEP_OUT,
@@ -25,10 +23,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like
-
-if TYPE_CHECKING:
-    from jaxplan.constellation import Constellation
+from jaxplan.runtime.arguments import expect_any
 
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
@@ -39,20 +34,19 @@ _OUT: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "z
 _RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
 _LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
 _CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
-_COLOURS = "viridis"
+_COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
 _MOST = 0.99  # of the satellites, whose times the colours span
 _FAR = 1.5  # times what most take: longer ones are named instead of drawn
 _FEW_PLANES = 12  # that are drawn as lines
-_BINS = 28
+_BINS = 28  # of the histogram
 _BESIDE = np.deg2rad((-65.0, 20.0))  # azimuth from the Sun's and elevation of the eye
-_PARTS = ("switch", "planned", "duration", "certified", "sun_outage", "study")  # of a constellation
 
 
 def constellation(
-    result: "Constellation",
+    result: Constellation,
     ax: Canvas = None,
     *,
-    minimum: "Constellation | None" = None,
+    minimum: Constellation | None = None,
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> list[Axes]:
@@ -80,7 +74,7 @@ def constellation(
         >>> jp.plot.constellation(jp.plan_constellation(switch))
     """
     for name, given in (("result", result), *([("minimum", minimum)] if minimum is not None else [])):
-        expect_like(name, given, _PARTS, "a Constellation, as jp.plan_constellation returns")
+        expect_any(name, given, (Constellation,), "a Constellation, as jp.plan_constellation returns")
     if not len(result.planned):
         raise ValueError("there are no satellites to draw yet")
     globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.3, 1.0), shared=False)
@@ -93,7 +87,7 @@ def constellation(
     return [globe, histogram]
 
 
-def _view(result: "Constellation", angles: tuple[float, float] | None) -> GlobeView:
+def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
@@ -102,8 +96,8 @@ def _view(result: "Constellation", angles: tuple[float, float] | None) -> GlobeV
     return GlobeView.from_angles(azimuth + _BESIDE[0], _BESIDE[1])
 
 
-def _draw_globe(axes: Axes, result: "Constellation", norm: Normalize, view: GlobeView) -> Entries:
-    """The Earth in units of its radius, with the satellites that can be seen; entries for a legend."""
+def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeView) -> Entries:
+    """Draw the Earth in units of its radius with the satellites that can be seen; returns legend entries."""
     shell = result.switch.shell
     radius = shell.radius / (shell.radius - shell.altitude)
     places = shell.positions(result.switch.time)[result.planned] / (shell.radius - shell.altitude)
@@ -152,8 +146,8 @@ def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
     axes.text(0, -1.12 * radius, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
-def _draw_planes(axes: Axes, result: "Constellation", view: GlobeView) -> None:
-    """The orbits of a few planes, where the Earth is not in front of them."""
+def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
+    """Draw the orbits of all planes, where the Earth is not in front of them."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
     ways = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
@@ -164,7 +158,7 @@ def _draw_planes(axes: Axes, result: "Constellation", view: GlobeView) -> None:
 
 
 def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float) -> None:
-    """An arrow towards the Sun at the edge of the picture; nothing where it is right in front or behind."""
+    """Draw an arrow towards the Sun at the edge of the picture; none where it is right in front or behind."""
     if sun is None:
         return
     toward = view.project(sun)
@@ -180,9 +174,9 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
 
 
 def _draw_histogram(
-    axes: Axes, result: "Constellation", minimum: "Constellation | None", norm: Normalize
+    axes: Axes, result: Constellation, minimum: Constellation | None, norm: Normalize
 ) -> Entries:
-    """Shares of the satellites by manoeuvre time; entries for a legend."""
+    """Draw the histogram of manoeuvre times; returns legend entries."""
     tidy(axes)
     times = result.duration[np.isfinite(result.duration)]
     shortest = np.zeros(0) if minimum is None else minimum.duration[np.isfinite(minimum.duration)]
@@ -214,7 +208,7 @@ def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 
-def _described(result: "Constellation", times: np.ndarray) -> str:
-    """Which durations these are (a word of the settings, or stretched), how many, and their median."""
+def _described(result: Constellation, times: np.ndarray) -> str:
+    """Legend text of a histogram: the setting of the duration, the number of satellites, and the median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
     return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"

@@ -20,7 +20,7 @@ from PIL import Image
 
 from jaxplan.geometry.vectors import pointing
 from jaxplan.planner import Plan
-from jaxplan.plotting import samples
+from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.projections import PALE, GlobeView
 from jaxplan.plotting.sky import (
     draw_ball,
@@ -33,7 +33,17 @@ from jaxplan.plotting.sky import (
     zone_entries,
     zones_at,
 )
-from jaxplan.plotting.style import SMALL, Canvas, Look, device_entries, device_style, legend_beside, panels
+from jaxplan.plotting.style import (
+    SMALL,
+    Canvas,
+    Look,
+    Motion,
+    device_entries,
+    device_style,
+    legend_beside,
+    motion,
+    panels,
+)
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar
@@ -76,7 +86,7 @@ def animate(
     """
     if frames < 1:
         raise ValueError(f"frames = {frames}: must be 1 or more")
-    motion = samples.motion(plan)
+    moves = motion(plan)
     if ax is None and "inline" in mpl.get_backend():  # a notebook would show the figure beside the player
         ax = Figure(figsize=SIZE, layout="constrained")
     (axes,) = panels(ax, 1, SIZE)
@@ -85,13 +95,13 @@ def animate(
     draw_zones(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
     axes.set_ylim(-1.06, 1.3)  # with room for the clock above
     ends = draw_ends(axes, plan, seen, alpha=0.5)
-    for device, way in enumerate(np.moveaxis(motion.boresights, 1, 0)):
+    for device, way in enumerate(np.moveaxis(moves.boresights, 1, 0)):
         draw_line(axes, seen, way, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]})
     devices = device_entries(plan.scenario.spacecraft.device_names)
     legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
-    picture = _Picture(axes, plan, motion, seen)
+    picture = _Picture(axes, plan, moves, seen)
     picture(0)
-    instants = np.linspace(0, len(motion.times) - 1, frames).round().astype(int)
+    instants = np.linspace(0, len(moves.times) - 1, frames).round().astype(int)
     figure = axes.get_figure(root=True)
     assert figure is not None
     return Film(figure, picture, instants)
@@ -117,7 +127,7 @@ class Film(FuncAnimation):
         return float(self.picture.motion.times[-1])
 
     def __del__(self) -> None:
-        """Say nothing: a film that nobody looked at is no fault."""
+        """Suppress matplotlib's warning about an animation that was never drawn."""
 
     def save(
         self, filename: str | os.PathLike[str], writer: Any = None, *arguments: Any, **settings: Any
@@ -155,7 +165,7 @@ class Film(FuncAnimation):
             )
 
     def _repr_html_(self) -> str:
-        """The player; of a long film with every second picture, or every third, and so on."""
+        """The player for a notebook, which leaves out pictures of a long film."""
         step = -(-len(self.instants) // _PLAYER)
         if step == 1:
             return self.to_jshtml()
@@ -163,7 +173,7 @@ class Film(FuncAnimation):
 
 
 def _writer(target: Path) -> str:
-    """The writer of matplotlib for a file."""
+    """Choose the writer of matplotlib by the ending of a file's name."""
     suffix = target.suffix.lower()
     if suffix in _STILLS:
         return "pillow"
@@ -191,7 +201,7 @@ def _check_place(target: Path) -> None:
 
 
 def _smaller(found: re.Match[str]) -> str:
-    """A picture inside a page with fewer colours."""
+    """Reduce the colours of a picture that is embedded in a page, so that it takes fewer bytes."""
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
     picture.convert("RGB").quantize(_COLOURS).save(file, "png")
@@ -199,14 +209,14 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """Everything that moves; a call with the number of an instant brings it there."""
+    """Artists of a film that move; a call with the number of an instant moves them to it."""
 
-    def __init__(self, axes: Axes, plan: Plan, motion: samples.Motion, view: GlobeView) -> None:
-        self.axes, self.motion, self.view = axes, motion, view
+    def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
+        self.axes, self.motion, self.view = axes, moves, view
         self.scenario = plan.scenario
         self.moving: list[Artist] = []  # what is drawn of zones that move
         craft = plan.scenario.spacecraft
-        self.margins = [margin.values for margin in samples.margins(plan.scenario, motion)]
+        self.margins = [margin.values for margin in margins_over_time(plan.scenario, moves)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
         outward = np.concatenate([pointing(craft.mounts, 0.0 * craft.mounts), craft.fixed_boresights])
         self.feet = outward * np.min(_BODY / np.maximum(np.abs(outward), 1e-9), axis=1, keepdims=True)

@@ -4,7 +4,9 @@ The scale of a margin in degrees is ``asinh(margin / width)``: linear near the l
 matter, and logarithmic beyond, so that half a degree and 130 deg are both read off one panel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,11 +14,12 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, Locator
+from matplotlib.ticker import Locator
 
+from jaxplan.model.constraints import chosen_entries, state_margins
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import sight_names
 from jaxplan.planner import Plan
-from jaxplan.plotting import samples
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -27,21 +30,24 @@ from jaxplan.plotting.style import (
     Entries,
     Labels,
     Look,
+    Motion,
     barrier,
+    curve,
     device_entries,
     device_style,
     legend_beside,
+    motion,
     note,
     panels,
     plain,
     plain_numbers,
+    time_axis,
 )
-from jaxplan.plotting.time_panels import curve, time_axis
 
 _WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
 _TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
-_FINEST = 0.1  # deg, of ticks without a number: finer ones would run into zero
+_MINOR = 0.2  # of the room that a number takes: so far apart are ticks without one, lest they run together
 SIZE = (9.0, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
@@ -52,8 +58,23 @@ _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zor
 _CROWD = 60  # curves, beyond which they are drawn fainter
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Margin:
+    """Margin of a device to a zone, or to a group of them, over time.
+
+    Attributes:
+        device: number of the device, or beyond these of a further direction that zones bind.
+        zone: name of the zone or of the group.
+        values: (k,) rad, >= 0 is clear; NaN while the group's best zone does not bind the device.
+    """
+
+    device: int
+    zone: str
+    values: np.ndarray
+
+
 def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
-    """Give one axis of a panel the scale, with ticks at round numbers.
+    """Give one axis of a panel the asinh scale of margins, with ticks at round numbers.
 
     Args:
         axes: the panel.
@@ -64,14 +85,22 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
     width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
     axis: Axis = getattr(axes, f"{which}axis")
     getattr(axes, f"set_{which}scale")("asinh", linear_width=width)
-    axis.set_major_locator(_DegreeLocator())
+    axis.set_major_locator(_DegreeLocator((0, 1, 5, 2, 3), 1.0))
     plain_numbers(axis)
-    axis.set_minor_locator(FixedLocator([tick for tick in _TICKS if abs(tick) >= _FINEST]))
+    axis.set_minor_locator(_DegreeLocator(range(10), _MINOR))
     axis.set_tick_params(which="minor", length=2, color=GREY)
 
 
 class _DegreeLocator(Locator):
-    """Round numbers of degrees, decades before what lies between them, as many as there is room for."""
+    """Locator of ticks at round numbers of degrees, as many as there is room for.
+
+    Args:
+        digits: first digits that ticks may have; those of the first ones come first.
+        room: between two ticks, in what a number takes.
+    """
+
+    def __init__(self, digits: Iterable[int], room: float) -> None:
+        self._digits, self._room = tuple(digits), room
 
     def __call__(self) -> Sequence[float]:
         assert self.axis is not None
@@ -81,9 +110,9 @@ class _DegreeLocator(Locator):
         """The ticks of a view, so far apart that their labels do not touch."""
         axis: Any = self.axis
         place = axis.get_transform().transform
-        apart = abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
+        apart = self._room * abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
         ticks: list[float] = []
-        for digit in (0, 1, 5, 2, 3):
+        for digit in self._digits:
             for tick in sorted((tick for tick in _TICKS if f"{abs(tick):e}"[0] == str(digit)), key=abs):
                 if vmin <= tick <= vmax and all(abs(place(tick) - place(other)) >= apart for other in ticks):
                     ticks.append(tick)
@@ -91,7 +120,7 @@ class _DegreeLocator(Locator):
 
 
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """Margin of every device to every zone that binds it, over time; so of other directions that zones bind.
+    """Margin over time of every device, and every other direction, to each zone that binds it.
 
     The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
     axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
@@ -110,7 +139,7 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
-    moves = samples.motion(plan)
+    moves = motion(plan)
     (axes,) = panels(ax, 1, SIZE)
     devices, others = draw(axes, plan, moves)
     time_axis([axes], moves)
@@ -119,16 +148,16 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     return axes
 
 
-def draw(axes: Axes, plan: Plan, moves: samples.Motion) -> tuple[Entries, Entries]:
+def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
     """Draw the panel; returns the legend entries of the devices, and of all else."""
     axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
-    found = samples.margins(plan.scenario, moves)
+    found = margins_over_time(plan.scenario, moves)
     if not found:
         note(axes, "no zones")
         axes.set_yticks([])
         return [], []
     alpha = 0.6 if len(found) <= _CROWD else 0.3
-    of_devices: dict[int, list[samples.Margin]] = {}
+    of_devices: dict[int, list[Margin]] = {}
     for margin in found:
         style = device_style(margin.device)
         curve(axes, moves.times, np.rad2deg(margin.values), **style, linewidth=0.7, alpha=alpha)
@@ -160,7 +189,7 @@ class _Smallest(NamedTuple):
     zone: str
 
 
-def _smallest(own: Sequence[samples.Margin]) -> _Smallest:
+def _smallest(own: Sequence[Margin]) -> _Smallest:
     table = np.rad2deg([margin.values for margin in own])
     values = np.fmin.reduce(table)
     lowest = int(np.nanargmin(values))
@@ -211,7 +240,7 @@ def _name_zones(
 
 
 def _proved(plan: Plan) -> list[tuple[float, float, str]]:
-    """The certificate's lower bound of all margins, if there is one: time in s, deg, and what it is."""
+    """The proved bound of all margins as (time in s, margin in deg, legend text), if there is one."""
     proof = plan.certificate
     if proof is None or proof.min_margin is None or proof.worst_time is None:
         return []
@@ -220,3 +249,33 @@ def _proved(plan: Plan) -> list[tuple[float, float, str]]:
     where = f"{proof.worst_device} to {proof.worst_zone}\nat {proof.worst_time:.2f} s"
     text = f"{word}\nat least {bound:.3f} deg,\n{where}"
     return [(proof.worst_time, bound, text)] if np.isfinite(bound) else []
+
+
+def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
+    """Margins over time of devices and vectors to constraints that bind them, equations (11) and (12).
+
+    A group counts as the best of its entries: at every instant the one whose worst member has most margin.
+    So the smallest of all margins at an instant is that of the scene.
+
+    Args:
+        scenario: whose zones are meant; one that moves is taken where it is at each instant.
+        moves: the motion.
+    """
+    rows, craft, values = scenario.constraints, scenario.spacecraft, moves.values
+    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    table = state_margins(rows, sights, values.attitude, values.joints, moves.times)  # (k, Z, S)
+    chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
+    table = np.where(chosen[..., None] & rows.bound, table, np.nan)
+    single, found = rows.single, []
+    for leader in np.unique(rows.group[rows.zone >= 0]):
+        zone = scenario.zones[rows.zone[leader]]
+        members = [[row] for row in np.flatnonzero(rows.group == leader)]
+        if not single[leader]:
+            members = [list(chain(*members))]
+        for own in members:
+            for sight in np.flatnonzero(np.any(rows.bound[own], axis=0)):
+                least = np.fmin.reduce(table[:, own, sight], axis=1)
+                name = zone.name if single[leader] else str(zone.any_of)
+                if not np.all(np.isnan(least)):  # of an entry that is never the best
+                    found.append(Margin(device=int(sight), zone=name, values=least))
+    return found

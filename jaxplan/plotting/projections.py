@@ -32,7 +32,11 @@ _ROUND = np.unique(
 )
 _ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, that a chosen view may have
 _LIMB = 0.2  # depth below which a direction is seen too much from the side
-_GRID = 203  # points a side of the grid on which areas of the globe are found
+# Lines of the grids on which areas are found: deg on the flat map, radii on the globe.
+_AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
+_GLOBE_LINES = np.linspace(-1.01, 1.01, 203)
+_SMALL = np.deg2rad(3.0)  # rad, half angle of a cone up to which the grid is made finer for it
+_ACROSS = np.linspace(-1.1, 1.1, 23)  # half widths of such a cone from its centre, where lines are added
 
 
 def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
@@ -50,6 +54,12 @@ def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
     turn = _ROUND[:, None]
     around = np.cos(turn) * np.array(up) + np.sin(turn) * np.array(left)
     return np.asarray(np.cos(half_angle) * axis + np.sin(half_angle) * around)
+
+
+def grid_lines() -> list[np.ndarray]:
+    """Meridians and parallels every 30 deg, each (k, 3)."""
+    meridians = [circle(pointing(angle, 0.0), np.pi / 2) for angle in np.deg2rad(range(0, 180, 30))]
+    return meridians + [circle(np.array([0.0, 0.0, 1.0]), angle) for angle in np.deg2rad(range(30, 180, 30))]
 
 
 def unfold(directions: np.ndarray) -> np.ndarray:
@@ -102,7 +112,7 @@ class Sheet(NamedTuple):
 
 
 class FlatMap:
-    """The sphere unfolded.
+    """Projection of the sphere to azimuth and elevation in degrees.
 
     Attributes:
         letter: deg that a letter of a name is wide and a line of it high.
@@ -115,23 +125,30 @@ class FlatMap:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(..., 2) of the picture for (..., 3) directions."""
+        """Points (..., 2) of the picture of directions (..., 3)."""
         return unfold(directions)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """(...) of marks and lines at directions (..., 3)."""
+        """Opacity (...) of marks and lines at directions (..., 3)."""
         return np.ones(directions.shape[:-1])
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """A line (k, 3) on the sphere as lines (k', 2) of the picture with their opacities."""
         return [(cut(unfold(line)), 1.0)]
 
-    def sheets(self) -> Iterator[Sheet]:
-        """The layers of the picture."""
-        yield _flat_sheet()
+    def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
+        """The layers of the picture, on a grid that is fine enough for a cone."""
+        if half_angle > _SMALL:
+            yield _flat_sheet()
+            return
+        (azimuth, elevation), (width, height) = self.project(axis), self.extent(axis, half_angle)
+        across, upward = _AZIMUTHS, _finer(_ELEVATION_LINES, elevation, height)
+        for turn in (-360.0, 0.0, 360.0):  # what crosses the meridian at the edges is on both sides
+            across = _finer(across, azimuth + turn, width)
+        yield _sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, of one beyond 90 deg those of a half sphere."""
+        """Half the width and height of a cone in the picture, at most those of a half sphere."""
         angle = min(float(np.rad2deg(half_angle)), 90.0)
         return angle / np.cos(min(abs(azimuth_elevation(axis)[1]), np.pi / 3)), angle
 
@@ -142,20 +159,28 @@ class FlatMap:
         return np.clip(np.stack([azimuth, spots[:, 1]], axis=-1), -room, room)
 
     def directions(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """(k, 3) at points (k, 2) of the picture."""
+        """Directions (k, 3) at points (k, 2) of the picture."""
         return np.asarray(pointing(*np.deg2rad(spots.T)))
+
+
+def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
+    return Sheet(across, upward, np.asarray(pointing(*np.deg2rad(np.meshgrid(across, upward)))), 1.0)
 
 
 @cache
 def _flat_sheet() -> Sheet:
-    azimuths, elevations = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
-    directions = pointing(*np.deg2rad(np.meshgrid(azimuths, elevations)))
-    return Sheet(azimuths, elevations, np.asarray(directions), 1.0)
+    return _sheet(_AZIMUTHS, _ELEVATION_LINES)
+
+
+def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
+    """The lines of a grid with more lines about a centre, so that what is small does not fall between two."""
+    more = centre + reach * _ACROSS
+    return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
 
 @dataclass(frozen=True)
 class GlobeView:
-    """The sphere seen from outside.
+    """Orthographic projection of the sphere, as it is seen from outside.
 
     Attributes:
         axes: (3, 3) rows right, up and toward the eye, inertial.
@@ -172,13 +197,13 @@ class GlobeView:
 
     @classmethod
     def from_angles(cls, azimuth: float, elevation: float) -> Self:
-        """The eye at an inertial azimuth and elevation, rad."""
+        """The view with the eye at an inertial azimuth and elevation, rad."""
         toward, right, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
         return cls(np.array([right, up, toward]))
 
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:
-        """The view from around with most of (k, 3) directions in front, of equals the levelest."""
+        """The view with most of the directions (k, 3) in front; of equals, one from a low elevation."""
         angles = [(a, e) for e in _ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
         views = [cls.from_angles(*pair) for pair in angles]
         shares = [
@@ -189,20 +214,20 @@ class GlobeView:
 
     @property
     def words(self) -> str:
-        """From where it is seen."""
+        """Caption that says from where the globe is seen."""
         azimuth, elevation = np.rad2deg(azimuth_elevation(self.axes[2]))
         return f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(..., 2) of the picture for (..., 3) points."""
+        """Points (..., 2) of the picture of points (..., 3)."""
         return np.asarray(directions @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """(...) toward the eye; the sphere's near side is positive."""
+        """Depth (...) of points (..., 3) toward the eye; it is positive on the near side of the sphere."""
         return np.asarray(points @ self.axes[2])
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """(...) of marks and lines at directions (..., 3), less on the far side."""
+        """Opacity (...) of marks and lines at directions (..., 3), less on the far side."""
         return np.where(self.depth(directions) >= 0, 1.0, PALE)
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -213,11 +238,16 @@ class GlobeView:
         far[:-1] |= near[:-1] & ~near[1:]
         return [(np.where(side[:, None], flat, np.nan), alpha) for side, alpha in ((near, 1.0), (far, PALE))]
 
-    def sheets(self) -> Iterator[Sheet]:
-        """The front, then the back of the sphere. Beyond the limb they go on as at the limb."""
-        line, points = _disc()
+    def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
+        """The layers of front and back of the sphere, with the limb's directions beyond it."""
+        across = upward = _GLOBE_LINES
+        points = _whole_disc()
+        if half_angle <= _SMALL:
+            (right, up), (reach, _) = self.project(axis), self.extent(axis, half_angle)
+            across, upward = _finer(across, right, reach), _finer(upward, up, reach)
+            points = _disc(across, upward)
         for side, strength in ((1, 1.3), (-1, PALE)):
-            yield Sheet(line, line, points * (1, 1, side) @ self.axes, strength)
+            yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
         """Half the width and height of a cone in the picture, if it is seen from straight above."""
@@ -229,7 +259,7 @@ class GlobeView:
         return spots
 
     def directions(self, spots: np.ndarray, beside: np.ndarray) -> np.ndarray:
-        """(k, 3) at points (k, 2) of the picture, on the side of a direction (3,); NaN beyond the limb."""
+        """Directions (k, 3) at points (k, 2), on the side of a direction (3,); NaN beyond the limb."""
         depth = np.sqrt(np.where(np.hypot(*spots.T) < 1, 1 - np.sum(spots**2, axis=-1), np.nan))
         side = 1 if self.depth(beside) >= 0 else -1
         return np.column_stack([spots, side * depth]) @ self.axes
@@ -238,11 +268,14 @@ class GlobeView:
 Projection: TypeAlias = FlatMap | GlobeView
 
 
-@cache
-def _disc() -> tuple[np.ndarray, np.ndarray]:
-    """The lines of a square grid about the unit disc, and (n, n, 3) points of the near half sphere there."""
-    line = np.linspace(-1.01, 1.01, _GRID)
-    right, up = np.meshgrid(line, line)
+def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
+    """Points (m, n, 3) of the near half sphere at the lines of a grid about the unit disc."""
+    right, up = np.meshgrid(across, upward)
     radius = np.maximum(np.hypot(right, up), 1)
     right, up = right / radius, up / radius
-    return line, np.stack([right, up, np.sqrt(np.maximum(1 - right**2 - up**2, 0))], axis=-1)
+    return np.stack([right, up, np.sqrt(np.maximum(1 - right**2 - up**2, 0))], axis=-1)
+
+
+@cache
+def _whole_disc() -> np.ndarray:
+    return _disc(_GLOBE_LINES, _GLOBE_LINES)

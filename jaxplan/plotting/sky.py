@@ -14,12 +14,14 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
 
-from jaxplan.geometry.vectors import pointing, separation
+from jaxplan import so3
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.path import Path
 from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, binds_all
 from jaxplan.planner import Plan
-from jaxplan.plotting import samples
-from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle
+from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -37,6 +39,7 @@ from jaxplan.plotting.style import (
     expect_plan,
     expect_view,
     legend_beside,
+    motion,
     note,
     panels,
     plain,
@@ -149,7 +152,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
 
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
-    """The empty globe with a grid, and from where it is seen."""
+    """Draw the empty globe with a grid, and a caption that says from where it is seen."""
     axes.set_aspect("equal")
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
@@ -160,14 +163,8 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
     axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
-def grid_lines() -> list[np.ndarray]:
-    """Meridians and parallels every 30 deg, each (k, 3)."""
-    meridians = [circle(pointing(angle, 0.0), np.pi / 2) for angle in np.deg2rad(range(0, 180, 30))]
-    return meridians + [circle(np.array([0.0, 0.0, 1.0]), angle) for angle in np.deg2rad(range(30, 180, 30))]
-
-
 def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> None:
-    """All that is to be seen of a plan, with its title and legend."""
+    """Draw all that a projection shows of a plan, with title and legend."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
     entries = device_entries(craft.device_names)
@@ -187,7 +184,7 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
 
 
 def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:
-    """Zones with their names, the ways of those that move, and the plan's title."""
+    """Draw zones with their names, the ways of those that move, and the plan's title."""
     for zone in zones:
         draw_zone(axes, projection, zone)
     for last, way in zone_ways(plan):
@@ -203,7 +200,7 @@ def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[C
 
 
 def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) -> list[Line2D]:
-    """A line (k, 3) on the sphere, in the parts into which it falls."""
+    """Draw a line (k, 3) on the sphere, in the parts into which the projection cuts it."""
     drawn = []
     for flat, alpha in projection.parts(line):
         faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
@@ -212,14 +209,14 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 
 
 def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, look: Look) -> None:
-    """Marks at directions (k, 3)."""
+    """Draw marks at directions (k, 3)."""
     flat, opacity = projection.project(directions), projection.opacity(directions)
     for alpha in np.unique(opacity):
         axes.plot(*flat[opacity == alpha].T, **{"alpha": alpha, **look})
 
 
 def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -> Entries:
-    """Marks of start and goal of every device, or of its target without a goal; returns legend entries.
+    """Mark start and goal of every device, or its target if there is no goal; returns legend entries.
 
     Args:
         axes: where to.
@@ -239,11 +236,11 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """A zone with its edge: hatched for keep-out; hardly filled where it binds further vectors alone."""
+    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
-    for across, upward, directions, strength in projection.sheets():
+    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
         inside = directions @ axis - np.cos(zone.half_angle)
         if not np.any(inside > 0):
             continue
@@ -261,11 +258,8 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
 def zone_outline(zone: Cone) -> Look:
     """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
     inside = isinstance(zone, KeepIn)
-    alone = (0, (5, 2.5)) if inside else "-"
-    return {
-        "color": KEEP_IN if inside else KEEP_OUT,
-        "linestyle": alone if zone.any_of is None else (0, (1, 1.5)),
-    }
+    style = (0, (1, 1.5)) if zone.any_of is not None else (0, (5, 2.5)) if inside else "-"
+    return {"color": KEEP_IN if inside else KEEP_OUT, "linestyle": style}
 
 
 def _zone_fill(zone: Cone) -> Look:
@@ -278,7 +272,7 @@ def _zone_fill(zone: Cone) -> Look:
 
 
 def _binds_devices(zone: Cone) -> bool:
-    """Whether a zone binds any device, and not further vectors alone."""
+    """True if a zone binds a device, False if it binds only other vectors."""
     return binds_all(zone) or bool(zone.devices)
 
 
@@ -342,14 +336,13 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     spots = projection.fit(wanted, size)
     apart = separation(projection.directions(spots, axis), axis)
     fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
-    order = np.argsort(
-        spots[:, 1] != wanted[:, 1], kind="stable"
-    )  # those that were moved up or down come last
+    moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
+    order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
 
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
-    """In few words which devices and vectors a zone binds; nothing if it binds all devices and no vector."""
+    """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
     bound = [name for name in names if binds_all(zone) or name in zone.devices]
     others = [name for name in names if name not in bound]
     lines = []
@@ -373,11 +366,12 @@ def _group(zone: Cone) -> list[str]:
 
 def zone_entries(scenario: Scenario) -> Entries:
     """Legend entries: one of each kind of zones that the scenario has."""
+
+    def kind(zone: Cone) -> tuple[bool, bool, bool]:
+        return isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None
+
     kinds: dict[str, Entry] = {}
-    for zone in sorted(
-        zones_at(scenario, 0.0),
-        key=lambda zone: (isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None),
-    ):
+    for zone in sorted(zones_at(scenario, 0.0), key=kind):
         inside = isinstance(zone, KeepIn)
         text = "keep-in zone" if inside else "keep-out zone"
         text += "" if _binds_devices(zone) else ",\nfor no device"
@@ -392,14 +386,14 @@ def zone_entries(scenario: Scenario) -> Entries:
 
 
 def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> list[Cone]:
-    """Zones that have a place on the sky, where they are at a time, s: all, those that move, or the rest."""
+    """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
     cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
     wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
     return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
 
 
 def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Zones that move where they are at last, and the ways of their axes (k, 3).
+    """Moving zones at their last places, with the ways of their axes (k, 3).
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
@@ -415,10 +409,22 @@ def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
 
 
 def boresight_ways(plan: Plan) -> np.ndarray | None:
-    """(k, D, 3) along the trajectory, or along the path if there is none; None without a path."""
+    """Boresights (k, D, 3) along the trajectory, or along the path without one; None without a path."""
     if plan.trajectory is not None:
-        return samples.motion(plan).boresights
-    return None if plan.path is None else samples.path_boresights(plan)
+        return motion(plan).boresights
+    return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
+
+
+def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
+    """Boresights (k, D, 3) along a path: geodesics of the platform with linear joints."""
+    attitudes, joints, edges = path.attitudes, path.joints, path.edges
+    if edges:
+        places = np.linspace(0, edges, points_an_edge * edges + 1)
+        edge = np.minimum(places.astype(int), edges - 1)
+        part = places - edge
+        attitudes = so3.geodesic(attitudes[edge], attitudes[edge + 1], part)
+        joints = joints[edge] + part[:, None] * (joints[edge + 1] - joints[edge])
+    return np.asarray(craft.boresights(attitudes, joints))
 
 
 def end_marks(plan: Plan) -> list[tuple[Look, str, np.ndarray]]:

@@ -6,7 +6,7 @@ was found, so a curve ends at the success rate and goes on as a thin dotted line
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -35,16 +35,13 @@ from jaxplan.plotting.style import (
     plain_numbers,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like, several
+from jaxplan.runtime.arguments import expect_any, several
+from jaxplan.study import Study
 
-if TYPE_CHECKING:
-    from jaxplan.study import Study
-
-Studies: TypeAlias = "Study | Iterable[Study] | Mapping[str, Study]"
-Named: TypeAlias = "dict[str, Study]"
+Studies: TypeAlias = Study | Iterable[Study] | Mapping[str, Study]
+Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
-_PARTS = ("kind", "planner", "settings", "table", "timings")  # of a study
 _SIZE = (8.0, 4.2)  # inches
 _ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
 _BAR = 0.6  # of a line
@@ -72,7 +69,7 @@ _LINE, _ABOVE = 0.26, 0.75  # inches: of a study's line, and of what is around t
 
 
 class Quantity(NamedTuple):
-    """What a curve is of.
+    """A quantity whose distribution is drawn as a curve.
 
     Attributes:
         label: of the axis, with its unit.
@@ -133,7 +130,7 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
 
 
 def study_figure(studies: Studies) -> Figure:
-    """The same on a page of its own, which does not belong to pyplot.
+    """Draw `study` on a page of its own, which does not belong to pyplot.
 
     Args:
         studies: see `study`.
@@ -168,13 +165,19 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
     name_lines(axes, list(every))
     axes.grid(False, axis="y")
     for line, (study, look) in enumerate(zip(every.values(), _looks(every), strict=True)):
-        planned, scenes = sum(row["status"] == OK for row in study.table), len(study.table)
         low, high = (100 * bound for bound in study.interval)
         axes.plot([low, high], [line, line], color=look["color"], linewidth=1.6, solid_capstyle="butt")
-        axes.plot([100 * planned / scenes], [line], color=look["color"], marker="o", clip_on=False, zorder=3)
+        axes.plot(
+            [100 * study.planned / study.done],
+            [line],
+            color=look["color"],
+            marker="o",
+            clip_on=False,
+            zorder=3,
+        )
         end, aside, anchor = (low, -6, "right") if low > 25 else (high, 6, "left")
         place: Look = {"xytext": (aside, 0), "textcoords": "offset points", "ha": anchor, "va": "center"}
-        axes.annotate(f"{planned}/{scenes}", (end, line), fontsize=SMALL, color=GREY, **place)
+        axes.annotate(f"{study.planned}/{study.done}", (end, line), fontsize=SMALL, color=GREY, **place)
     axes.set(xlim=(-2, 102), xticks=range(0, 101, 25))
     axes.set_xlabel("success rate, 95 % interval (%)", fontsize=TEXT)
     return axes
@@ -218,7 +221,7 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
 def distribution(
     studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
 ) -> Axes:
-    """The share of all scenes that are planned with at most a value; of margins, with at least it.
+    """Share of all scenes that are planned with at most each value (for margins: with at least it).
 
     Args:
         studies: one, several, or several by their names.
@@ -241,7 +244,7 @@ def distribution(
     every, what = named(studies), QUANTITIES[quantity]
     (axes,) = panels(ax, 1, _SIZE)
     tidy(axes)
-    curves = [_planned_values(study, quantity) for study in every.values()]
+    curves = [np.sort(study.values(quantity)) for study in every.values()]
     known = [values for values in curves if len(values)]
     if known:
         low, high = min(values[0] for values in known), max(values[-1] for values in known)
@@ -273,7 +276,7 @@ def distribution(
 
 
 def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
-    """Steps from one value to the next, and the dotted line to the edge where scenes are without a plan."""
+    """Draw steps from one value to the next, and a dotted line to the edge if scenes have no plan."""
     left, right = axes.get_xlim()
     shares = 100 * np.arange(len(values) + 1) / scenes
     top = shares[-1]
@@ -310,10 +313,10 @@ def named(studies: Studies) -> Named:
         places, every = [repr(name) for name in studies], list(studies.values())
     else:
         wanted = "studies, as jp.run_study returns, or one"
-        every = [studies] if hasattr(studies, "table") else list(several("studies", studies, wanted))
+        every = [studies] if isinstance(studies, Study) else list(several("studies", studies, wanted))
         places = [str(place) for place in range(len(every))]
     for place, one in zip(places, every, strict=True):
-        expect_like(f"studies[{place}]", one, _PARTS, "a Study, as jp.run_study returns")
+        expect_any(f"studies[{place}]", one, (Study,), "a Study, as jp.run_study returns")
     result = dict(zip(studies if isinstance(studies, Mapping) else _names(every), every, strict=True))
     if not result:
         raise ValueError("there are no studies to draw")
@@ -323,7 +326,7 @@ def named(studies: Studies) -> Named:
     return result
 
 
-def _names(studies: "Sequence[Study]") -> list[str]:
+def _names(studies: Sequence[Study]) -> list[str]:
     kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
     names = []
     for study in studies:
@@ -342,7 +345,7 @@ def _names(studies: "Sequence[Study]") -> list[str]:
 
 
 def _looks(studies: Named) -> list[Look]:
-    """Colour and line style of each: the planner's colour, unless two are by the same.
+    """Colour and line style of each study: the planner's colour, unless two studies have one planner.
 
     Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
     """
@@ -356,12 +359,3 @@ def _looks(studies: Named) -> list[Look]:
         }
         for place, name in enumerate(planners)
     ]
-
-
-def _planned_values(study: "Study", column: str) -> np.ndarray:
-    """A column of table or times, of the scenes that are planned, in ascending order."""
-    planned = [row for row in study.table if row["status"] == OK]
-    if planned and column not in planned[0]:
-        scenes = {row["scene"] for row in planned}
-        planned = [row for row in study.timings if row["scene"] in scenes]
-    return np.sort(np.array([row[column] for row in planned if row[column] is not None], dtype=float))

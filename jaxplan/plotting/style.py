@@ -16,8 +16,10 @@ A name stands at the first of some places where it covers no other name, and the
 Arguments that cannot be drawn are refused by their names.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import matplotlib as mpl
@@ -30,13 +32,14 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke, withTickedStroke
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import as_floats, expect, show
 from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory.curve import Samples
 
 Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
 Entry: TypeAlias = tuple[Artist, str]  # of a legend
@@ -58,7 +61,8 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_LEGEND_ROWS = 14
+_LEGEND_ROWS = 14  # of a column of a legend, beyond which it gets another column
+INSTANTS = 1024  # of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _STILL = 1e-3  # of a limit, up to which nothing is said to move
 
 
@@ -72,7 +76,7 @@ def device_style(number: int) -> Look:
 
 
 def plain(text: Text) -> Text:
-    """A text shown letter by letter: names come from files, and a ``$`` in one is no formula."""
+    """Show a text letter by letter: names come from files, and a ``$`` in one is no formula."""
     text.set_parse_math(False)
     return text
 
@@ -83,7 +87,7 @@ def note(axes: Axes, text: str) -> None:
 
 
 def tidy(axes: Axes) -> None:
-    """A light grid, small figures, and no frame above and to the right."""
+    """Give a panel a light grid and small tick labels, without frame above and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TEXT)
@@ -91,7 +95,7 @@ def tidy(axes: Axes) -> None:
 
 
 def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[Text]:
-    """A line for each name at heights 0, 1, ... downward; returns the names at the left, if shown."""
+    """Give a panel a line for each name at heights 0, 1, ... downward; returns the labels that are shown."""
     tidy(axes)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_yticks(range(len(names)), list(names))
@@ -100,7 +104,7 @@ def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[
 
 
 def plain_numbers(axis: Axis) -> None:
-    """Numbers at the larger ticks as a person writes them, without powers; none at the smaller ones."""
+    """Write the numbers of major ticks without powers, and none at minor ticks."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
     axis.set_minor_formatter(NullFormatter())
 
@@ -117,7 +121,7 @@ def barrier(side: int) -> Look:
 def limit_lines(
     axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
 ) -> Entries:
-    """Limits at plus and minus their values, drawn as barriers or, far from the curves, told above the panel.
+    """Draw limits at plus and minus their values, or tell those far from the curves above the panel.
 
     Args:
         axes: where to.
@@ -146,7 +150,7 @@ def limit_lines(
 
 
 def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
-    """A legend to the right of the axes, so that it covers no data."""
+    """Put a legend to the right of the axes, so that it covers no data."""
     if not entries:
         return
     # a label that begins with an underscore would be left out
@@ -280,7 +284,7 @@ def expect_plan(plan: object) -> Plan:
 
 
 def expect_trajectories(given: object, spacecraft: object) -> None:
-    """Raise a TypeError for what are no trajectories by their names, or no spacecraft."""
+    """Raise a TypeError unless these are trajectories by their names, and a spacecraft."""
     for name, trajectory in expect_mapping("trajectories", given).items():
         advice = "a plan has one as plan.trajectory"
         expect(f"trajectories[{name!r}]", trajectory, Trajectory, advice)
@@ -295,7 +299,96 @@ def expect_mapping(name: str, value: object) -> Mapping[Any, Any]:
 
 
 def expect_view(view: object) -> None:
-    """Raise a ValueError for what are no two angles."""
+    """Raise a ValueError unless a view is two angles."""
     angles = as_floats(view)
     if angles is None or angles.shape != (2,):
         raise ValueError(f"view = {show(view)}: must be azimuth and elevation of the eye, deg, or None")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A trajectory on a grid of times.
+
+    Attributes:
+        times: (k,) s; a single one if the manoeuvre takes no time.
+        values: the trajectory there.
+        boresights: (k, D, 3).
+        node_times: (m + 1,) s.
+    """
+
+    times: np.ndarray
+    values: Samples
+    boresights: np.ndarray
+    node_times: np.ndarray
+
+
+def motion(plan: Plan) -> Motion:
+    """A plan's trajectory on the grid.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory.
+    """
+    trajectory = expect_plan(plan).trajectory
+    if trajectory is None:
+        ending = ": ".join(filter(None, [plan.status.name, plan.message]))
+        raise ValueError(
+            f"the plan of {plan.scenario.name!r} has no trajectory to draw; it ended as {ending}"
+        )
+    times = np.linspace(0.0, trajectory.duration, INSTANTS if trajectory.duration > 0 else 1)
+    values = trajectory.sample(times)
+    return Motion(
+        times=times,
+        values=values,
+        boresights=plan.scenario.spacecraft.boresights(values.attitude, values.joints),
+        node_times=np.asarray(trajectory.node_times),
+    )
+
+
+def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
+    """Draw one curve; a manoeuvre that takes no time is a dot."""
+    marker = "o" if len(times) == 1 else None
+    axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
+
+
+def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
+    """Label the time in seconds under the lowest panel and those that do not share its axis."""
+    time_span(grid, float(moves.times[-1]), moves.node_times)
+
+
+def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
+    """Let panels show the time from zero to an end, s, with minor ticks at nodes."""
+    lowest = grid[-1]
+    for axes in grid:
+        tidy(axes)
+        axes.set_xticks(np.asarray(node_times), minor=True)
+        axes.tick_params(axis="x", which="minor", length=3, color="0.35")
+        if end > 0:
+            axes.set_xlim(0, end)
+            axes.xaxis.set_major_locator(_EndLocator(end))
+            axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))
+        else:
+            axes.set(xlim=(-1, 1), xticks=[0])
+        shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
+        axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)
+
+
+class _EndLocator(MaxNLocator):
+    """Locator of ticks at round times and at the duration."""
+
+    def __init__(self, end: float) -> None:
+        super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
+        self.end = end
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The ticks of a view, less those whose labels would run into that of the end."""
+        ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
+        return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
+
+
+def _seconds(end: float, time: float, _: int | None = None) -> str:
+    """Label of a tick: its time; the duration has three digits, or whole seconds."""
+    if time != end:
+        return f"{time:.6g}"
+    text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -10,23 +10,19 @@ A limit far from all curves of its panel is told above it instead of drawn, sinc
 line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import ArrayLike
+from matplotlib.ticker import MaxNLocator
 
 from jaxplan.model.limits import QUANTITIES, Kinematics, Quantity, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
-from jaxplan.plotting.samples import Motion, motion
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -35,15 +31,19 @@ from jaxplan.plotting.style import (
     Canvas,
     Entries,
     Look,
+    Motion,
+    curve,
     device_entries,
     device_style,
     expect_trajectories,
     legend_beside,
     limit_lines,
+    motion,
     note,
     panels,
     plain,
-    tidy,
+    time_axis,
+    time_span,
 )
 from jaxplan.trajectory import Trajectory
 
@@ -101,7 +101,7 @@ class Panel(NamedTuple):
 
 
 def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Panel]:
-    """Yaws and pitches, or a derivative of them."""
+    """Panels of yaws and pitches, or of a derivative of them."""
     styles = [device_style(number) for number in range(len(craft.terminals))]
     found = []
     for quantity in (each for each in QUANTITIES if each.of_joints and each.power == power):
@@ -121,7 +121,7 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 def _figure(
     plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
 ) -> list[Axes]:
-    """Panels from top to bottom, each group with a legend beside its first."""
+    """Draw panels from top to bottom, with a legend beside the first of each group."""
     count = sum(len(group) for _, group in groups)
     grid = panels(ax, count, size(count))
     left = iter(grid)
@@ -197,7 +197,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """A derivative of pitches, yaws (the paper's order) and the platform's attitude."""
+    """Draw a derivative of pitches, yaws (the paper's order) and the platform's attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics()
     joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
@@ -228,7 +228,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     if not shown:
         raise ValueError(
             f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
-            "so there is no torque to draw"
+            "so there is no torque to draw; give it spacecraft.inertia_kg_m2 or spacecraft.jerk_limit_deg_s3"
         )
     values = moves.values.kinematics(craft.inertia)
     group = [_platform_panel(craft, values, quantity) for quantity in shown]
@@ -236,7 +236,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
-    """What a spacecraft limits beside rates and accelerations: the panels of its `torque`."""
+    """Quantities beside rates and accelerations that a spacecraft limits; `torque` has a panel of each."""
     limited = (limit.quantity for limit in timed_limits(craft)[0])
     return [quantity for quantity in limited if quantity.by_inertia or quantity.power > 2]
 
@@ -252,7 +252,7 @@ def _terminals(craft: Spacecraft) -> Entries:
 
 
 def _labelled(words: str, quantity: Quantity) -> str:
-    """What a panel of a quantity is labelled with: words and the unit, which stands below a long word."""
+    """Label of a panel: words and unit, which stands on a line of its own below a long word."""
     below = len(words.split()[-1]) > _LONG and "\n" not in words
     between = "\n" if below else " "
     return f"{words}{between}({quantity.printed_unit})"
@@ -261,55 +261,6 @@ def _labelled(words: str, quantity: Quantity) -> str:
 def size(count: int) -> tuple[float, float]:
     """Width and height in inches of a figure of so many panels."""
     return 9.0, 0.8 + 1.9 * count
-
-
-def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
-    """Draw one curve; a manoeuvre that takes no time is a dot."""
-    marker = "o" if len(times) == 1 else None
-    axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
-
-
-def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
-    """Time in seconds under the lowest of some panels, and under those that do not share its axis."""
-    _time_span(grid, float(moves.times[-1]), moves.node_times)
-
-
-def _time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
-    """Time from zero to an end, s, with ticks for nodes."""
-    lowest = grid[-1]
-    for axes in grid:
-        tidy(axes)
-        axes.set_xticks(np.asarray(node_times), minor=True)
-        axes.tick_params(axis="x", which="minor", length=3, color="0.35")
-        if end > 0:
-            axes.set_xlim(0, end)
-            axes.xaxis.set_major_locator(_EndLocator(end))
-            axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))
-        else:
-            axes.set(xlim=(-1, 1), xticks=[0])
-        shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
-        axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)
-
-
-class _EndLocator(MaxNLocator):
-    """Round times, and the duration, so that it can be read off."""
-
-    def __init__(self, end: float) -> None:
-        super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
-        self.end = end
-
-    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
-        """The ticks of a view, less those whose labels would run into that of the end."""
-        ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
-        return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
-
-
-def _seconds(end: float, time: float, _: int | None = None) -> str:
-    """A time as its tick says it; the duration to three digits, or to the second."""
-    if time != end:
-        return f"{time:.6g}"
-    text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def compare(
@@ -478,14 +429,14 @@ def _spin_limits(craft: Spacecraft) -> np.ndarray:
 
 
 def _limit(axes: Axes, limit: float, highest: float) -> Entries:
-    """A limit of panels whose highest value is known, both in radians; its legend entry if it is drawn."""
+    """Draw a limit beside a known highest value, both in radians; returns its legend entry, if drawn."""
     style: Look = {"color": GREY}
     return limit_lines(axes, np.rad2deg([limit]), [style], np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
-    """Titles above the columns and time below them."""
+    """Put titles above the columns of panels and the time below."""
     end = max(float(one.times[-1]) for one in sampled.values())
     for column, title in enumerate(titles):
         plain(every[column].set_title(title, fontsize=TEXT))
-        _time_span(every[column :: len(titles)], end)
+        time_span(every[column :: len(titles)], end)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,10 +22,8 @@ from jaxplan.plotting.style import (
     plain_numbers,
     tidy,
 )
-from jaxplan.runtime.arguments import expect_like
-
-if TYPE_CHECKING:
-    from jaxplan.tuning import SearchTuning, Tuning
+from jaxplan.runtime.arguments import expect_any
+from jaxplan.tuning import SearchTuning, Tuning
 
 Row = Mapping[str, float]
 
@@ -48,7 +45,7 @@ _ANSWER: Look = {
 _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize": 5}
 
 
-def tuning(result: "Tuning | SearchTuning", ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
 
     A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
@@ -70,9 +67,7 @@ def tuning(result: "Tuning | SearchTuning", ax: Canvas = None, *, legend: bool =
     Example:
         >>> jp.plot.tuning(jp.tune_search(range(20), "hard_keep_out", objective="expansions"))
     """
-    expect_like(
-        "result", result, ("label", "history", "answer"), "a Tuning or SearchTuning, as jp.tune returns"
-    )
+    expect_any("result", result, (Tuning, SearchTuning), "a Tuning or SearchTuning, as jp.tune returns")
     rows = result.history
     if not rows:
         raise ValueError("the tuning has no steps to draw")
@@ -103,7 +98,7 @@ def tuning(result: "Tuning | SearchTuning", ax: Canvas = None, *, legend: bool =
 
 
 def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
-    """Each trial, those with more failures than the best crossed out, and the best until then."""
+    """Draw each trial, a cross for those with more failures than the best, and the best until then."""
     best = list(accumulate(rows, _better))
     numbers = np.array([row["trial"] for row in rows])
     values = np.array([row[key] for row in rows], dtype=float)
@@ -125,7 +120,7 @@ def _better(first: Row, second: Row) -> Row:
 
 
 def _use_decades(axes: Axes, values: np.ndarray) -> None:
-    """A logarithmic axis, linear near zero, where values are so far apart that the least are one line."""
+    """Make the vertical axis logarithmic, and linear near zero, if values differ by a factor of `_FAR`."""
     known = values[np.isfinite(values)]
     positive = known[known > 0]
     if not len(positive) or np.any(known < 0) or np.max(known) < _FAR * np.min(positive):
@@ -142,7 +137,7 @@ def _use_decades(axes: Axes, values: np.ndarray) -> None:
 
 
 class _WholeNumbers(ScalarFormatter):
-    """Ticks that say the whole number, in as many digits as it takes: no offset or power stands aside."""
+    """Formatter of ticks with all their digits, without an offset or power beside the axis."""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
         """The labels of some ticks."""
@@ -162,5 +157,5 @@ def _entries(rows: Sequence[Row]) -> Entries:
 
 
 def _broken(name: str) -> str:
-    """A dotted name, or a sum of objectives, on lines of its own, so that it fits beside a low panel."""
+    """Break a dotted name, or a sum of objectives, into lines that fit beside a low panel."""
     return name.replace(".", ".\n") if " " not in name else name.replace(" + ", " +\n").replace(" (", "\n(")

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from jaxplan.planner import Plan
-from jaxplan.plotting import margin_panels, samples
+from jaxplan.plotting import margin_panels
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
-from jaxplan.plotting.style import expect_plan, legend_beside, new_figure
+from jaxplan.plotting.style import expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
     angles,
@@ -21,7 +21,6 @@ from jaxplan.plotting.time_panels import (
     limited_loads,
     rates,
     size,
-    time_axis,
     torque,
 )
 
@@ -41,17 +40,18 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
 
     Returns:
         The axes of sphere, yaws, pitches, margins and angular velocity, in this order; without terminals
-        there are none of yaws and pitches.
+        there are none of yaws and pitches. Their ``figure`` is the whole one, which can be saved.
 
     Raises:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
-    moves, craft = samples.motion(plan), plan.scenario.spacecraft
+    moves, craft = motion(plan), plan.scenario.spacecraft
     figure = new_figure(OVERVIEW_SIZE) if ax is None else ax
-    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(5, 4))[:, 0]
-    top = sphere(plan, ax=upper)
-    grid = lower.subplots(2 if craft.terminals else 1, 2, sharex=True, squeeze=False)
+    halves = figure.add_gridspec(2, 1, height_ratios=(5, 4))
+    top = sphere(plan, ax=figure.add_subplot(halves[0]))
+    rows = halves[1].subgridspec(2 if craft.terminals else 1, 2)
+    grid = rows.subplots(sharex=True, squeeze=False)
     joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
     if joints:
         angles(plan, ax=joints, legend=False)

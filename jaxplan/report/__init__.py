@@ -2,18 +2,25 @@
 
 The page is one file that asks for no other: figures are inside it, nothing in it runs, and it forbids
 browsers to load anything. It follows the reader's choice of light or dark, and prints in light. `markup`
-makes HTML in which no text of a scenario can be anything but text, `tables` has what was asked
-and what was found, `document` puts it together.
+makes HTML in which no text of a scenario can be anything but text, `tables` has what was asked and what was
+found, and here it is put together: head, verdict, and the parts in the order of planning.
 """
 
-import errno
 import os
+from importlib.resources import files
 from pathlib import Path
 
+from jaxplan.certificate import Certificate
+from jaxplan.exporting import free_place
+from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
-from jaxplan.report.document import page
+from jaxplan.planner.proof import certify, check_margins
+from jaxplan.report import tables
+from jaxplan.report.markup import Markup, degrees, facts, number, section, tag
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import dump_scenario
+from jaxplan.version import __version__
 
 __all__ = ["report_html"]
 
@@ -40,21 +47,178 @@ def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = F
     """
     expect("plan", plan, Plan, "jp.plan makes one of a scenario")
     file_path("path", path)
-    target = _free_place(path, overwrite)
+    target = free_place(path, overwrite=overwrite)
     text = page(plan)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
     return target
 
 
-def _free_place(path: str | os.PathLike[str], overwrite: bool) -> Path:
-    """The place to write to, if what is there may go."""
-    if not os.fspath(path):
-        raise ValueError("path is empty, it must name a file to write")
-    target = Path(path)
-    if target.is_dir():
-        raise ValueError(f"{target}: is a folder, and the page is a file")
-    if os.path.lexists(target) and not overwrite:
-        hint = "is there already; overwrite=True (--force) replaces it"
-        raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
-    return target
+# What a browser may load: pictures and looks that are in the page itself.
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+
+_CAPTIONS = {
+    "globe": "The sphere of directions, with zones and the ways of all boresights; what is behind is pale.",
+    "sphere": "The same unfolded: inertial azimuth and elevation.",
+    "margins": "Margin of every device to every zone; the triangle is the bound that is proved.",
+    "angles": "Angles of the joints, with their limits.",
+    "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
+    "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
+    "torque": "What the actuators must give, in body axes, with their limits.",
+}
+
+
+def page(plan: Plan) -> str:
+    """The page on a plan of any status, see `jaxplan.report.report_html`."""
+    there = plan.trajectory is not None and plan.goal is not None
+    certificate = certify(plan) if there else None
+    status, message = _verdict(plan, certificate)
+    pictures = dict(_pictures(plan))
+    colophon = (
+        f"Made by jaxplan {__version__}. The certificate was made anew for this page, from the "
+        "trajectory alone. Attitudes map body to inertial axes."
+    )
+    main = tag(
+        "main",
+        _header(plan, status, message, certificate),
+        *_parts(plan, certificate, pictures),
+        tag("footer", tag("p", colophon)),
+    )
+    style = Markup(files("jaxplan.report").joinpath("page.css").read_text(encoding="utf-8"))
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        tag("meta", name_="viewport", content="width=device-width, initial-scale=1"),
+        tag("meta", name_="color-scheme", content="light dark"),
+        tag("title", f"{plan.scenario.name} \N{EN DASH} {_word(status)}"),
+        tag("style", style),
+    )
+    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', main), lang='en')}\n"
+
+
+def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
+    """Status by the certificate made anew, and the message if the plan is not certified.
+
+    So a plan that says it is certified but is not is found out.
+    """
+    if not plan.ok:
+        return plan.status, plan.message
+    if certificate is not None and certificate.certified:
+        return Status.OK, ""
+    found = "there is no trajectory" if certificate is None else "; ".join(certificate.faults)
+    claim = "The plan calls itself certified, but its certificate, made anew, fails"
+    return Status.UNCERTIFIED, f"{claim}: {found}"
+
+
+def _word(status: Status) -> str:
+    return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
+
+
+def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Markup]) -> list[Markup]:
+    """The sections of the page, as far as the plan came."""
+
+    def shown(*names: str) -> list[Markup]:
+        return [pictures[name] for name in names if name in pictures]
+
+    craft = plan.scenario.spacecraft
+    parts = [
+        section("manoeuvre", "The manoeuvre", *shown("globe", "sphere")),
+        section(
+            "scenario",
+            "Scenario",
+            tables.spacecraft_tables(craft),
+            tables.zones_table(plan.scenario),
+            tables.motion_table(plan),
+        ),
+        section("goal", "Start and goal", tables.ends_tables(plan)),
+    ]
+    if plan.search is not None:
+        parts.append(section("path", "Path", tables.path_table(plan)))
+    if plan.trajectory is not None:
+        figures = shown("angles", "rates", "accelerations", "torque")
+        parts.append(section("trajectory", "Trajectory", tables.trajectory_table(plan), *figures))
+    if certificate is not None:
+        parts.append(
+            section("certificate", "Certificate", *_certificate(plan, certificate), *shown("margins"))
+        )
+    if plan.timings:
+        parts.append(section("timings", "Timings", tables.timings_table(plan)))
+    intro = tag("p", "Saved as a file, ", tag("code", "jaxplan plan FILE"), " plans this again.")
+    text = tag("pre", tag("code", dump_scenario(plan.scenario)))
+    return [*parts, section("settings", "Scenario file", intro, text)]
+
+
+def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
+    margins = check_margins(plan)
+    verdict = "holds at every instant" if certificate.certified else "does not hold"
+    rows = [("Certificate", verdict), ("Instants evaluated", f"{certificate.evaluations:,}")]
+    content = [facts(rows, "Proof"), tables.faults_list(certificate)]
+    if certificate.peaks:
+        content.append(tables.peaks_table(certificate, plan.scenario.spacecraft))
+    if margins:
+        content.append(tables.margins_table(margins, plan))
+    return content
+
+
+def _header(plan: Plan, status: Status, message: str, certificate: Certificate | None) -> Markup:
+    """Title, verdict, how far it came, and the numbers that matter most."""
+    certified = status is Status.OK
+    text = f"{status.value[:1].upper()}{status.value[1:]}."
+    if certified:
+        text = "Every zone and every limit holds at every instant, not at samples alone."
+    told = [tag("strong", _word(status)), tag("p", text)]
+    for label, words in (("What happened", message), ("What to change", status.advice)):
+        if words:
+            told.append(tag("p", tag("b", f"{label}: "), words))
+    return tag(
+        "header",
+        tag("p", "Attitude plan", class_="kicker"),
+        tag("h1", plan.scenario.name),
+        tag("div", *told, class_="verdict good" if certified else "verdict bad"),
+        _steps(status),
+        tag("dl", *_tiles(plan, certificate), class_="tiles"),
+    )
+
+
+def _steps(status: Status) -> Markup:
+    """The steps of planning: done, where it ended, and not reached."""
+    ended, items = STEPS.index(status.step), []
+    for place, step in enumerate(STEPS):
+        look, word = ("done", "done") if place <= ended else ("left", "not reached")
+        if place == ended and status is not Status.OK:
+            look, word = "failed", "failed here"
+        items.append(tag("li", tag("b", step), tag("span", word), class_=look))
+    return tag("ol", *items, class_="steps")
+
+
+def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
+    """The numbers that matter most, as far as there are any."""
+    found = []
+    if plan.goal is not None:
+        found.append(("platform turns", degrees(plan.goal.slew_angle, 1), "deg"))
+    if plan.path is not None:
+        found.append(("path", number(plan.path.length, 1), "steps"))
+    if plan.trajectory is not None:
+        found.append(("duration", number(plan.trajectory.duration), "s"))
+    if certificate is not None and certificate.min_margin is not None:
+        found.append(("smallest margin", degrees(certificate.min_margin), "deg"))
+    if certificate is not None and certificate.peaks:
+        quantity, percent = tables.highest_peak(certificate, plan.scenario.spacecraft)
+        found.append((f"of its limit: {quantity}", percent, "%"))
+    return [
+        tag("div", tag("dt", label), tag("dd", value, " ", tag("span", unit, class_="unit")))
+        for label, value, unit in found
+    ]
+
+
+def _pictures(plan: Plan) -> list[tuple[str, Markup]]:
+    """Every figure of the plan by its name, inside the page."""
+    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+
+    found = []
+    for name, address in inline_figures(plan):
+        caption = _CAPTIONS.get(name, name)
+        image = tag("img", src=address, alt=caption)
+        found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))
+    return found

@@ -20,7 +20,7 @@ class Markup(str):
 
 
 def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
-    """An element.
+    """An HTML element.
 
     Args:
         name: of the tag.
@@ -39,7 +39,7 @@ def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
 
 
 def join(content: Iterable[Any]) -> Markup:
-    """Pieces one after the other; all but `Markup` is escaped."""
+    """Join pieces of text, of which all but `Markup` is escaped."""
     return Markup("".join(part if isinstance(part, Markup) else escape(str(part)) for part in content))
 
 

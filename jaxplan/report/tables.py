@@ -97,7 +97,7 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
 
 
 def _bound(zone: Zone) -> str:
-    """What a zone binds."""
+    """Devices and vectors that a zone binds, in words."""
     if isinstance(zone, JointBound):
         return zone.device
     of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
@@ -105,7 +105,7 @@ def _bound(zone: Zone) -> str:
 
 
 def zones_table(scenario: Scenario) -> Markup:
-    """The zones, or that there are none."""
+    """Table of the zones, or a remark that there are none."""
     if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
     titles = ["Zone", "Kind", "About", *_AIM, "Half angle|deg", "Binds"]
@@ -114,7 +114,7 @@ def zones_table(scenario: Scenario) -> Markup:
 
 
 def motion_table(plan: Plan) -> Markup:
-    """How zones and targets move between start and goal; nothing where none does."""
+    """Table of zones and targets that move between start and goal; empty if none does."""
     goal = plan.goal
     moving = list(paths(plan.scenario))
     if not moving:
@@ -169,7 +169,7 @@ def _joints_table(plan: Plan) -> Markup:
 
 
 def path_table(plan: Plan) -> Markup:
-    """How the search went, and the path if there is one."""
+    """Facts of the search, and of the path if there is one."""
     assert plan.search is not None
     settings = plan.scenario.search
     rows = [
@@ -187,7 +187,7 @@ def path_table(plan: Plan) -> Markup:
 
 
 def trajectory_table(plan: Plan) -> Markup:
-    """Method, duration and smoothness."""
+    """Facts of the trajectory: method, duration and smoothness."""
     trajectory, bound = plan.trajectory, plan.duration_bound
     assert trajectory is not None
     asked = plan.scenario.trajectory.duration
@@ -215,7 +215,7 @@ def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]
 
 
 def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
-    """Peaks beside their limits."""
+    """Table of the proved peaks beside their limits."""
     titles = ["Quantity", "Largest, at most|", "Limit|", "Unit", "Share|%", "", "At|s"]
     rows = []
     for name, peak in certificate.peaks.items():
@@ -241,7 +241,7 @@ def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
 
 
 def _bar(peak: float) -> Markup:
-    """A share of one as a line; beyond one it is full, and of another colour."""
+    """A bar for a share of one; beyond one it is full and has another colour."""
     beyond = not peak <= 1 + 1e-9
     width = f"width:{100 if beyond else 100 * peak:.1f}%"
     fill = tag("span", class_="fill over" if beyond else "fill", style=width)
@@ -249,7 +249,7 @@ def _bar(peak: float) -> Markup:
 
 
 def margins_table(margins: tuple[ProvedMargin, ...], plan: Plan) -> Markup:
-    """Margins by zone and device, the smallest first."""
+    """Table of the proved margins by zone and device, the smallest first."""
     zones = {zone.name: zone for zone in plan.scenario.zones}
     rows = []
     for margin in sorted(margins, key=lambda margin: margin.bound):
@@ -261,13 +261,13 @@ def margins_table(margins: tuple[ProvedMargin, ...], plan: Plan) -> Markup:
 
 
 def faults_list(certificate: Certificate) -> Markup:
-    """What the certificate does not hold for; nothing if all is well."""
+    """List of what the certificate could not prove; empty if all is proved."""
     if not certificate.faults:
         return join(())
     return tag("ul", *(tag("li", fault) for fault in certificate.faults), class_="faults")
 
 
 def timings_table(plan: Plan) -> Markup:
-    """Seconds by step."""
+    """Table of the seconds that each step of planning took."""
     rows = [[_STEP_NAMES.get(name, name), number(seconds, 3)] for name, seconds in plan.timings.items()]
     return table(["Step", "Time|s"], rows, "Time spent planning")

@@ -87,9 +87,9 @@ def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind
     raise TypeError(f"{name} must be {a_or_an(kind.__name__)}, not {type(value).__name__}{hint}")
 
 
-def expect_like(name: str, value: object, attributes: Iterable[str], wanted: str) -> None:
-    """Raise a TypeError for what lacks one of the attributes of what it must be."""
-    if isinstance(value, type) or not all(hasattr(value, attribute) for attribute in attributes):
+def expect_any(name: str, value: object, kinds: tuple[type, ...], wanted: str) -> None:
+    """Raise a TypeError, which says what is wanted, for a value of none of some classes."""
+    if not isinstance(value, kinds):
         raise TypeError(f"{name} must be {wanted}, not {type(value).__name__}")
 
 

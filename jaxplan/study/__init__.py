@@ -3,8 +3,8 @@
     >>> study = jp.run_study(range(1000), "hard_keep_out", workers=2, out="study")
     >>> print(study.summary())
 
-`task` says what a study plans and cuts it up, `blocks` shares it out, `rows` are what comes of it, which
-`store` keeps; `result` and `comparison` say what they mean, as `text`. The studies of `table4` search alone.
+`task` says what a study plans and cuts it up, `run` shares it out, `rows` are what comes of it, which `store`
+keeps; `result` and `comparison` say what they mean. The studies of `table4` search alone.
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies

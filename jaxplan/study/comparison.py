@@ -13,9 +13,8 @@ import numpy as np
 
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.study.result import Study
+from jaxplan.study.result import Printed, Study, counted
 from jaxplan.study.rows import OK, Row
-from jaxplan.study.text import Printed
 
 _QUANTITIES = {
     "path length (steps)": "length_steps",
@@ -62,7 +61,7 @@ class Comparison(Printed):
     @property
     def title(self) -> str:
         """Title with the number of scenes."""
-        return f"Two studies of the same {self.scenes} scenes"
+        return f"Two studies of the same {counted(self.scenes, 'scene')}"
 
     @property
     def neither(self) -> int:
@@ -147,7 +146,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
 
 
 def _by_scene(study: Study) -> dict[Hashable, Row]:
-    """Rows with their times by what tells a scene from the others of its kind."""
+    """Rows of a study with their times, by seed, or by number and name of given scenarios."""
     times = {row["scene"]: row for row in study.timings}
     return {
         row["seed"] if study.kind is not None else (row["scene"], row["name"]): times.get(row["scene"], {})

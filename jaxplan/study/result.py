@@ -1,25 +1,65 @@
-"""The result of a study: its table, its times, and a summary of what follows from them."""
+"""The result of a study: its table, its times, and a summary of what follows from them; results as text."""
 
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jaxplan.runtime.arguments import file_path
-from jaxplan.runtime.display import shown
+from jaxplan.runtime.display import Cells, as_table, shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.study.rows import COLUMNS, OK, TIMES, Row
 from jaxplan.study.store import TABLE, TIMINGS, read_header, scan
-from jaxplan.study.text import Printed
 
-if TYPE_CHECKING:
-    import pandas as pd
+Lines = Sequence[tuple[str, str]]
+
+
+class Printed(ABC):
+    """A result that prints itself, and shows itself as a table in notebooks."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title above the lines and the table."""
+
+    def lines(self) -> Lines:
+        """Lines above the table, as (label, value)."""
+        return ()
+
+    @abstractmethod
+    def cells(self) -> Cells:
+        """The table as rows of texts, the first of them its head."""
+
+    def __str__(self) -> str:
+        return aligned(self.title, self.lines(), self.cells())
+
+    def _repr_html_(self) -> str:
+        return as_table(self.title, self.lines(), self.cells())
+
+
+def aligned(title: str, lines: Lines, cells: Cells) -> str:
+    """Labels and values, and below them a table whose columns line up.
+
+    Args:
+        title: above all.
+        lines: (label, value).
+        cells: rows of the table, the first of them its head.
+    """
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    widths[0] = max([widths[0], *(len(label) for label, _ in lines)])
+    text = [title, *(f"  {label:<{widths[0]}}  {value}" for label, value in lines)]
+    for row in cells:
+        numbers = (f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        text.append(f"  {row[0]:<{widths[0]}}  {'  '.join(numbers)}")
+    return "\n".join(text)
+
 
 QUANTILES: Mapping[str, float] = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "most": 1.0}
 # Label, column, and whether every scene counts or only those that are planned.
@@ -54,10 +94,15 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, in the plural but for one."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 @shown("done", "planned", "statuses", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary(Printed):
-    """A study in a few numbers.
+    """Summary of a study: success rate, statuses, and quantiles of what was found.
 
     Attributes:
         study: which one.
@@ -156,7 +201,7 @@ class Study:
         return [row for row in self._rows(TIMINGS) if row["scene"] in done]
 
     def _rows(self, name: str) -> list[Row]:
-        """The rows of a file in the order of scenes; of those that are there twice the last."""
+        """Rows of a file in the order of scenes; of several rows of a scene the last counts."""
         if self.folder is None:
             return sorted(self._held[name], key=lambda row: row["scene"])
         rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes)}
@@ -165,9 +210,9 @@ class Study:
     @property
     def title(self) -> str:
         """Scenes, planner and settings in one line."""
-        of = "scenarios" if self.kind is None else f"{self.kind} scenes"
+        of = "scenario" if self.kind is None else f"{self.kind} scene"
         changed = "".join(f", {name} = {value}" for name, value in self.settings.items())
-        return f"{self.scenes} {of} by {self.planner}{changed}"
+        return f"{counted(self.scenes, of)} by {self.planner}{changed}"
 
     @property
     def done(self) -> int:
@@ -190,7 +235,7 @@ class Study:
         return success_interval(self.planned, self.done)
 
     def values(self, column: str, every: bool = False) -> np.ndarray:
-        """The values of a column, of the scenes that are planned, where they have one.
+        """Values of a column in the planned scenes that have one.
 
         Args:
             column: of the table or the times, or "over_bound" for a duration over the least that the goal
@@ -218,8 +263,8 @@ class Study:
             spreads={label: _spread(known) for label, known in values.items() if len(known)},
         )
 
-    def to_pandas(self) -> "pd.DataFrame":
-        """Table and times as one data frame, a row a scene, missing values as pandas' own NA.
+    def to_pandas(self) -> Any:
+        """Table and times as one `pandas.DataFrame`, a row a scene, missing values as pandas' own NA.
 
         Raises:
             ImportError: without pandas, which the extra ``study`` brings.
@@ -264,7 +309,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 
 @contextmanager
 def _extra(package: str) -> Iterator[None]:
-    """Say which extra brings a package that is missing."""
+    """Name the extra that brings a package, if it is missing."""
     try:
         yield
     except ImportError as error:

@@ -1,15 +1,20 @@
-"""Rows of a study's table: a scene's outcome, and apart from it the seconds that it took.
+"""Rows of a study's table: what becomes of the scenes of a chunk, and apart from it the seconds that it took.
 
 A row holds plain numbers and texts in the units of files. Rows are the same on every run; times are not, and
 stand apart. What a plan does not have is None. The status is the plan's, or `CRASHED` where planning raised
-an error that it must not raise, or killed its process.
+an error that it must not raise, or killed its process: nothing that a scene raises gets out of a worker, and
+the others of its block are planned one by one.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
-from jaxplan.planner import Plan
+from jaxplan.planner import Plan, plan, plan_batch
+from jaxplan.runtime.jit import working_time
+from jaxplan.study.task import Chunk
+from jaxplan.version import __version__
 
 Row = dict[str, Any]
 
@@ -49,7 +54,7 @@ TIMES: Mapping[str, type] = {
 
 
 def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
-    """A row of what is known; None for the rest, and for numbers that are none, as of a failed proof."""
+    """A row of the values known; None for the others, and for numbers that are not finite."""
     row: Row = {}
     for name, kind in columns.items():
         value = known.get(name)
@@ -82,3 +87,70 @@ def times_of(timings: Mapping[str, float] | None, head: Row) -> Row:
     seconds = {f"{step}_s": timings.get(step, 0.0) for step in STEPS}
     more = {"total_s": sum(seconds.values()), "compile_s": timings.get("compile", 0.0)}
     return filled(TIMES, {**head, **seconds, **more})
+
+
+APART = "planned by itself, since a scene of its block killed its process"
+"""Note in the rows of a block that is planned scene by scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Rows of the scenes of a chunk.
+
+    Attributes:
+        table: a row a scene.
+        timings: the seconds of each scene.
+        seconds: the chunk took, without those of compiling.
+    """
+
+    table: list[Row]
+    timings: list[Row]
+    seconds: float = 0.0
+
+
+Work = Callable[[Chunk], Answer]
+
+
+def plan_chunk(chunk: Chunk) -> Answer:
+    """Plan the scenes of a chunk, those of a block together.
+
+    Raises:
+        RuntimeError: if the chunk is from another version of jaxplan, which may plan otherwise.
+    """
+    if chunk.version != __version__:
+        raise RuntimeError(
+            f"a worker has jaxplan {__version__}, the study is made by {chunk.version}: "
+            "install the same on all machines"
+        )
+    began = working_time()
+    answer = answer_of(chunk, [outcome for block in chunk.blocks() for outcome in _outcomes(block)])
+    return replace(answer, seconds=working_time() - began)
+
+
+def _outcomes(block: Chunk) -> list[Plan | str]:
+    """The plans of a block made together; after an unexpected error one by one, to find whose it is."""
+    places = range(len(block.numbers))
+    try:
+        return [*plan_batch([block.scenario(place) for place in places], progress=False)]
+    except Exception:
+        return [_plan_or_error(block, place) for place in places]
+
+
+def _plan_or_error(block: Chunk, place: int) -> Plan | str:
+    try:
+        return plan(block.scenario(place), throw=False, progress=False)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+
+
+def answer_of(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
+    """Rows and times of a chunk's scenes by their plans, or errors."""
+    table, timings = [], []
+    for place, outcome in enumerate(outcomes):
+        head = chunk.head(place)
+        row = row_of(outcome, head)
+        if chunk.apart:
+            row["message"] = "; ".join(filter(None, (row["message"], APART)))
+        table.append(row)
+        timings.append(times_of(outcome.timings if isinstance(outcome, Plan) else None, head))
+    return Answer(table, timings)

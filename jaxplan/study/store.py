@@ -21,8 +21,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
-from jaxplan.study.blocks import Answer
-from jaxplan.study.rows import COLUMNS, TIMES, Row
+from jaxplan.study.rows import COLUMNS, TIMES, Answer, Row
 from jaxplan.study.task import Task
 
 HEADER, TABLE, TIMINGS, LOCK = "study.json", "table.jsonl", "timings.jsonl", ".lock"

@@ -31,12 +31,10 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search import PLANNERS, Scene, find_barrier, make_scene, search_batch
-from jaxplan.study.blocks import Answer
-from jaxplan.study.result import Study, success_interval
-from jaxplan.study.rows import COLUMNS, OK, filled, times_of
+from jaxplan.study.result import Study, aligned, success_interval
+from jaxplan.study.rows import COLUMNS, OK, Answer, filled, times_of
 from jaxplan.study.run import run_task
 from jaxplan.study.task import Chunk, Task
-from jaxplan.study.text import aligned
 
 TOLERANCE = 1e-9
 """rad, by which a margin may be below zero: rounding."""
@@ -201,7 +199,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
 
 
 def row_of_study(study: Study) -> Row:
-    """The row of Table 4 of a study of searches."""
+    """Make a row of Table 4 of a study of searches."""
     known = {row["scene"]: row for row in study.table if row["status"] != Status.NO_PATH.name}
     clear = [row for row in known.values() if row["certified"]]
     return Row(
@@ -232,9 +230,9 @@ def search_chunk(chunk: Chunk) -> Answer:
             seconds = time.perf_counter() - began
             known |= {"status": result.status.name, "expansions": result.expansions}
             if result.path is not None:
-                margin = float(np.rad2deg(np.min(least_margins(scene, result.path), initial=np.inf)))
+                margin = float(np.min(least_margins(scene, result.path), initial=np.inf))
                 known |= {"length_steps": result.path.length, "interior_nodes": result.path.edges - 1}
-                known |= {"min_margin_deg": margin, "certified": is_clear(scene, result.path)}
+                known |= {"min_margin_deg": np.rad2deg(margin), "certified": margin >= -TOLERANCE}
         table.append(filled(COLUMNS, {**head, "message": "", **known}))
         timings.append(times_of({"search": seconds}, head))
     return Answer(table, timings, sum(row["search_s"] for row in timings))
@@ -256,16 +254,6 @@ def make_problem(scenario: Scenario) -> Scene:
     if isinstance(goals, Plan):  # never: random scenes are made with a goal
         raise RuntimeError(f"{scenario.name}: {goals.message}")
     return make_scene(scenario, goals[0])
-
-
-def is_clear(scene: Scene, path: Path) -> bool:
-    """True if no edge of a path breaks a zone, by a lower bound of the margins of whole edges.
-
-    Args:
-        scene: the problem.
-        path: between its start and goal.
-    """
-    return bool(np.all(least_margins(scene, path) >= -TOLERANCE))
 
 
 def least_margins(scene: Scene, path: Path) -> np.ndarray:

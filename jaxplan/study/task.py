@@ -26,8 +26,8 @@ from jaxplan.version import __version__
 
 BLOCK = 16
 """Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
-_LARGEST_SEED = 2**63 - 1  # that data frames have room for
-_MOST_SCENES = 2**31
+_LARGEST_SEED = 2**63 - 1  # for which data frames, whose integers have 64 bits, have room
+_MOST_SCENES = 2**31  # of a study, which numbers them with 32 bits
 # Settings that a study gives to every scene itself.
 _OWN = {
     "search.method": "given by planner",
@@ -57,7 +57,7 @@ class Task:
 
     @property
     def examples(self) -> int:
-        """Number of leading scenes that show all settings: one of random scenes, since a kind shares them."""
+        """Number of scenes to check settings on: one of a kind of random scenes, or all given scenarios."""
         return len(self.scenes) if self.kind is None else 1
 
     def scenario(self, place: int) -> Scenario:
@@ -170,7 +170,7 @@ def make_task(
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON has them, in one order, so that equal ones look alike."""
+    """Settings as JSON has them, sorted by name, so that equal settings are equal texts."""
     if not isinstance(settings, Mapping):
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
@@ -190,7 +190,7 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unwrapped(value: object) -> Any:
-    """A number or array of numpy as Python's own."""
+    """Convert a number or array of numpy to Python's own."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r} is nothing that a scenario file holds")

@@ -1,12 +1,11 @@
 """Tuning of numbers of scenarios, by the gradient of what follows from them or, without one, by trials.
 
 `parameters` keeps numbers within their bounds, `objectives` are what may be lowered, `descent` follows the
-gradient to a `result`, and `trials` does without one.
+gradient, and `trials` does without one.
 """
 
-from jaxplan.tuning.descent import tune
+from jaxplan.tuning.descent import Tuning, tune
 from jaxplan.tuning.objectives import OBJECTIVES
-from jaxplan.tuning.result import Tuning
 from jaxplan.tuning.trials import SearchTuning, tune_search
 
 __all__ = ["OBJECTIVES", "SearchTuning", "Tuning", "tune", "tune_search"]

@@ -6,10 +6,11 @@ beginning: at the last numbers and, where plans fail there or others on the way 
 best numbers whose plans are all certified are the answer; those to begin with are among them.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +22,12 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed
 from jaxplan.runtime.arguments import expect, several
+from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
-from jaxplan.schema.numbers import find_number, with_numbers
+from jaxplan.schema.numbers import with_numbers
+from jaxplan.study.result import Printed, counted
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (
@@ -35,8 +38,118 @@ from jaxplan.tuning.objectives import (
     mean_slope,
     objective_label,
 )
-from jaxplan.tuning.parameters import Parameter, as_dict, parameters
-from jaxplan.tuning.result import State, Stop, Tuning
+from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
+
+
+@shown("step", "objective", "free")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stop:
+    """A point of a descent: free parameters, step and objective.
+
+    Attributes:
+        free: parameters.
+        step: of the history.
+        objective: as its trajectories, which are followed, have it.
+    """
+
+    free: jax.Array
+    step: int
+    objective: float
+
+
+@shown("history", "plans", "checkpoints", "free")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """State of a descent, which need not be at the numbers of its result.
+
+    Attributes:
+        asked: what the call asks for, by its arguments, as far as it can be told.
+        free: parameters.
+        memory: of the optimiser.
+        plans: that trajectories are followed from; none to begin with.
+        first: plans of the numbers to begin with, all certified.
+        history: a row for each step that was made.
+        checkpoints: where plans were made anew, the beginning first.
+        lowest: the step with the lowest objective.
+    """
+
+    asked: Mapping[str, Any]
+    free: jax.Array
+    memory: Any
+    plans: tuple[Plan, ...] = ()
+    first: tuple[Plan, ...] = ()
+    history: tuple[Mapping[str, float], ...] = ()
+    checkpoints: tuple[Stop, ...] = ()
+    lowest: Stop | None = None
+
+    def expect(self, asked: Mapping[str, Any]) -> None:
+        """Raise a ValueError if a call that resumes asks for something else."""
+        differing = [name for name, value in asked.items() if self.asked[name] != value]
+        if differing:
+            raise ValueError(
+                f"resume is the result of another call: {', '.join(differing)} must be those of then"
+            )
+
+
+@shown("objective", "numbers", "message", heading="{0.title}")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tuning(Printed):
+    """Result of tuning by the gradient.
+
+    Attributes:
+        scenarios: tuned, in the order given; planned anew and certified.
+        plans: of them.
+        numbers: the tuned numbers by name, in the file's units: the last ones or, where those are worse or
+            have no certified plans, better ones on the way to them.
+        objective: of these plans; never above `before`.
+        before: objective of the plans to begin with, which are planned and certified like the tuned ones.
+        label: what was lowered, with its unit.
+        history: a row a step: its number, the objective, the length of its gradient in the free parameters,
+            and the numbers by name. Its trajectories are followed, not searched anew.
+        message: what was given up, empty if all is well.
+        state: of the descent, from which ``tune(resume=...)`` goes on.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    plans: tuple[Plan, ...]
+    numbers: Mapping[str, float]
+    objective: float
+    history: tuple[Mapping[str, float], ...]
+    before: float = math.nan
+    label: str = "objective"
+    message: str = ""
+    state: Any = field(default=None, repr=False)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The first of the tuned scenarios."""
+        return self.scenarios[0]
+
+    def cells(self) -> list[list[str]]:
+        """Objective and numbers before and after, as rows of texts with their head."""
+        first = self.history[0]
+        rows = {"objective": (self.before, self.objective)}
+        rows |= {name: (first[name], value) for name, value in self.numbers.items()}
+        return [["", "before", "after"], *([name, f"{a:.6g}", f"{b:.6g}"] for name, (a, b) in rows.items())]
+
+    @property
+    def answer(self) -> int | None:
+        """The step that had the tuned numbers; None where none of the history has them."""
+        for row in self.history:
+            if all(row.get(name) == value for name, value in self.numbers.items()):
+                return int(row["step"])
+        return None
+
+    @property
+    def title(self) -> str:
+        """Title with the number of scenarios and steps."""
+        of, steps = counted(len(self.scenarios), "scenario"), counted(len(self.history) - 1, "step")
+        return f"Tuning of {of}, {steps}"
+
+    def lines(self) -> list[tuple[str, str]]:
+        """The message, where there is one."""
+        return [("", self.message)] if self.message else []
+
 
 _ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from those that were followed
 
@@ -74,9 +187,9 @@ def tune(
         same result.
 
     Raises:
-        KeyError: if a scenario has no such number.
         TypeError: for what is no scenario, optimizer or result of tuning.
-        ScenarioError: for scenarios that no file could hold; all faults are named.
+        ScenarioError: for scenarios that no file could hold, all faults of which are named, and if a scenario
+            has no such number.
         ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
@@ -98,7 +211,7 @@ def tune(
     tuned = parameters(given[0], over)
     for scenario in given[1:]:
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
-            find_number(scenario, one.place.name)
+            number_of(scenario, one.place.name)
     optimizer = optax.with_extra_args_support(optax.adam(0.1) if optimizer is None else optimizer)
     with jax.enable_x64(True):
         free = jnp.array([one.free() for one in tuned])
@@ -127,7 +240,7 @@ class _Planned(NamedTuple):
 
 
 class _Descent:
-    """A descent under way: what it is asked for, where it is, and what is seen from there."""
+    """A descent under way, with its state, and the objective and gradient there."""
 
     def __init__(
         self,
@@ -191,6 +304,7 @@ class _Descent:
             plans=tuple(best.plans),
             numbers=as_dict(self._tuned, np.asarray(best.stop.free)),
             objective=best.objective,
+            before=self._mean(state.first),
             history=(*state.history, self._row),
             message="; ".join(messages),
             state=state,

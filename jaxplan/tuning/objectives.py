@@ -83,7 +83,7 @@ def _spelled(name: str) -> str:
 
 
 def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
-    """The objective that is meant.
+    """Make a function of an objective's name, weights by name, or function.
 
     Args:
         given: a name of `OBJECTIVES`, weights of several by name, or a function of a trajectory and its
@@ -99,7 +99,7 @@ def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
 
 
 def as_weights(given: object) -> dict[str, float]:
-    """An objective that is a name or weights by name, as the latter.
+    """Weights by name of an objective that is given as a name or as weights.
 
     Raises:
         TypeError: if it is neither.
@@ -123,7 +123,7 @@ def as_weights(given: object) -> dict[str, float]:
 
 @cache
 def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
-    """The same function for the same weights, so that it is compiled once."""
+    """Weighted sum of objectives; the same function for the same weights, so that it is compiled once."""
 
     def objective(trajectory: Trajectory, scenario: Scenario) -> Array:
         parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
@@ -167,7 +167,7 @@ def mean_slope(pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tu
 
 
 def bare(scenario: Scenario) -> Scenario:
-    """Without what is no number, for which kernels would be compiled anew."""
+    """The scenario without name and epoch, for which kernels would be compiled anew."""
     return replace(scenario, name="", epoch=None)
 
 

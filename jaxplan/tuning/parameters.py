@@ -46,14 +46,14 @@ class Range:
     own: float
 
     def number(self, value: float) -> float | int:
-        """A value as a file has it, between the bounds."""
+        """Round a value as a file has it, within the bounds."""
         if self.integer:
             return round(value)
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
 
 def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
-    """The settings that are asked for.
+    """Ranges of the settings that are to be varied, after a check of their names and bounds.
 
     Args:
         task: the study that is made in each trial.
@@ -147,7 +147,7 @@ class Parameter:
 def parameters(
     scenario: Scenario, over: Sequence[str] | Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
-    """The parameters that are asked for.
+    """Parameters for the numbers that are to be tuned, after a check of their names and bounds.
 
     Args:
         scenario: with the values to begin with.
@@ -156,7 +156,7 @@ def parameters(
             that may be negative, such as an angle, needs bounds.
 
     Raises:
-        KeyError: if a scenario has no such number.
+        ScenarioError: if a scenario has no such number; the message says what there is.
         ValueError: if bounds are none, or the first value does not lie between them.
     """
     if isinstance(over, str):
@@ -169,7 +169,7 @@ def parameters(
             raise ValueError(
                 f"{name}: settings of the search have no gradient, jp.tune_search tries them out"
             )
-        place = find_number(scenario, name)
+        place = number_of(scenario, name)
         first = float(place.get(scenario))
         if isinstance(over, Mapping):
             bounds = _pair(over[name])
@@ -191,8 +191,16 @@ def parameters(
     return tuple(found)
 
 
+def number_of(scenario: Scenario, name: str) -> NumberPlace:
+    """Where a number stands; a ScenarioError, as of any other unknown key, where there is none."""
+    try:
+        return find_number(scenario, name)
+    except KeyError as error:
+        raise ScenarioError(error.args, "over") from None
+
+
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
-    """Bounds where none are given."""
+    """Bounds of a number for which none are given."""
     interval = place.interval
     if interval is None or interval.low < 0:
         raise ValueError(
@@ -203,5 +211,5 @@ def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
-    """The numbers by name."""
+    """Tuned numbers by name, in the file's units."""
     return {one.place.name: float(one.value(z)) for one, z in zip(tuned, free, strict=True)}

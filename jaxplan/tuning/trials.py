@@ -17,9 +17,9 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.progress import Bar, progress_bar
 from jaxplan.study import Study, run_study
-from jaxplan.study.blocks import LARGEST
+from jaxplan.study.result import Printed, counted
+from jaxplan.study.run import LARGEST
 from jaxplan.study.task import Task, make_task
-from jaxplan.study.text import Printed
 from jaxplan.tuning.parameters import Range, make_ranges
 
 Score = Callable[[Study], float]
@@ -40,18 +40,18 @@ _OVER: Mapping[str, tuple[float, float]] = {
 
 
 class Ended(Exception):
-    """No more trials: they are spent, or one raised the cause of this."""
+    """Raised when all trials are spent, or by an error in one, which is the cause then."""
 
 
 class Trial(NamedTuple):
-    """A trial: its row of the history, and its study."""
+    """One trial: its row of the history, and its study."""
 
     row: Row
     study: Study
 
 
 class Trials:
-    """Makes studies and keeps their rows, the best of them, and that by the scenes' own settings."""
+    """Runs trials, and keeps their rows, the best trial, and the one by the scenes' own settings."""
 
     def __init__(
         self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
@@ -65,7 +65,7 @@ class Trials:
         self.own = self.best = self._noted(numbers)
 
     def __call__(self, values: np.ndarray) -> float:
-        """The rank of settings, lower is better; those that were tried before cost nothing."""
+        """Rank of settings, of which lower is better; settings that were tried before cost no trial."""
         numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
         key = tuple(numbers.values())
         if key not in self._known:
@@ -95,7 +95,7 @@ class Trials:
         return self._trial(int(trial.row["trial"]), numbers)
 
     def _noted(self, numbers: Row) -> Trial:
-        """The next trial, which counts."""
+        """Make the next trial and enter it in the history."""
         trial = self._trial(len(self.history), numbers)
         self.history.append(trial.row)
         self._known[tuple(numbers.values())] = self._rank(trial)
@@ -103,11 +103,16 @@ class Trials:
         return trial
 
     def _trial(self, number: int, numbers: Row) -> Trial:
-        """A study by settings; trial 0 is by the scenes' own."""
+        """Make a study by settings; that of trial 0 is by the scenes' own."""
         task = self.task
         # in one chunk where it may be, so that the times of trials compare
         study = run_study(
-            task.scenes, task.kind, task.planner, numbers if number else {}, chunk=LARGEST, progress=False
+            task.scenes,
+            task.kind,
+            planner=task.planner,
+            settings=numbers if number else {},
+            chunk=LARGEST,
+            progress=False,
         )
         if not study.complete:  # a study ends early where it is interrupted
             raise KeyboardInterrupt
@@ -121,7 +126,7 @@ class Trials:
         return min(one, other, key=self._rank)
 
     def _rank(self, trial: Trial) -> float:
-        """Failed scenes, and less than one for the objective."""
+        """Rank of a trial: its failed scenes, plus a share below one that grows with the objective."""
         value, scale = trial.row["objective"], abs(self.history[0]["objective"])
         scale = scale if 0 < scale < math.inf else 1.0
         share = value / (abs(value) + scale) if value < math.inf else 1.0
@@ -158,7 +163,7 @@ class SearchTuning(Printed):
     @property
     def title(self) -> str:
         """Title with the scenes and the number of trials."""
-        return f"Tuning of {replace(self.baseline, settings={}).title}, {len(self.history)} trials"
+        return f"Tuning of {replace(self.baseline, settings={}).title}, {counted(len(self.history), 'trial')}"
 
     @property
     def answer(self) -> int:
@@ -228,8 +233,8 @@ def tune_search(
         ScenarioError: for settings or bounds that a file could not hold; all are named.
 
     Example:
-        >>> found = jp.tune_search(range(20), "hard_keep_out", planner="mha-paper", objective="expansions")
-        >>> study = jp.run_study(range(20, 200), "hard_keep_out", "mha-paper", found.settings)
+        >>> found = jp.tune_search(range(20), "hard_keep_out", objective="expansions")
+        >>> study = jp.run_study(range(20, 200), "hard_keep_out", settings=found.settings)
     """
     for name, value, least in (("trials", trials, 2), ("seed", seed, 0)):
         if type(value) is not int or value < least:
@@ -293,7 +298,7 @@ def _search(trial: Trials, seed: int) -> str:
 
 
 def _make_score(objective: str | Score) -> tuple[str, Score]:
-    """The objective's label, and the function."""
+    """Label and function of an objective."""
     if isinstance(objective, str):
         if objective not in _OBJECTIVES:
             known = ", ".join(_OBJECTIVES)

@@ -79,9 +79,13 @@ def test_an_invalid_scene_is_no_plan(capsys, case_file, tmp_path):
     assert code == 1
     assert "INVALID_START" in out
     assert "CZ4" in out
-    code, _, err = run(capsys, "check", tmp_path / "plan.json")
-    assert code == 2
-    assert "no trajectory" in err
+    for words in (("check",), ("export", "--format", "csv"), ("plot",), ("report",)):
+        code, out, err = run(capsys, *words, tmp_path / "plan.json")
+        assert (code, out) == (1, "")
+        assert "has no trajectory; it ended as INVALID_START" in err or words[0] in ("plot", "report")
+    code, _, err = run(capsys, "export", "--format", "cvs", tmp_path / "plan.json")
+    assert code == 2  # the words are wrong, whatever became of the plan
+    assert "2 faults" in err
 
 
 def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path):
@@ -250,6 +254,9 @@ def test_a_plan_that_does_not_hold_fails_the_check(capsys, tmp_path):
     code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")
     assert code == 3
     assert json.loads(out)["certified"] is False
+    code, out, err = run(capsys, "export", "--format", "csv", tmp_path / "plan.json")
+    assert (code, out) == (3, "")
+    assert "fails its certificate, made anew" in err
 
 
 def test_the_folder_is_tried_before_anything_is_planned(capsys, monkeypatch, tmp_path):

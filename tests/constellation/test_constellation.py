@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.constellation import relay_spacecraft
 from jaxplan.constellation.links import CLEARANCE, waiting_directions
-from jaxplan.constellation.problems import nominal_attitudes
+from jaxplan.constellation.switch import nominal_attitudes
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.scenario import Targets

@@ -264,5 +264,5 @@ def test_the_command_line_exports_beside_the_plan(tmp_path, capsys):
     saved["trajectory"]["joint_coefficients"][0][0][0] += 0.1
     (tmp_path / "plan.json").write_text(json.dumps(saved))
     code, err = run("--format", "csv", "--force")
-    assert code == 2
+    assert code == 3
     assert "fails its certificate, made anew" in err

@@ -15,7 +15,7 @@ from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM
 from jaxplan.model.zones import sight_names
 from jaxplan.planner.proof import check_margins
-from jaxplan.plotting import samples
+from jaxplan.plotting import margin_panels, style
 
 pytestmark = pytest.mark.slow
 SEEDS = (2, 3)
@@ -92,7 +92,9 @@ def test_the_sky_shows_what_has_a_place_on_it_and_margins_show_all(plans):
 def test_margins_are_among_the_figures_of_every_kind_and_name_all_that_is_ever_bound(plans):
     for plan in plans[:: len(SEEDS)]:
         figures = dict(jp.plot.figures(plan))
-        bound = {margin.device for margin in samples.margins(plan.scenario, samples.motion(plan))}
+        bound = {
+            margin.device for margin in margin_panels.margins_over_time(plan.scenario, style.motion(plan))
+        }
         names = sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints)
         for name in ("margins", "overview"):
             legends = figures[name].findobj(Legend)

@@ -23,7 +23,7 @@ import jaxplan as jp
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import film as film_module
-from jaxplan.plotting.projections import GlobeView, circle
+from jaxplan.plotting.projections import FlatMap, GlobeView, circle
 from jaxplan.plotting.sky import draw_zone
 from jaxplan.plotting.style import device_style
 
@@ -78,7 +78,7 @@ def test_the_two_sides_of_a_line_meet_and_are_the_whole_of_it():
 def test_a_zone_is_filled_where_it_is_on_either_side(half_angle):
     view, axis = GlobeView.from_angles(1.0, -0.4), DIRECTIONS[4]
     np.testing.assert_allclose(circle(axis, half_angle) @ axis, np.cos(half_angle), atol=1e-14)
-    for side, sheet in zip((1, -1), view.sheets(), strict=True):
+    for side, sheet in zip((1, -1), view.sheets(axis, half_angle), strict=True):
         column, row = RNG.integers(0, len(sheet.across), (2, 300))
         x, y = sheet.across[column], sheet.upward[row]
         on = x**2 + y**2 < 0.98
@@ -98,6 +98,18 @@ def test_a_zone_is_filled_where_it_is_on_either_side(half_angle):
     sure = np.all(np.abs(depth) > 0.03, axis=0) & (np.abs(view.depth(DIRECTIONS)) > 0.15)
     assert np.count_nonzero(sure) > 100
     np.testing.assert_array_equal(covered[sure], np.any(depth > 0, axis=0)[sure])
+
+
+@pytest.mark.parametrize("half_angle_deg", [0.02, 0.3])
+@pytest.mark.parametrize("axis", [[0.6, 0.0, 0.8], [-1.0, 0.0, 0.0], [-0.4, -0.3, -np.sqrt(0.75)], [0, 0, 1]])
+def test_the_smallest_zones_are_filled_too(axis, half_angle_deg):
+    axis, half_angle = np.array(axis, dtype=float), np.deg2rad(half_angle_deg)
+    zone = KeepOut(name="zone", direction=axis, half_angle=half_angle)
+    for projection in (FlatMap(), GlobeView.from_angles(1.0, 0.4)):
+        areas = draw_zone(Figure().subplots(), projection, zone)[:-1]
+        around = projection.project(np.vstack([0.2 * circle(axis, half_angle) + 0.8 * axis, axis]))
+        areas = [area for area in areas if hasattr(area, "get_paths")]
+        assert np.all(np.any([filled(area, around) for area in areas], axis=0)), projection
 
 
 def test_every_way_on_the_globe_is_that_of_the_boresight(plan):

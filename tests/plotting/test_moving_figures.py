@@ -10,7 +10,7 @@ from reference import sampled
 
 import jaxplan as jp
 from jaxplan.model.zones import KeepOut
-from jaxplan.plotting import projections, samples
+from jaxplan.plotting import margin_panels, projections, style
 from jaxplan.plotting.projections import circle
 from jaxplan.plotting.sky import view_of, zone_ways, zones_at
 
@@ -36,9 +36,9 @@ def closed():
 
 
 def test_margins_over_time_are_to_zones_where_they_are_then(plan):
-    motion = samples.motion(plan)
+    motion = style.motion(plan)
     scenario = plan.scenario
-    found = samples.margins(scenario, motion)
+    found = margin_panels.margins_over_time(scenario, motion)
     names = scenario.spacecraft.device_names
     for zone in (*scenario.keep_out, *scenario.keep_in):
         rows = {names[margin.device]: margin.values for margin in found if margin.zone == zone.name}
@@ -95,7 +95,7 @@ def test_a_film_says_the_smallest_margin_to_zones_where_they_are(plan):
     film = jp.plot.animate(plan, frames=2)
     picture = film.picture
     zones = [*plan.scenario.keep_out, *plan.scenario.keep_in]
-    least = sampled(plan.trajectory, plan.scenario.spacecraft, zones, samples.INSTANTS).min(axis=0)
+    least = sampled(plan.trajectory, plan.scenario.spacecraft, zones, style.INSTANTS).min(axis=0)
     for number in (0, 700):
         picture(number)
         assert f"smallest margin {np.rad2deg(least[number]):.2f} deg" in picture.clock.get_text()
@@ -107,7 +107,7 @@ def test_a_film_shows_zones_where_they_are(plan):
     view = view_of(plan, None)
     zones = [zone for zone in (*plan.scenario.keep_out, *plan.scenario.keep_in) if zone.moves]
     assert zones
-    for number, time in ((0, 0.0), (samples.INSTANTS - 1, 80.0)):
+    for number, time in ((0, 0.0), (style.INSTANTS - 1, 80.0)):
         film.picture(number)
         bold = [line.get_xydata() for line in axes.lines if line.get_linewidth() == 1.1]
         for zone in zones:

@@ -22,7 +22,7 @@ from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import projections, samples, sky, style
+from jaxplan.plotting import margin_panels, projections, sky, style
 from jaxplan.plotting.projections import FlatMap
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
@@ -99,6 +99,19 @@ def test_a_zone_is_filled_on_the_map_where_the_cone_is_and_nowhere_else() -> Non
             area.remove()
 
 
+def test_ticks_of_margins_do_not_run_together() -> None:
+    for lowest in (0.3, 40.0):
+        axes = Figure(figsize=(6, 3)).subplots()
+        axes.set_ylim(-1.0, 150.0)
+        margin_panels.open_near_zero(axes, "y", lowest)
+        axes.figure.canvas.draw()
+        ticks = np.array([*axes.yaxis.get_minorticklocs(), 0.0])
+        assert len(ticks) > 5
+        heights = np.sort(axes.transData.transform(np.stack([np.zeros_like(ticks), ticks], axis=1))[:, 1])
+        assert np.diff(heights).min() > 2.0
+        assert all(label.get_text() == "" for label in axes.yaxis.get_minorticklabels())
+
+
 def test_a_line_is_cut_where_it_leaves_the_map() -> None:
     line = projections.cut(
         np.array([[170.0, 0.0], [-170.0, 10.0], [-175.0, 12.0], [175.0, 14.0], [180.0, 15.0]])
@@ -145,7 +158,7 @@ def _mixed_scenario() -> Scenario:
     return make_scenario(4, 1, keep_out=keep_out, keep_in=keep_in)
 
 
-def _mixed_moves(scenario: Scenario) -> samples.Motion:
+def _mixed_moves(scenario: Scenario) -> style.Motion:
     """Random states, one an instant."""
     rng, craft = np.random.default_rng(6), scenario.spacecraft
     times = np.arange(200.0)
@@ -154,7 +167,7 @@ def _mixed_moves(scenario: Scenario) -> samples.Motion:
         joints=rng.uniform(-1.5, 1.5, (200, len(craft.joint_names))),
     )
     ways = craft.boresights(values.attitude, values.joints)
-    return samples.Motion(times=times, values=values, boresights=ways, node_times=times[[0, -1]])
+    return style.Motion(times=times, values=values, boresights=ways, node_times=times[[0, -1]])
 
 
 def test_margins_are_those_of_every_zone_and_device_it_binds() -> None:
@@ -163,7 +176,8 @@ def test_margins_are_those_of_every_zone_and_device_it_binds() -> None:
     ways = moves.boresights
     names = scenario.spacecraft.device_names
     found = {
-        (names[margin.device], margin.zone): margin.values for margin in samples.margins(scenario, moves)
+        (names[margin.device], margin.zone): margin.values
+        for margin in margin_panels.margins_over_time(scenario, moves)
     }
     expected = {}
     for zone in (*scenario.keep_out, scenario.keep_in[0]):
@@ -183,7 +197,7 @@ def test_a_group_counts_as_its_best_zone() -> None:
     names = scenario.spacecraft.device_names
     found = {
         names[margin.device]: margin.values
-        for margin in samples.margins(scenario, moves)
+        for margin in margin_panels.margins_over_time(scenario, moves)
         if margin.zone == "link"
     }
     east, west = scenario.keep_in[1:3]
@@ -210,14 +224,14 @@ def test_the_smallest_margin_is_that_of_the_scene() -> None:
     expected = constraints.constraint_margins(cones, constraints.pair_margins(cones, ways, cones.axis)).min(
         axis=-1
     )
-    values = np.nanmin([margin.values for margin in samples.margins(scenario, moves)], axis=0)
+    values = np.nanmin([margin.values for margin in margin_panels.margins_over_time(scenario, moves)], axis=0)
     np.testing.assert_allclose(values, expected, atol=1e-9)
 
 
 def test_the_path_is_drawn_along_geodesics_and_lines() -> None:
     plan = make_plan(3, 1)
     craft, path = plan.scenario.spacecraft, plan.path
-    ways = samples.path_boresights(plan, points_an_edge=4)
+    ways = sky.path_boresights(plan.path, plan.scenario.spacecraft, points_an_edge=4)
     turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).as_rotvec()
     along = jax.vmap(lambda *edge: motions.motion(*edge, np.arange(5) / 4))
     attitudes, joints = along(path.attitudes[:-1], path.joints[:-1], turns, np.diff(path.joints, axis=0))
@@ -231,7 +245,7 @@ def test_the_path_is_drawn_along_geodesics_and_lines() -> None:
 
 def _curves(axes: mpl.axes.Axes) -> list[mpl.lines.Line2D]:
     """The lines that are drawn over the grid of times."""
-    return [line for line in axes.lines if len(line.get_xdata()) == samples.INSTANTS]
+    return [line for line in axes.lines if len(line.get_xdata()) == style.INSTANTS]
 
 
 def _limits(axes: mpl.axes.Axes) -> list[float]:
@@ -250,7 +264,7 @@ def _plus_minus(*values: float) -> list[float]:
 
 def test_curves_are_the_trajectory_in_degrees_and_seconds() -> None:
     plan = make_plan(4, 1)
-    times = np.linspace(0, plan.trajectory.duration, samples.INSTANTS)
+    times = np.linspace(0, plan.trajectory.duration, style.INSTANTS)
     values = plan.trajectory.sample(times)
     yaw, pitch = slice(0, 4), slice(4, 8)
     shown = [
@@ -383,7 +397,7 @@ def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
     thin = [line for line in _curves(axes) if line.get_linewidth() < 1]
     bold = [line for line in _curves(axes) if line.get_linewidth() > 1]
     assert (len(thin), len(bold)) == (12, 4)
-    times = np.linspace(0, plan.trajectory.duration, samples.INSTANTS)
+    times = np.linspace(0, plan.trajectory.duration, style.INSTANTS)
     values = plan.trajectory.sample(times)
     boresights = np.asarray(plan.scenario.spacecraft.boresights(values.attitude, values.joints))
     table = np.stack(
@@ -403,9 +417,11 @@ def test_margin_curves_and_the_proved_bound_stand_at_their_values() -> None:
 def _margins_of(*lines: np.ndarray, ax: mpl.axes.Axes | None = None) -> mpl.axes.Axes:
     """The panel of given margins, deg, over the motion of a plan whose proved bound is not drawn."""
     plan = make_plan(len(lines), 0)
-    made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in enumerate(lines)]
+    made = [
+        margin_panels.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in enumerate(lines)
+    ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(samples, "margins", lambda *_: made)
+        patch.setattr(margin_panels, "margins_over_time", lambda *_: made)
         axes = jp.plot.margins(replace(plan, certificate=None), ax=ax)
     axes.figure.draw_without_rendering()
     return axes
@@ -417,7 +433,7 @@ def _height(axes: mpl.axes.Axes, value: float) -> float:
 
 
 def test_half_a_degree_of_margin_is_seen_beside_a_hundred_and_thirty() -> None:
-    share = np.linspace(0, 1, samples.INSTANTS)
+    share = np.linspace(0, 1, style.INSTANTS)
     axes = _margins_of(0.5 + 3 * share, 130 - 20 * share)
     assert _height(axes, 0.5) - _height(axes, 0.0) > 0.06
     assert _height(axes, 1.0) - _height(axes, 0.0) == pytest.approx(
@@ -432,7 +448,7 @@ def test_half_a_degree_of_margin_is_seen_beside_a_hundred_and_thirty() -> None:
 
 
 def test_panels_that_share_an_axis_hide_none_of_their_margins() -> None:
-    share = np.linspace(0, 1, samples.INSTANTS)
+    share = np.linspace(0, 1, style.INSTANTS)
     lines = 8 - 20 * share, 30 + 100 * share
     for order in (lines, lines[::-1]):
         panels = Figure().subplots(1, 2, sharey=True)
@@ -443,7 +459,7 @@ def test_panels_that_share_an_axis_hide_none_of_their_margins() -> None:
 
 
 def test_margins_below_the_limit_are_drawn_on_red() -> None:
-    share = np.linspace(0, 1, samples.INSTANTS)
+    share = np.linspace(0, 1, style.INSTANTS)
     axes = _margins_of(40 * share - 10, 50 + share)
     (red,) = [patch for patch in axes.patches if isinstance(patch, mpl.patches.Rectangle)]
     assert red.get_y() + red.get_height() == 0
@@ -517,6 +533,11 @@ def _legend(axes: mpl.axes.Axes) -> set[str]:
     return {text.get_text() for text in axes.get_legend().get_texts()}
 
 
+def test_the_overview_is_saved_by_the_figure_of_any_of_its_axes(tmp_path) -> None:
+    for axes in jp.plot.overview(make_plan()):
+        axes.figure.savefig(tmp_path / "overview.svg")
+
+
 def test_the_overview_says_what_thick_and_thin_margins_are() -> None:
     margin_axes = jp.plot.overview(make_plan())[3]
     assert {"smallest of a device", "to each zone"} <= _legend(margin_axes)
@@ -527,13 +548,15 @@ def test_the_overview_says_what_thick_and_thin_margins_are() -> None:
 @pytest.mark.parametrize("place", [0.0, 0.4, 1.0])
 def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -> None:
     plan = make_plan(3, 1)
-    times = np.linspace(0, 1, samples.INSTANTS)
+    times = np.linspace(0, 1, style.INSTANTS)
     lines = {device: np.rad2deg(abs(times - place) + 0.005 * device + 0.02) for device in range(4)}
-    moves = samples.motion(plan)
-    made = [samples.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in lines.items()]
+    moves = style.motion(plan)
+    made = [
+        margin_panels.Margin(device=i, zone=f"CZ{i}", values=np.deg2rad(line)) for i, line in lines.items()
+    ]
     report = replace(plan.certificate, worst_time=place * 40.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(samples, "margins", lambda *_: made)
+        patch.setattr(margin_panels, "margins_over_time", lambda *_: made)
         axes = figure(replace(plan, certificate=report))
     axes.figure.figure.draw_without_rendering()
     assert len(moves.times) == len(times)

@@ -23,7 +23,7 @@ from jaxplan.schema import parse_scenario
 from jaxplan.search import SearchResult
 
 NASTY = "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\"> & $x_1$"
-DRAW = "jaxplan.report.document._pictures"
+DRAW = "jaxplan.report._pictures"
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 

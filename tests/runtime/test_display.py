@@ -37,7 +37,7 @@ from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
 from jaxplan.tuning import SearchTuning, Tuning
-from jaxplan.tuning.result import State
+from jaxplan.tuning.descent import State
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"

@@ -9,7 +9,7 @@ import pytest
 import jaxplan as jp
 from jaxplan.runtime.workers import _libraries
 from jaxplan.schema import with_settings
-from jaxplan.study import blocks
+from jaxplan.study import rows
 from jaxplan.study.rows import COLUMNS, TIMES
 
 SEEDS = range(5)
@@ -71,7 +71,7 @@ def test_the_same_study_has_the_same_table_and_scenarios_that_of_their_seeds(stu
 
 def test_settings_and_planner_replace_those_of_the_scenes():
     settings = {"search.max_expansions": np.int64(3), "trajectory.duration_s": 200, "search.max_goals": 1}
-    found = jp.run_study([2, 10], "hard_keep_out", "wastar", settings, progress=False)
+    found = jp.run_study([2, 10], "hard_keep_out", planner="wastar", settings=settings, progress=False)
     for row, seed in zip(found.table, (2, 10), strict=True):
         scenario = jp.random_scenario(seed, "hard_keep_out")
         search = replace(scenario.search, max_expansions=3, max_goals=1, method="wastar")
@@ -95,7 +95,7 @@ def test_settings_leave_the_scene_as_it_is_to_the_last_bit():
 
 
 def test_all_faults_of_settings_are_named_before_anything_is_planned(monkeypatch):
-    monkeypatch.setattr(blocks, "plan_batch", lambda *_, **__: pytest.fail("planned"))
+    monkeypatch.setattr(rows, "plan_batch", lambda *_, **__: pytest.fail("planned"))
     with pytest.raises(jp.ScenarioError) as caught:
         jp.run_study(
             SEEDS,
@@ -173,8 +173,8 @@ def test_a_scene_that_raises_is_a_row_and_the_others_are_planned(study, monkeypa
             raise ZeroDivisionError("float division by zero")
         return jp.plan(scenario, **options)
 
-    monkeypatch.setattr(blocks, "plan_batch", broken_batch)
-    monkeypatch.setattr(blocks, "plan", broken_plan)
+    monkeypatch.setattr(rows, "plan_batch", broken_batch)
+    monkeypatch.setattr(rows, "plan", broken_plan)
     found = jp.run_study(SEEDS, "keep_in", progress=False)
     crashed = found.table[3]
     assert crashed["status"] == "crashed"

@@ -265,6 +265,14 @@ def test_every_quantity_has_an_axis_with_numbers_even_without_plans(quantity):
     ]
 
 
+def test_a_single_scene_is_told_in_the_singular():
+    assert str(make_study(1)).startswith("Study of 1 keep_in scene by mha")
+    assert str(jp.compare_studies(make_study(1), make_study(1))).startswith(
+        "Two studies of the same 1 scene\n"
+    )
+    assert str(make_study(2)).startswith("Study of 2 keep_in scenes by mha")
+
+
 def test_what_cannot_be_drawn_is_refused_with_a_reason():
     with pytest.raises(ValueError, match="no studies to draw"):
         jp.plot.study([])

@@ -16,8 +16,8 @@ from fake_study import DEADLY, SECONDS, die_at_one, plan_nothing, task
 
 import jaxplan as jp
 from jaxplan.runtime.workers import WorkerPool
-from jaxplan.study.blocks import AIM, APART, LARGEST, Blocks, by_workers, plan_chunk
-from jaxplan.study.run import run_task
+from jaxplan.study.rows import APART, plan_chunk
+from jaxplan.study.run import AIM, LARGEST, Blocks, by_workers, run_task
 from jaxplan.study.task import BLOCK
 
 SCENES = 90

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +9,8 @@ from matplotlib.figure import Figure
 
 import jaxplan as jp
 from jaxplan.study import run
-from jaxplan.study.blocks import Answer
-from jaxplan.study.rows import COLUMNS, TIMES
-from jaxplan.tuning import Tuning
+from jaxplan.study.rows import COLUMNS, TIMES, Answer
+from jaxplan.tuning import SearchTuning, Tuning
 
 OWN = {"search.heuristic_weight": 8.0, "search.anchor_weight": 2.0, "search.attitude_step_rad": 0.1}
 WEIGHT = {"search.heuristic_weight": (1, 20)}
@@ -310,7 +308,9 @@ def test_an_objective_of_trials_with_zeros_shows_the_small_ones():
         {"trial": trial, "objective": value, "success_rate": 1.0, "search.anchor_weight": 2.0}
         for trial, value in enumerate((0.0, 0.2, 1.0, 54.0))
     )
-    axes = jp.plot.tuning(SimpleNamespace(label="expansions", history=history, answer=0), Figure())[0]
+    ends = {"own": history[0], "best": history[0], "study": None, "baseline": None}
+    result = SearchTuning(settings={}, objective="expansions", history=history, message="", **ends)
+    axes = jp.plot.tuning(result, Figure())[0]
     axes.figure.draw_without_rendering()
     heights = axes.transAxes.inverted().transform(axes.transData.transform([(0, 0), (0, 0.2), (0, 54)]))[:, 1]
     assert heights[1] - heights[0] > 0.1

@@ -177,6 +177,12 @@ def test_senseless_bounds_are_refused_by_name(over, said):
         parameters(CASE, over)
 
 
+def test_an_unknown_name_is_a_fault_of_the_scenario_with_the_nearest_one_told():
+    for scenarios in (CASE, [CASE, CASE]):
+        with pytest.raises(jp.ScenarioError, match="unknown key jerk_wight, perhaps jerk_weight is meant"):
+            jp.tune(scenarios, "effort", over=["trajectory.jerk_wight"])
+
+
 def test_a_call_that_makes_no_sense_is_refused_before_anything_is_planned():
     with pytest.raises(ValueError, match="unknown objective 'speed': must be one of peak_acceleration"):
         jp.tune(CASE, "speed", over=WEIGHTS)
@@ -238,6 +244,7 @@ def test_tuning_lowers_the_peak_acceleration_and_is_certified_resumable_and_the_
         for plan in (jp.plan(CASE), *whole.plans)
     ]
     assert peaks[1] <= 0.97 * peaks[0]
+    assert whole.before == pytest.approx(np.rad2deg(peaks[0]), rel=1e-4)
     assert whole.history[-1]["objective"] == pytest.approx(np.rad2deg(peaks[1]), rel=1e-4)
     assert str(whole).splitlines()[1].split() == ["before", "after"]
     half = jp.tune(CASE, "peak_acceleration", over=WEIGHTS, steps=10, progress=False)
@@ -272,6 +279,9 @@ def test_steps_far_too_large_lead_back_to_the_beginning_and_can_be_gone_on_from(
     result = jp.tune(SMALL, off, steps=2, **call)
     assert "are not the best ones, so these are those of step 0" in result.message
     assert "nothing lower than at the beginning was found: try smaller steps" in result.message
+    assert result.before == result.objective  # both are of plans, and the numbers are the same
+    before, after = str(result).splitlines()[3].split()[-2:]
+    assert before == after
     assert result.numbers[DURATION] == pytest.approx(30.0)
     assert result.scenario.trajectory.duration == result.plans[0].trajectory.duration
     assert result.scenario.trajectory.duration == pytest.approx(30.0)
