@@ -33,12 +33,11 @@ from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
-from jaxplan.planner.steps import fit, fitted_plan, judged
+from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full

@@ -107,7 +107,7 @@ def _breaches(scene: "Scenario") -> tuple[list[str], list[str]]:
     """List what the start breaks, and the goal where it is a given state among nothing that moves."""
     from jaxplan.model.scenario import GivenState, moves
     from jaxplan.planner import Plan
-    from jaxplan.planner.goals import find_goals
+    from jaxplan.planner.steps import find_goals
     from jaxplan.planner.validity import start_breaches
 
     goal = None

@@ -6,13 +6,15 @@ closer to them. A search that finds no path with the wanted clearance is run aga
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
-(`meeting`); the search sees what zones sweep (`moving`), and fit and certificate see them move.
+(`moving.Meeting`); the search sees what zones sweep, and fit and certificate see them move.
 
 `Attempts` are data: they say what is needed next, and take it. Who makes goals, paths, trajectories and
 reports is `jaxplan.planner.runs`.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from jaxplan.certificate import Certificate
@@ -20,14 +22,12 @@ from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import GoalQuery
-from jaxplan.planner.meeting import Meeting, duration_guesses
-from jaxplan.planner.moving import always, swept
+from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import fitted_plan, judged, wanted_fit
+from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, wanted_fit
 from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.jit import working_time
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 
@@ -62,6 +62,49 @@ class SearchQuery:
 
     scene: Scene
     settings: SearchSettings
+
+
+class Clock:
+    """Seconds by step, and what is left of a time limit.
+
+    Attributes:
+        seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
+            not what other plans took that are made at the same time.
+        compiling: seconds spent on that by all steps.
+        show: is told the name of a step that begins.
+    """
+
+    def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
+        self.seconds: dict[str, float] = {}
+        self.compiling = 0.0
+        self._left, self.show = time_limit, show
+
+    def spent(self) -> float:
+        """Seconds spent on all steps."""
+        return sum(self.seconds.values()) + self.compiling
+
+    def left(self) -> float:
+        """Seconds that are left of the limit, which does not count what is spent on compiling."""
+        return max(self._left, 0.0)
+
+    def add(self, name: str, seconds: float, working: float) -> None:
+        """Count seconds, of which those that are not spent on compiling are the step's, and the limit's."""
+        worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
+        self.seconds[name] = self.seconds.get(name, 0.0) + worked
+        self.compiling += seconds - worked
+        self._left -= working
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Count the time of a block to a step."""
+        begin, began = time.monotonic(), working_time()
+        self.show(name)
+        yield
+        self.add(name, time.monotonic() - begin, working_time() - began)
+
+    def timings(self) -> dict[str, float]:
+        """Seconds by step, of compiling, and in all."""
+        return {**self.seconds, "compile": self.compiling, "total": self.spent()}
 
 
 class Attempts:

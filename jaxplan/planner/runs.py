@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Future
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.clock import Clock
+from jaxplan.planner.attempts import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, several

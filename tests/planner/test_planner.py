@@ -17,10 +17,9 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
-from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.attempts import LADDER, Attempts, Clock, SearchQuery
 from jaxplan.planner.proof import certify
+from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.tables import trajectory_table
 from jaxplan.schema import parse_scenario, with_settings
