@@ -69,7 +69,7 @@ def _new(options: argparse.Namespace) -> int:
 def _text(source: str | None) -> str:
     """The template, or the file of a case."""
     from jaxplan.cases import CASE_NAMES, case_path
-    from jaxplan.schema.spelling import template
+    from jaxplan.schema.text import template
 
     if source is None:
         return template()

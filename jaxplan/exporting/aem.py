@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.epochs import utc_texts
 from jaxplan.exporting.sampled import Sampled, plain, progress, table_lines
+from jaxplan.model.epochs import utc_texts
 
 
 def write_aem(sampled: Sampled, path: Path) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
 from jaxplan.exporting.aem import write_aem
 from jaxplan.exporting.basilisk import write_basilisk
 from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_csv, write_npz
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.planner import Plan, certify
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.epochs import utc_texts
 from jaxplan.exporting.sampled import Sampled, progress
+from jaxplan.model.epochs import utc_texts
 
 
 def write_csv(sampled: Sampled, path: Path) -> None:

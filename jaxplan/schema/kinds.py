@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest, quote, show
 

@@ -23,7 +23,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import as_floats, expect, file_path, show
 from jaxplan.runtime.files import replacing_file
-from jaxplan.schema import toml
+from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
 from jaxplan.schema.kinds import Kind
@@ -72,9 +72,9 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     file_path("path", path)
     try:
         with open(path, "rb") as file:
-            content = file.read(toml.LARGEST_FILE + 1)
-        if len(content) > toml.LARGEST_FILE:
-            raise toml.too_large()
+            content = file.read(texts.LARGEST_FILE + 1)
+        if len(content) > texts.LARGEST_FILE:
+            raise texts.too_large()
         return parse_scenario(content.decode("utf-8-sig"))
     except OSError as error:
         faults = [f"cannot be read: {error.strerror or error}"]
@@ -97,7 +97,7 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: the text is no scenario; the message lists every fault.
     """
-    return scenario_from_dict(toml.parse(text))
+    return scenario_from_dict(texts.parse(text))
 
 
 def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
@@ -224,7 +224,7 @@ def dump_scenario(scenario: Scenario) -> str:
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
     """
-    return toml.write(scenario_to_dict(scenario))
+    return texts.write(scenario_to_dict(scenario))
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.epochs import TT_MINUS_TAI, leaps
+from jaxplan.model.epochs import TT_MINUS_TAI, leaps
 from jaxplan.runtime.arguments import floats
 from jaxplan.sky.orbits import EARTH_RADIUS
 

@@ -13,7 +13,7 @@ from numbers import Real
 import jax
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.display import shown
 from jaxplan.sky import orbits
 from jaxplan.sky.frames import elapsed, library, teme_to_gcrs

@@ -10,8 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.epochs import parse_epoch
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import floats, number
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
