@@ -120,9 +120,7 @@ class Constraints:
         """Vectors (..., Z, 3), of the axes that move in place of those of the others."""
         if not self.paths:
             return still
-        columns = [
-            still[..., row, :] if path is None else of_path(path) for row, path in enumerate(self.paths)
-        ]
+        columns = [still[..., i, :] if path is None else of_path(path) for i, path in enumerate(self.paths)]
         return array_module(*columns).stack(columns, axis=-2)
 
     def at(self, time: ArrayLike) -> Self:
@@ -215,11 +213,7 @@ def pair_margins(
 
 
 def state_margins(
-    rows: Constraints,
-    sights: Sights,
-    attitude: ArrayLike,
-    joints: ArrayLike,
-    times: np.ndarray | None = None,
+    rows: Constraints, sights: Sights, attitude: ArrayLike, joints: ArrayLike, times: np.ndarray | None = None
 ) -> AnyArray:
     """Margin of every sight to every row in a state.
 
@@ -297,6 +291,11 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
     return of_entry, best
 
 
+def _same(number: AnyArray) -> AnyArray:
+    """(Z, Z) whether two rows have the same number."""
+    return number[:, None] == number[None, :]
+
+
 def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
     """Smallest of `best_entries`, in one pass over the rows, which XLA fuses with what makes the margins.
 
@@ -323,22 +322,14 @@ def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
     return worst
 
 
-def _same(number: AnyArray) -> AnyArray:
-    """(Z, Z) whether two rows have the same number."""
-    return number[:, None] == number[None, :]
-
-
 def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
-    """Which rows count: of every constraint those of the entry that holds best, the first of equal ones.
+    """Whether each row is one of the entry by which its constraint holds best, (..., Z) bool.
 
     Args:
         rows: the constraints.
-        margin: (..., Z) rad, as of `best_entries`.
-
-    Returns:
-        (..., Z) bool.
+        margin: (..., Z) rad, as of `chosen_entries`.
     """
-    if np.all(np.bincount(rows.group, minlength=1) <= 1):
+    if np.all(rows.single):
         return np.ones(margin.shape, dtype=bool)
     return np.asarray(chosen_entries(rows, margin) == rows.entry)
 
@@ -360,7 +351,6 @@ def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = Non
     xp, cosine, side = arrays(cosines, rows.side)
     if not rows.inner:
         return side * cosine
-    assert values is not None
     return xp.where(rows.frame == JOINTS, -xp.asarray(values), side * cosine)
 
 
