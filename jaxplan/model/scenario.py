@@ -209,7 +209,8 @@ class TrajectorySettings:
     """Settings of step 3.
 
     Attributes:
-        method: name of the method.
+        method: name of the method. What is said below to be of the other one has no effect, so that one may
+            change the method alone.
         duration: s; `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
             limits; `MINIMUM` (equal to "minimum"), of "global" only, for the shortest motion within limits
             and zones.
@@ -227,7 +228,12 @@ class TrajectorySettings:
     """
 
     method: str = keyed(
-        "global", "method", "the method", options=TRAJECTORY_METHODS, always=True, static=True
+        "global",
+        "method",
+        "the method; a key that is said to be of the other one has no effect",
+        options=TRAJECTORY_METHODS,
+        always=True,
+        static=True,
     )
     duration: float | str = keyed(
         STRETCHED,

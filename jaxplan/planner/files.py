@@ -22,7 +22,7 @@ import numpy as np
 
 from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import moves
+from jaxplan.model.scenario import TRAJECTORY_METHODS, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import sight_names
 from jaxplan.runtime.arguments import file_path
@@ -46,6 +46,7 @@ from jaxplan.schema.kinds import (
 from jaxplan.schema.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory.splines import SMOOTHNESS
 
 SCHEMA_VERSION = 1
 
@@ -66,7 +67,8 @@ _STEPS_OF = {
     Status.UNCERTIFIED: (5, 5),
 }
 _SMALLEST_MARGIN = ("min_margin", "worst_time", "worst_device", "worst_zone")
-_ROUNDING = 1e-9  # of the duration
+_ROUNDING = 1e-9  # share of the duration by which a time may lie beyond the end of the trajectory
+_SAME_NODE = 1e-6  # rad, or part of a matrix, by which a path may miss start and goal; above any rounding
 
 _COUNT = Integer(Interval("[0, inf)"))
 _POSITIVE = Number(Interval("[0, inf)"))
@@ -132,8 +134,8 @@ _STEP_KINDS = {
         joint_breaks=_times("joint pieces + 1"),
         joint_coefficients=_array("joint pieces", "joint terms", "joint"),
         node_times=_times("edges + 1"),
-        smoothness=_COUNT,
-        method=Text(),
+        smoothness=Integer(Interval(f"[0, {SMOOTHNESS}]")),
+        method=Choice(TRAJECTORY_METHODS),
     ),
     "report": _table(
         Certificate,
@@ -163,14 +165,17 @@ def _plan_table(moving: bool) -> Table:
     )
 
 
-def _check_agreement(read: Mapping[str, Any], root: Place) -> None:
-    """Note where tables that are well by themselves contradict each other."""
+def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -> None:
+    """Note where tables that are well by themselves contradict each other, or the scenario."""
     _check_steps(read, root)
     if read["search"] is not None:
-        _check_found_path(read["search"], root["search"])
+        _check_search(read, root["search"])
+    if read["path"] is not None and read["goal"] is not None:
+        _check_path(read["path"], scenario, read["goal"], root["path"])
     if read["report"] is not None:
         _check_report(read["status"], read["report"], root["report"])
     if read["trajectory"] is not None:
+        _check_method(read["trajectory"], scenario, root["trajectory"])
         _check_times(read["trajectory"], read["report"], root)
 
 
@@ -188,13 +193,37 @@ def _check_steps(read: Mapping[str, Any], root: Place) -> None:
             root[step].fault(f"must be a table, since {STEPS[last]} is one", None)
 
 
-def _check_found_path(search: SearchResult, place: Place) -> None:
+def _check_search(read: Mapping[str, Any], place: Place) -> None:
+    """A search ends with a path, which the plan goes on with, or with the status that the plan has, too."""
+    search, status = read["search"], read["status"]
     found = search.status is Status.OK
     because = f'since search.status = "{search.status.name}"'
     if found and search.path is None:
         place["path"].fault(f"must be a table, {because}", None)
     elif not found and search.path is not None:
         place["path"].fault(f"must be null, {because}")
+    expected = status if read["path"] is None else Status.OK
+    if search.status is not expected:
+        complaint = f'must be "{expected.name}", since status = "{status.name}"'
+        place["status"].fault(complaint, search.status.name)
+
+
+def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> None:
+    """A path leads from the start of the scenario to the goal."""
+    for number, name, end in ((0, "start", scenario.start), (-1, "goal", goal)):
+        for key, node, wanted in (
+            ("attitudes", path.attitudes[number], end.attitude),
+            ("joints", path.joints[number], end.joints),
+        ):
+            if not np.allclose(node, wanted, rtol=0, atol=_SAME_NODE):
+                place[key][number % len(path.joints)].fault(f"must be that of the {name}", node.tolist())
+
+
+def _check_method(trajectory: Trajectory, scenario: Scenario, place: Place) -> None:
+    """A trajectory is one of the method that its scenario asks for."""
+    asked = scenario.trajectory.method
+    if trajectory.method != asked:
+        place["method"].fault(f'must be "{asked}", as scenario.trajectory.method is', trajectory.method)
 
 
 def _check_report(status: Status, report: Certificate, place: Place) -> None:
@@ -208,10 +237,16 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
-    """Every time lies within the trajectory, whose breaks start at zero."""
+    """Every time lies within the trajectory; breaks and nodes start at zero, and nodes end with it."""
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
+    nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
     if first != 0:
         root["trajectory"]["breaks"][0].fault("must be 0", first)
+    if nodes[0] != 0:
+        root["trajectory"]["node_times"][0].fault("must be 0", float(nodes[0]))
+    if nodes[-1] < end * (1 - _ROUNDING) and last:
+        complaint = f"must be the end of the trajectory, {end:g} s"
+        root["trajectory"]["node_times"][last].fault(complaint, float(nodes[-1]))
     for place, time in _instants(trajectory, report, root):
         if not time <= end * (1 + _ROUNDING):
             place.fault(f"must lie within the trajectory, which ends at {end:g} s", time)
@@ -312,7 +347,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
     rest = {key: value for key, value in content.items() if key not in ("schema_version", "scenario")}
     read = _plan_table(moves(scenario)).read(rest, root)
     if not root.reading.faults:
-        _check_agreement(read, root)
+        _check_agreement(read, scenario, root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return {"scenario": scenario, "certificate": read.pop("report"), **read}

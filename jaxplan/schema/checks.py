@@ -92,8 +92,8 @@ def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 def _check_zone(key: str, zone: Any, place: Place) -> None:
     """A zone binds something, other than its own axis, and an entry is one of a group."""
     if key != "joint_bound":
-        aside = key == "keep_in" or zone.axis_body is not None or zone.axis_device is not None
-        if aside and zone.devices == () and zone.vectors == ():
+        aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
+        if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
             place["devices"].fault("missing (or vector), must be an array of names of devices")
         axis, bound = zone.axis_device, zone.devices
         if isinstance(axis, str) and bound is not WRONG and axis in bound:

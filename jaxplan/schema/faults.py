@@ -185,6 +185,12 @@ class Place:
         return self.fault(complaint, value, bare=True)
 
 
+def closest(name: str, known: Sequence[str]) -> str | None:
+    """The known name that an unknown one resembles, None where it resembles none."""
+    close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
+    return close[0] if close else None
+
+
 def nearest(name: str, known: Sequence[str], kind: str) -> str:
     """Advice on an unknown name: the known one it resembles, or else all of them.
 
@@ -193,7 +199,7 @@ def nearest(name: str, known: Sequence[str], kind: str) -> str:
         known: what it may say.
         kind: what they are, in the plural.
     """
-    close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
-    if close:
-        return f"perhaps {spell_key(close[0])} is meant"
+    close = closest(name, known)
+    if close is not None:
+        return f"perhaps {spell_key(close)} is meant"
     return f"the {kind} are {', '.join(map(spell_key, known))}" if known else f"there are no {kind}"

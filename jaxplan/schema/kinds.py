@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
-from jaxplan.schema.faults import WRONG, Place, Reading, nearest, quote, show
+from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, quote, show
 
 
 class Kind(ABC):
@@ -137,8 +137,11 @@ class Choice(Kind):
         for option in self.options:
             if type(value) is type(option) and value == option:
                 return self.meanings.get(value, option) if self.meanings else option
+        words = [option for option in self.options if isinstance(option, str)]
+        close = closest(value, words) if isinstance(value, str) else None
+        hint = "" if close is None else f"; perhaps {show(close)} is meant"
         tell = place.fault if isinstance(value, str | int) else place.refuse
-        return tell(f"must be {self.wanted}", value)
+        return tell(f"must be {self.wanted}{hint}", value)
 
 
 @dataclass(frozen=True)
@@ -188,8 +191,10 @@ class Number(Kind):
             if isinstance(value, str) and value in self.words:
                 return self.words[value]
             what = "a real number" if isinstance(value, complex) else "a number"
-            what = self._wanted(f"{what}, in radians" if self.degrees else what) if python else self.wanted
-            return place.refuse(f"must be {what}", value)
+            if python and self.degrees:
+                unit = place.spelled.unit
+                what = f"{what}, in {'radians' if unit in ('', 'rad') else unit}"
+            return place.refuse(f"must be {self._wanted(what) if python else self.wanted}", value)
         if not math.isfinite(number):
             if number in self.words.values() and (python or ("inf" in self.words and value == number)):
                 return number  # not of an integer that is only too large for a float
