@@ -131,7 +131,7 @@ class Attempts:
         self._over = False  # there is no use in another attempt
         broken = start_breaches(scenario)
         if broken:
-            message = messages.invalid(broken)
+            message = "; ".join(broken)
             self.plan = Plan(scenario=scenario, status=Status.INVALID_START, message=message)
             return
         with clock.step("decompose"):
@@ -141,7 +141,8 @@ class Attempts:
     def result(self) -> Plan:
         """The plan, once it is settled, with its timings."""
         plan = self.plan
-        assert plan is not None, "no attempt has been made"
+        if plan is None:
+            raise RuntimeError("no attempt has been made")
         if plan.ok and self._nearest is not None:
             plan = replace(plan, message=messages.farther(self._nearest, plan))
         return replace(plan, timings=self.clock.timings())
@@ -190,7 +191,8 @@ class Attempts:
 
     @property
     def _climbed(self) -> "_Way":
-        assert self._way is not None, "no goal has been found yet"
+        if self._way is None:
+            raise RuntimeError("no goal has been found yet")
         return self._way
 
     def _next_time(self) -> None:
@@ -265,7 +267,6 @@ class Attempts:
         """Ask for what a meeting needs; at its end go on with its fit."""
         self.need = meeting.need
         if meeting.need is None:
-            assert meeting.fit is not None
             self._meeting, way = None, self._climbed
             way.so_far = replace(way.so_far, goal=meeting.goal, path=meeting.path)
             self._fitted(meeting.fit)

@@ -274,7 +274,7 @@ class PlanFileError(ValueError):
     """A plan file that cannot be read; the message names the key and what is wrong."""
 
 
-def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
+def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
 
     Args:
@@ -307,7 +307,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file that `write_plan` wrote holds: the attributes of a plan.
+    """What a file that `save_plan` wrote holds: the attributes of a plan.
 
     Args:
         path: the JSON file; timings are read if their file is there.

@@ -142,16 +142,18 @@ class Meeting:
 
     Attributes:
         need: the fit or the goals that are needed next; None at the end.
-        fit: the last one; at the end without a trajectory, and GOAL_MISSED, if the goal is not met.
+        fit: the last one, once there is any; at the end without a trajectory, and GOAL_MISSED, if the goal is
+            not met.
         goal: as it is when the motion ends.
         path: with this goal for its last node.
     """
 
     def __init__(self, scenario: Scenario, goal: Goal, path: Path) -> None:
         self.scenario, self.goal, self.path = scenario, goal, path
-        self.fit: Fit | None = None
+        self.fit: Fit
         self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
         self._known, self._what = known_until(scenario)
+        self._asked = goal.time  # s, for which goals were asked last
         self._durations: list[float] = []  # s, of the fits so far
         self._settled = False  # duration and goal agree
         self._slacks = list(_SLACKS)  # still to be tried
@@ -168,9 +170,7 @@ class Meeting:
 
     def accept_goals(self, goals: Sequence[Goal] | None) -> None:
         """Go on with the goals at the time that was asked for; None if there is none any more."""
-        assert isinstance(self.need, GoalQuery)
-        assert self.need.time is not None
-        time, self.need = self.need.time, None
+        time, self.need = self._asked, None
         if goals is None:
             self._miss(f"the motion takes about {time:.4g} s, and after these there is no goal any more")
             return
@@ -195,7 +195,7 @@ class Meeting:
             if self._settled or len(self._durations) == _ROUNDS:
                 self._ask_for_slack()
                 return
-        self.need = GoalQuery(self.scenario, curve.duration)
+        self._ask(curve.duration)
 
     def _after_timed_fit(self, fit: Fit) -> None:
         """End with a motion that keeps its time; else ask for one with more slack."""
@@ -211,7 +211,11 @@ class Meeting:
         # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
         needed = self._durations[-1] if self._settled else max(self._durations[-2:])
         self._timed = True
-        time = min(needed * (1 + self._slacks.pop(0)), self._known)
+        self._ask(min(needed * (1 + self._slacks.pop(0)), self._known))
+
+    def _ask(self, time: float) -> None:
+        """Ask for the goals at a time."""
+        self._asked = time
         self.need = GoalQuery(self.scenario, time)
 
     def _miss(self, message: str) -> None:

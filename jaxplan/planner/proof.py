@@ -56,7 +56,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
             *_goal_faults(query.scenario, query.goal),
-            *arrival_faults(query.scenario, query.goal, query.trajectory),
+            *_arrival_faults(query.scenario, query.goal, query.trajectory.duration),
         )
         certified, faults = certificate.certified and not off, (*certificate.faults, *off)
         certificates.append(replace(certificate, certified=certified, faults=faults))
@@ -156,7 +156,7 @@ def _zone_names(scenario: Scenario) -> list[str]:
 def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
 
-    Of the directions of targets that move `arrival_faults` tells.
+    Of the directions of targets that move `_arrival_faults` tells.
     """
     asked, craft = scenario.goal, scenario.spacecraft
     off = []
@@ -184,20 +184,10 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
     return tuple(off)
 
 
-def arrival_faults(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> tuple[str, ...]:
-    """A sentence for each way in which a goal is not where its moving targets are.
-
-    Args:
-        scenario: what is asked; of one in which nothing moves nothing is wrong here.
-        goal: of the manoeuvre.
-        trajectory: that goes there.
-    """
-    if not moves(scenario):
-        return ()
-    return tuple(_arrival_faults(scenario, goal, trajectory.duration))
-
-
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
+    """A sentence for each way in which a goal is not where its moving targets are when the motion ends."""
+    if not moves(scenario):
+        return
     if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
         yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
     asked = scenario.goal
@@ -209,7 +199,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     if not 0 <= goal.time <= known_until(scenario)[0]:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
-    beams, rates = beam_motion(scenario, goal)
+    beams, rates = _beam_motion(scenario, goal, goal.angular_velocity, goal.joint_rates)
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)
     for terminal, off, too_fast in zip(scenario.spacecraft.terminals, apart, slip, strict=True):
@@ -219,13 +209,14 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
             yield f"at the goal {terminal.name} turns {too_fast:.3g} rad/s otherwise than its moving target"
 
 
-def beam_motion(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (n, 3) of the terminals' beams at a goal with rates, inertial, and theirs (n, 3), 1/s."""
-    assert goal.angular_velocity is not None
+def _beam_motion(
+    scenario: Scenario, goal: Goal, angular_velocity: np.ndarray, joint_rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inertial directions (n, 3) of the terminals' beams at a goal, and how fast they turn (n, 3), 1/s."""
     yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
-    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(goal.joint_rates, float), 2))
+    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(joint_rates, float), 2))
     azimuth = yaw + scenario.spacecraft.mounts
     circles = np.cos(azimuth), np.sin(azimuth), np.cos(pitch), np.sin(pitch)
     body, by_yaw, by_pitch = (np.stack(one, axis=-1) for one in (outward(*circles), *slopes(*circles)))
-    moving = np.cross(goal.angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
+    moving = np.cross(angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
     return body @ goal.attitude.T, moving @ goal.attitude.T

@@ -11,7 +11,7 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
-from jaxplan.planner.files import read_plan, write_plan
+from jaxplan.planner.files import read_plan, save_plan
 from jaxplan.runtime.display import as_table, shown
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory, duration_bound, excess
@@ -113,7 +113,7 @@ class Plan:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan to a JSON file, see `save_plan`."""
+        """Write the plan to a JSON file, see `jaxplan.planner.save_plan`."""
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
@@ -172,20 +172,6 @@ class Plan:
 
     def _repr_html_(self) -> str:
         return as_table(f"Plan of {self.scenario.name}", self.rows())
-
-
-def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
-    """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
-
-    Args:
-        plan: any plan, also one that failed.
-        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
-            never the new one beside the timings of the old.
-
-    Raises:
-        ValueError: if the path is called like a file of timings.
-    """
-    write_plan(plan, path)
 
 
 def load_plan(path: str | os.PathLike[str]) -> Plan:

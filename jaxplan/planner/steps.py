@@ -5,6 +5,7 @@ the end of the manoeuvre. Step 3 has the trajectory along a path. A certificate 
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, tracking_rates
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
@@ -64,7 +65,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     broken = [_broken(scenario, goal, end) for goal in candidates]
     valid = tuple(goal for goal, faults in zip(candidates, broken, strict=True) if not faults)
     if not valid:
-        message = messages.invalid(broken[0]) + messages.when(scenario, end)
+        message = "; ".join(broken[0]) + messages.when(scenario, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
     return valid[:wanted]
 
@@ -83,20 +84,31 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
         goal: of it.
         time: s.
     """
-    asked, rows = scenario.goal, scenario.constraints
+    asked = scenario.goal
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
     else:
-        rates = tracking_rates(
-            goal,
-            scenario.spacecraft,
-            scenario.start.attitude,
-            asked.at(time),
-            rows.at(time),
-            target_rates=asked.rates(time),
-            axis_rates=rows.axis_rates(time),
-        )
+        rates = tracking_rates(goal, **pursuit(scenario, asked, time))
     return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
+
+
+def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
+    """What a goal with moving targets follows, as arguments of `tracking_rates` and `goal_in_time` by name.
+
+    Args:
+        scenario: the problem.
+        targets: of its goal.
+        time: s, when the manoeuvre ends; it may be traced.
+    """
+    rows = scenario.constraints
+    return {
+        "spacecraft": scenario.spacecraft,
+        "start_attitude": scenario.start.attitude,
+        "targets": targets.at(time),
+        "cones": rows.at(time),
+        "target_rates": targets.rates(time),
+        "axis_rates": rows.axis_rates(time),
+    }
 
 
 def _given(state: GivenState, attitude: np.ndarray) -> Goal:

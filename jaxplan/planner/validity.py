@@ -69,7 +69,10 @@ def breaches(
         if not rate <= limit * (1 + ROUNDING)
     ]
     found += _overruns(scenario, joints, joint_rates, arriving)
-    return (*found, *_zone_breaches(scenario, attitude, joints, time))
+    rows = scenario.constraints.at(time)
+    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
+    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
+    return (*found, *constraint_breaches(rows, craft, attitude, joints, names, groups))
 
 
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
@@ -93,15 +96,6 @@ def _overruns(
             yield f"{where} moves away from it at {rate:.4g} deg/s, so it must have been beyond it"
         else:
             yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
-
-
-def _zone_breaches(
-    scenario: Scenario, attitude: np.ndarray, joints: np.ndarray, time: float
-) -> Iterator[str]:
-    rows = scenario.constraints.at(time)
-    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
-    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
-    yield from constraint_breaches(rows, scenario.spacecraft, attitude, joints, names, groups)
 
 
 def constraint_breaches(
