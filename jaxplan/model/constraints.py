@@ -96,19 +96,19 @@ class Constraints:
         return Sights(mounts=turned, fixed=still, carrier=self.carrier, carried=self.carried)
 
     def spread(self, trailing: int) -> Self:
-        """The same for elementwise functions of arrays whose first axis is the rows', with others behind."""
+        """The constraints for elementwise functions of arrays whose first axis is the rows'."""
         shape = (-1, *(1,) * trailing)
         parts = {name: getattr(self, name).reshape(shape) for name in ("frame", "side", "half_angle")}
         return replace(self, **parts)
 
     def some(self, which: ArrayLike) -> Self:
-        """Some of the rows by number (r,), each by itself; of entries and constraints nothing is said."""
+        """Some of the rows by number (r,), each by itself, without their entries and constraints."""
         names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group", "zone")
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> AnyArray:
-        """Axes (..., Z, 3) at times (...), s: those that move where they are then, the others as they are."""
+        """Axes (..., Z, 3) at times (...), s, of which some move."""
         xp, t, still = arrays(times, self.axis)
         return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
@@ -117,7 +117,7 @@ class Constraints:
         return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
     def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
-        """Vectors (..., Z, 3), of the axes that move in place of those of the others."""
+        """Vectors (..., Z, 3), one a row, with those of axes that move put in."""
         if not self.paths:
             return still
         columns = [still[..., i, :] if path is None else of_path(path) for i, path in enumerate(self.paths)]
@@ -128,7 +128,7 @@ class Constraints:
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 
     def part(self, which: np.ndarray) -> Self:
-        """The rows that are wanted, (Z,) bool, of each constraint all or none, padded anew.
+        """Some of the rows, (Z,) bool, padded anew; of each constraint all or none are wanted.
 
         Those of an entry lie side by side, and so do those of a constraint, as `worst_constraint` asks for.
         """
@@ -233,7 +233,7 @@ def state_margins(
 
 
 def joint_values(rows: Constraints, joints: ArrayLike) -> AnyArray:
-    """What rows of joints hold against their bound: ``f . (yaw, pitch)`` of every terminal.
+    """Left sides ``f . (yaw, pitch)`` of the rows of joints, of every terminal.
 
     Args:
         rows: the constraints; of rows of another sort the answer means nothing.
@@ -297,7 +297,7 @@ def _same(number: AnyArray) -> AnyArray:
 
 
 def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Smallest of `best_entries`, in one pass over the rows, which XLA fuses with what makes the margins.
+    """Margin of the worst constraint, in one pass over the rows, which XLA fuses with what makes the margins.
 
     Args:
         rows: of which those of an entry, and those of a constraint, lie side by side.
@@ -341,7 +341,7 @@ def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = None) -> AnyArray:
-    """What is compared with `thresholds`: the larger, the smaller is the margin.
+    """Score of each row, to be compared with `thresholds`: the larger it is, the smaller is the margin.
 
     Args:
         rows: the constraints.
@@ -400,7 +400,7 @@ def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
 
 
 def score_curvature(rows: Constraints, turn: ArrayLike, rate: ArrayLike, bend: ArrayLike) -> AnyArray:
-    """Bound of the second derivative of scores over a motion, in the share of it.
+    """Bound of the second derivative of scores, by the share of a motion.
 
     Args:
         rows: the constraints.

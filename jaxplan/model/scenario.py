@@ -27,15 +27,15 @@ from jaxplan.runtime.arguments import as_floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-# `search.add_planner` adds to them.
+# Names of planners; `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
 # Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
 # some radians have no degrees that a file could hold.
 _ROUNDING = 4 * np.finfo(float).eps
-_INFINITE = ("off", "inf")  # words for no limit
-_STEP = "[1e-3, 3.14]"  # rad; a longer turn has a shorter way round
+_INFINITE = ("off", "inf")  # words that stand for an infinite number
+_STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
 @jax.tree_util.register_static
@@ -130,7 +130,7 @@ class Targets:
         return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
-        """The targets where they are at an instant, s; of such as move, at rest."""
+        """The targets as they are at an instant, s; at rest if any moves."""
         if not self.moves:
             return self
         each = [path.at(time) for path in self.paths]
@@ -339,7 +339,7 @@ class Scenario:
     @property
     @made_once
     def constraints(self) -> Constraints:
-        """The same as rows."""
+        """All pointing constraints as rows, see `jaxplan.model.constraints`."""
         craft = self.spacecraft
         return tabulate(
             self.keep_out,
@@ -357,7 +357,7 @@ class Scenario:
 
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """All that moves, with its name in messages: zones by theirs, targets by their terminal's."""
+    """All paths along which something moves, each with the name that messages have for it."""
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
@@ -373,7 +373,7 @@ def moves(scenario: Scenario) -> bool:
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
-    """Until when all that moves is known, s, and what is not from then on; infinite where nothing moves."""
+    """Time until which all that moves is known, s, and what ends then; infinite where nothing moves."""
     ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
     return min(ends, default=(np.inf, ""))
 
@@ -404,7 +404,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def _same_paths(one: Any, other: Any) -> bool:
-    """A path is its samples over times; one that stands still is its direction."""
+    """Whether two paths, or a path and a direction, are the same over time."""
     if not (isinstance(one, DirectionPath) and isinstance(other, DirectionPath)):
         path, direction = (one, other) if isinstance(one, DirectionPath) else (other, one)
         return not path.moves and same(path.samples[0], direction)

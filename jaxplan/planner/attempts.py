@@ -31,7 +31,8 @@ from jaxplan.runtime.jit import working_time
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 
-# The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
+# The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
+# often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
 # Where no path is found with the wanted clearance, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
@@ -53,7 +54,7 @@ _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchQuery:
-    """A search that is needed.
+    """A search to be made.
 
     Attributes:
         scene: where to search.
@@ -211,7 +212,7 @@ class Attempts:
         self._next_rung(self._way)
 
     def _begun(self, goal: Goal, share: float) -> "_Way":
-        """The way to a goal; with no attempts where it is proved that there is no path."""
+        """The ladder of attempts at a goal, empty where it is proved that there is no path."""
         scenario = self.scenario
         seen, proved = swept(scenario, goal, share), always(scenario, goal)
         scene = make_scene(scenario, goal, seen)
@@ -290,7 +291,7 @@ class Attempts:
         self._next_rung(way)
 
     def _add(self, attempt: Plan) -> None:
-        """Keep an attempt if it got further than the best so far."""
+        """Keep an attempt if it is more informative than the best so far."""
         if self.plan is None or _TELLING.index(attempt.status) > _TELLING.index(self.plan.status):
             self.plan = attempt
         self._over = attempt.status in (Status.OK, Status.TIME_LIMIT)
@@ -305,7 +306,7 @@ class _Way:
         rungs: factors on the clearance and numbers of halvings, still to be tried.
         found: results of searches by the factor on the clearance.
         factor: of the attempt under way.
-        halvings: likewise.
+        halvings: of the attempt under way.
         so_far: the plan of that attempt.
         spare: the fit to go back to if that plan's trajectory is not certified.
     """

@@ -154,7 +154,7 @@ _STEP_KINDS = {
 
 
 def _plan_table(moving: bool) -> Table:
-    """What the file of a plan holds beside version and scenario, in which something moves or not."""
+    """Table of a plan file beside version and scenario; where something moves, goals have time and rates."""
     steps = {"goal": _table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
     return _table(
         dict,
@@ -180,7 +180,7 @@ def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -
 
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
-    """Which steps are filled follows from the status, and none is left out before one that is filled."""
+    """Note where steps are filled that the status rules out, or left out that it asks for."""
     least, most = _STEPS_OF[read["status"]]
     because = f'since status = "{read["status"].name}"'
     last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
@@ -194,7 +194,7 @@ def _check_steps(read: Mapping[str, Any], root: Place) -> None:
 
 
 def _check_search(read: Mapping[str, Any], place: Place) -> None:
-    """A search ends with a path, which the plan goes on with, or with the status that the plan has, too."""
+    """Note where a search contradicts the plan: it ends with a path, or with the plan's own status."""
     search, status = read["search"], read["status"]
     found = search.status is Status.OK
     because = f'since search.status = "{search.status.name}"'
@@ -209,7 +209,7 @@ def _check_search(read: Mapping[str, Any], place: Place) -> None:
 
 
 def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> None:
-    """A path leads from the start of the scenario to the goal."""
+    """Note where a path does not lead from the scenario's start to the goal."""
     for number, name, end in ((0, "start", scenario.start), (-1, "goal", goal)):
         for key, node, wanted in (
             ("attitudes", path.attitudes[number], end.attitude),
@@ -220,7 +220,7 @@ def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> Non
 
 
 def _check_method(trajectory: Trajectory, scenario: Scenario, place: Place) -> None:
-    """A trajectory is one of the method that its scenario asks for."""
+    """Note a trajectory of another method than the scenario asks for."""
     asked = scenario.trajectory.method
     if trajectory.method != asked:
         place["method"].fault(f'must be "{asked}", as scenario.trajectory.method is', trajectory.method)
@@ -237,7 +237,7 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
-    """Every time lies within the trajectory; breaks and nodes start at zero, and nodes end with it."""
+    """Note times outside the trajectory, and breaks or nodes that do not span it."""
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
     nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
     if first != 0:
@@ -307,7 +307,7 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file that `save_plan` wrote holds: the attributes of a plan.
+    """Read the attributes of a plan from a file that `save_plan` wrote.
 
     Args:
         path: the JSON file; timings are read if their file is there.
@@ -369,7 +369,7 @@ def _timings_file(path: FilePath) -> FilePath:
 
 
 def _plain(record: Any) -> Any:
-    """A dataclass, array or mapping as what JSON has."""
+    """A dataclass, array or mapping, made of what JSON has."""
     if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
     if isinstance(record, Status):
@@ -393,7 +393,7 @@ def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:
-    """The table of a JSON file; of which kind, a message says if it is none."""
+    """The table of a JSON file, whose kind messages name."""
 
     def refuse(word: str) -> float:
         raise ValueError(f"{word} is not allowed")

@@ -13,7 +13,7 @@ from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 
 
 def when(scenario: Scenario, time: float) -> str:
-    """When that is, to end a sentence on a goal; empty where nothing moves."""
+    """The time of a goal, to end a sentence; empty where nothing moves."""
     return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
 
 

@@ -27,8 +27,10 @@ from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
 from jaxplan.trajectory import Fit, FitQuery, duration_bound
 
-_SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
-_ROOM = float(np.deg2rad(0.25))  # rad, at most left to a start or goal by a cone that is cut back for it
+_SMALLEST = (
+    1e-3  # rad, least half angle of a cone, and of what is outside; smaller ones are widened or dropped
+)
+_ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
 _ROUNDS = 5  # fits, each to the goal where the one before ends, after which duration and goal should agree
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
@@ -38,7 +40,7 @@ _FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, one after the other, where the
 
 
 def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
-    """The constraints with cones that stand for those that move over the manoeuvre.
+    """The constraints, with cones that hold what moving ones sweep over the manoeuvre.
 
     Args:
         scenario: of one in which nothing moves they are its own.
@@ -74,7 +76,7 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
 
 
 def always(scenario: Scenario, goal: Goal) -> Constraints:
-    """The rows, and cones for what those that move forbid at every instant, where they forbid anything.
+    """The constraints, with cones of what moving ones forbid at every instant, if anything.
 
     Where the duration is to be found, that is as long as zones are known; and where targets move then, too,
     so that the goal may be elsewhere, nothing is forbidden for good.
@@ -224,7 +226,7 @@ class Meeting:
 
 
 def _timed(scenario: Scenario, time: float) -> Scenario:
-    """The scenario with a duration that is given, and the tube of the word that it had."""
+    """The scenario with a given duration, and the node tube that its word stood for."""
     settings = scenario.trajectory
     tube = np.inf if settings.duration == MINIMUM and settings.node_tube is None else settings.node_tube
     return replace(scenario, trajectory=replace(settings, duration=time, node_tube=tube))
@@ -238,7 +240,7 @@ def _at_first(scenario: Scenario) -> Scenario:
 
 
 def _ending(path: Path, goal: Goal) -> Path:
-    """The path with another last node."""
+    """The path with a goal as its last node."""
     attitudes, joints = np.array(path.attitudes), np.array(path.joints)
     attitudes[-1], joints[-1] = goal.attitude, goal.joints
     return replace(path, attitudes=attitudes, joints=joints)

@@ -32,7 +32,7 @@ _SAME_TIME = 1e-12  # share of the duration by which the goal's time may differ 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProofQuery:
-    """What is to be certified against a scenario: zones, limits, start, and the goal that is asked for.
+    """A trajectory to be certified against its scenario's zones, limits, start and goal.
 
     Attributes:
         scenario: what must hold.
@@ -64,7 +64,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
 
 
 def _claim(query: ProofQuery) -> Claim:
-    """What the scenario asks of the trajectory, its goal being where it should end."""
+    """The claim that a trajectory keeps its scenario's limits and zones and ends at its goal."""
     scenario, goal, start = query.scenario, query.goal, query.scenario.start
     end, craft = end_rates(scenario, goal), scenario.spacecraft
     return Claim(
@@ -116,7 +116,7 @@ def certify(plan: Plan) -> Certificate:
 
 
 def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
-    """Faults, with those of rows of cones told as those of the zones that they are made of."""
+    """Faults in which zones stand for the rows of cones that are made of them."""
     others = tuple(fault for fault in faults if not fault.startswith("cones."))
     if len(others) == len(faults):
         return faults

@@ -27,7 +27,7 @@ def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
 
 
 def report_summary(report: Certificate | None) -> dict[str, Any]:
-    """What a certificate says, in the units of files, for machines; of none, the same keys with None."""
+    """A certificate as a dict in the units of files; without one, the same keys with None."""
     found = Certificate(certified=False, faults=()) if report is None else report
     margin = found.min_margin
     summary = {
@@ -97,7 +97,7 @@ class Plan:
 
     @property
     def duration_bound(self) -> float | None:
-        """No motion to this goal that keeps rates and accelerations is quicker, s; None without a path.
+        """Lower bound of the duration to this goal within rates and accelerations, s; None without a path.
 
         Of another goal that meets the same targets it does not speak (`goal_chosen`).
         """
@@ -187,7 +187,7 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 class PlanningError(Exception):
-    """There is no certified plan.
+    """The error of `plan` where there is no certified plan.
 
     Attributes:
         plan: what was found before it failed.

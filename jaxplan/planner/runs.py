@@ -19,7 +19,7 @@ from jaxplan.schema.reading import take_in
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
 _LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask for together
-_PARTS = 3  # for each worker, so that all get done at about the same time
+_PARTS = 3  # parts for each worker, so that all get done at about the same time
 
 
 def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
@@ -155,5 +155,5 @@ def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool)
 
 
 def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
-    """What a worker does."""
+    """Plan a part of the scenarios, in a worker process."""
     return _here(scenarios, progress=False)

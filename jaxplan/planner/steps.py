@@ -23,7 +23,7 @@ from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalQuery:
-    """Goals that are needed, see `find_goals`.
+    """Goals to be found, see `find_goals`.
 
     Attributes:
         scenario: the problem.
@@ -129,7 +129,7 @@ def largest_slew(scenario: Scenario) -> float:
 
 
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
-    """Step 3 of a scenario along a path to a goal, by the method it asks for."""
+    """The fit of a scenario along a path to a goal, by the method that it asks for."""
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
@@ -150,7 +150,7 @@ def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
 
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
-    """The plan with what step 3 found, if anything, not yet certified."""
+    """The plan with the trajectory that step 3 found, if any, not yet certified."""
     message = fitted.note if fitted.status is Status.OK else fitted.message
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 

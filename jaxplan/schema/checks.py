@@ -15,9 +15,10 @@ from jaxplan.schema.arrays import per_axis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import Number, shortest_degrees
 
-MOST_ZONES = 1000
+MOST_ZONES = 1000  # of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}
 """Keys of a file under which pointing constraints stand, and their attributes."""
+# Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 _DEVICES = {"terminal": "terminals", "instrument": "instruments"}
 
@@ -131,7 +132,7 @@ def _check_goal_limits(scenario: Scenario, root: Place) -> None:
 
 
 def _check_duration(scenario: Scenario, root: Place) -> None:
-    """The paper's method knows no shortest motion, and scales the time, with it the rates at both ends."""
+    """The paper's method finds no shortest motion, and stretching the time changes rates at both ends."""
     settings = scenario.trajectory
     if getattr(settings, "method", "") != "paper" or not isinstance(settings.duration, str):
         return

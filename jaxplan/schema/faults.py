@@ -80,7 +80,7 @@ def show(value: object) -> str:
 
 
 class Spelled(NamedTuple):
-    """How a place is told: its path, the unit of numbers there, and what takes a file's numbers to it."""
+    """How messages name a place: its path, its unit, and the factor from the file's unit to that."""
 
     path: str
     unit: str = ""
@@ -114,7 +114,7 @@ class Reading:
         self.terminals: int | None = None
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        """How the place is told to which keys and indices lead."""
+        """How messages name the place that keys and indices lead to."""
         return Spelled(spell_path(steps))
 
     def show(self, value: object) -> str:
@@ -144,7 +144,7 @@ class Place:
 
     @property
     def spelled(self) -> Spelled:
-        """How it is told."""
+        """How messages name this place."""
         steps: list[str | int] = []
         place = self
         while place._before is not None:

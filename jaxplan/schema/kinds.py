@@ -227,7 +227,7 @@ def _degrees(angle: float) -> float:
 
 
 def _real(value: Any, python: bool) -> float | None:
-    """A number as a float: of a file an integer, of Python whatever numpy takes for one; None for others."""
+    """A value as a float, None if it is no number: in Python whatever numpy takes for one."""
     if python:
         array = as_floats(value)
         return float(array) if array is not None and not array.ndim else None

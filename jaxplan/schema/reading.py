@@ -34,7 +34,7 @@ SETTINGS_TABLES = ("search", "trajectory")
 
 
 class PythonReading(Reading):
-    """A scenario that was made in Python is read: faults are told by attributes, in the model's units."""
+    """The reading of a scenario made in Python, whose faults are told by attributes, in the model's units."""
 
     python = True
     root = "the scenario"
@@ -151,7 +151,7 @@ def refuse_types(given: object) -> None:
 
 
 def _taken(given: object) -> tuple[Any, Reading]:
-    """A scenario as it is taken, as far as it can be, and what was noted of it."""
+    """A scenario with the model's own types, as far as it could be read, and the faults noted."""
     scenario = expect("scenario", given, Scenario)
     root = Place(PythonReading())
     root.reading.terminals = _terminals(scenario)
@@ -192,7 +192,7 @@ def _terminals(scenario: Scenario) -> int | None:
 
 
 def _length(value: object, of: int = 1) -> int | None:
-    """How often an array has so many entries; None for what is no array of numbers, or has some too many."""
+    """Length of an array over a divisor; None for what is no array of numbers, or leaves a rest."""
     array = as_floats(value)
     return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None
 

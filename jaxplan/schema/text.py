@@ -23,7 +23,7 @@ from jaxplan.schema.tables import Either, Field, Rows, Table
 LARGEST_FILE = 2**20  # bytes
 _DEEPEST = 16  # brackets, or parts of a dotted key; a scenario needs four
 _LONGEST_WORD = 1000  # characters of a bare key or a number
-_WIDEST_LINE = 100
+_WIDEST_LINE = 100  # characters; a longer array is written with an item a line
 
 _TOKENS = re.compile(
     r"""(?P<skip> \"{3}(?:[^\\]|\\.)*?(?:\"{3,5}|\\?\Z) | '{3}.*?(?:'{3,5}|\Z) # strings over many lines
@@ -34,7 +34,7 @@ _TOKENS = re.compile(
 )
 
 _COLUMN = 38  # where comments begin; a longer line has its comment above
-_WIDTH = 118
+_WIDTH = 118  # characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
@@ -173,7 +173,7 @@ def template() -> str:
 
 
 def _block(block: str, told: set[tuple[str, str]]) -> str:
-    """Lines between blank ones, with all that the layout says of them.
+    """A block of lines between blank ones, with comments from the layout.
 
     Args:
         block: of the source.

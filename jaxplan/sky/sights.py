@@ -19,9 +19,9 @@ from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 Thing: TypeAlias = CircularOrbit | Tle | str | np.ndarray | Sequence[float]
 Epoch: TypeAlias = str | np.datetime64
 
-DRIFT_SAMPLES = 512
-LONGEST_DRIFT = 86400.0  # s
-_LONGEST_STEP = 10.0  # s
+DRIFT_SAMPLES = 512  # intervals over a duration, at least; more make a drift's bound sharper
+LONGEST_DRIFT = 86400.0  # s, beyond which a duration is refused
+_LONGEST_STEP = 10.0  # s between samples of a drift, at most
 
 
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
