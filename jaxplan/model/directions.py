@@ -31,8 +31,8 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-# Largest distance of the spline's control points from the sample before them, so that it stays away from zero;
-# what turns farther between two samples is refused.
+# Largest distance of the spline's control points from the sample before them, so that it stays off zero;
+# and what turns farther between two samples is refused.
 FARTHEST = 0.6
 _PLACES = 65  # samples of a path that `reach` looks at; with more its bound is sharper
 _ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
