@@ -80,10 +80,6 @@ class Clock:
         self.compiling = 0.0
         self._left, self.show = time_limit, show
 
-    def spent(self) -> float:
-        """Seconds spent on all steps."""
-        return sum(self.seconds.values()) + self.compiling
-
     def left(self) -> float:
         """Seconds that are left of the limit, which does not count what is spent on compiling."""
         return max(self._left, 0.0)
@@ -105,7 +101,8 @@ class Clock:
 
     def timings(self) -> dict[str, float]:
         """Seconds by step, of compiling, and in all."""
-        return {**self.seconds, "compile": self.compiling, "total": self.spent()}
+        total = sum(self.seconds.values()) + self.compiling
+        return {**self.seconds, "compile": self.compiling, "total": total}
 
 
 class Attempts:

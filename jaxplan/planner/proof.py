@@ -153,35 +153,28 @@ def _zone_names(scenario: Scenario) -> list[str]:
     return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 
-def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
-    """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
+def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
+    """A sentence for each way in which a goal is not what the scenario asks for.
 
-    Of the directions of targets that move `_arrival_faults` tells.
+    It is in numpy, so that no NaN passes. Of the directions of targets that move `_arrival_faults` tells.
     """
-    asked, craft = scenario.goal, scenario.spacecraft
-    off = []
-    slew = so3.distance(scenario.start.attitude, goal.attitude)
-    if not abs(slew - goal.slew_angle) <= TOLERANCE:
-        off.append("the goal's slew angle is not that from the start")
-    if not isinstance(asked, GivenState):
-        limits = zip(
-            ("yaw", "pitch"), (asked.yaw_limit, asked.pitch_limit), np.split(goal.joints, 2), strict=True
-        )
-        for name, limit, angles in limits:
-            if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
-                off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
+    asked, attitude = scenario.goal, goal.attitude
+    if not abs(so3.distance(scenario.start.attitude, attitude) - goal.slew_angle) <= TOLERANCE:
+        yield "the goal's slew angle is not that from the start"
     if isinstance(asked, GivenState):
         attitude, joints = asked.attitude, asked.joints
-    elif asked.moves:
-        return tuple(off)
     else:
-        attitude = goal.attitude
-        joints = craft.joints_toward(goal.attitude, asked.directions)
+        limits = (("yaw", asked.yaw_limit), ("pitch", asked.pitch_limit))
+        for (name, limit), angles in zip(limits, np.split(goal.joints, 2), strict=True):
+            if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
+                yield f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}"
+        if asked.moves:
+            return
+        joints = scenario.spacecraft.joints_toward(attitude, asked.directions)
     if not np.linalg.norm(goal.attitude - attitude) <= TOLERANCE:
-        off.append("the goal's attitude is not the scenario's")
+        yield "the goal's attitude is not the scenario's"
     if not np.all(np.abs(goal.joints - joints) <= TOLERANCE):
-        off.append("the goal's joints do not point where the scenario asks")
-    return tuple(off)
+        yield "the goal's joints do not point where the scenario asks"
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:

@@ -151,11 +151,8 @@ class YesNo(Kind):
     wanted = "true or false"
 
     def read(self, value: Any, place: Place) -> Any:
-        return (
-            bool(value)
-            if isinstance(value, bool | np.bool_)
-            else place.refuse(f"must be {self.wanted}", value)
-        )
+        wrong = not isinstance(value, bool | np.bool_)
+        return place.refuse(f"must be {self.wanted}", value) if wrong else bool(value)
 
 
 @dataclass(frozen=True)
