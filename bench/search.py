@@ -17,7 +17,7 @@ from _machine import print_machine
 from _options import positive
 
 from jaxplan.cases import paper_case
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
 from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, expansion_call

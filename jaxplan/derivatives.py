@@ -33,12 +33,11 @@ from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
-from jaxplan.planner.steps import fit, fitted_plan, judged
+from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full
@@ -181,25 +180,17 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
 
 def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]:
     """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
-    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints
+    asked = scenario.goal
     rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
         return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
-    place, targets, then = _place(held.goal), asked.at(time), rows.at(time)
-    start = scenario.start.attitude
+    place = _place(held.goal)
     if not asked.moves:
-        goal: Any = differentiable_goal(place, craft, start, targets, then)
+        craft, start, then = scenario.spacecraft, scenario.start.attitude, scenario.constraints.at(time)
+        goal: Any = differentiable_goal(place, craft, start, asked, then)
         return goal.attitude, goal.joints, rates
-    goal = goal_in_time(
-        place,
-        craft,
-        start,
-        targets,
-        then,
-        target_rates=asked.rates(time),
-        axis_rates=rows.axis_rates(time),
-    )
+    goal = goal_in_time(place, **pursuit(scenario, asked, time))
     return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
 
 

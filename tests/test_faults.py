@@ -10,7 +10,7 @@ from trust.long_run import examine
 
 import jaxplan as jp
 from jaxplan.paper import qp
-from jaxplan.planner import goals
+from jaxplan.planner import steps
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
 from jaxplan.search.multi_heuristic import make_root, trace
@@ -131,14 +131,14 @@ def test_a_search_that_says_clear_where_it_is_not_is_found_out(monkeypatch):
 
 @pytest.mark.parametrize("angle", [1e-6, 0.1])
 def test_a_goal_that_step_1_gets_wrong_is_found_out(monkeypatch, angle):
-    real = goals.decompose
+    real = steps.decompose
 
     def garbage(*given, **more):
         found = real(*given, **more)
         turn = Rotation.from_rotvec([0, 0, angle]).as_matrix()
         return replace(found, goals=tuple(replace(g, attitude=g.attitude @ turn) for g in found.goals))
 
-    monkeypatch.setattr(goals, "decompose", garbage)
+    monkeypatch.setattr(steps, "decompose", garbage)
     scenario = with_settings(jp.paper_case(3), SETTINGS)
     plan = jp.plan(scenario, throw=False, progress=False)
     assert not plan.ok

@@ -29,13 +29,13 @@ from jaxplan.cli.common import (
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import report_summary
+from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import start_breaches
 from jaxplan.report import report_html
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
-from jaxplan.schema.spelling import template
+from jaxplan.schema.text import template
 
 _COUNTED = {  # what a scene and its spacecraft have several of, and what one of them is called
     "terminals": "terminal",

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
 from jaxplan.exporting.sampled import Sampled, instants, sample
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.writers import write_aem, write_basilisk, write_csv, write_npz, write_stk
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.planner import Plan, certify
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.epochs import ephemeris_time
 from jaxplan.exporting.sampled import Sampled, instrument_frames, labels, plain, progress, terminal_motion
 from jaxplan.geometry import quaternion
+from jaxplan.model.epochs import ephemeris_time
 from jaxplan.model.spacecraft import Spacecraft
 
 _CRAFT = -999  # of the numbers that NAIF leaves to everybody

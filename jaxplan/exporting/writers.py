@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.epochs import utc_texts
 from jaxplan.exporting.sampled import Sampled, labels, plain, progress, table_lines, terminal_motion
 from jaxplan.geometry import quaternion
+from jaxplan.model.epochs import utc_texts
 
 
 def write_aem(sampled: Sampled, path: Path) -> None:

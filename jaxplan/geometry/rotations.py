@@ -39,7 +39,7 @@ def relative(first: Components, second: Components) -> Quaternion:
 
 
 def angle(quaternion: Components) -> AnyArray:
-    """Angle of the rotation, the short way round, rad in [0, pi]."""
+    """Angle of the rotation, rad in [0, pi]."""
     w, *vector = quaternion
     xp = array_module(w)
     return 2 * xp.arctan2(xp.sqrt(dot(vector, vector)), xp.abs(w))

@@ -96,19 +96,19 @@ class Constraints:
         return Sights(mounts=turned, fixed=still, carrier=self.carrier, carried=self.carried)
 
     def spread(self, trailing: int) -> Self:
-        """The same for elementwise functions of arrays whose first axis is the rows', with others behind."""
+        """The constraints for elementwise functions of arrays whose first axis is the rows'."""
         shape = (-1, *(1,) * trailing)
         parts = {name: getattr(self, name).reshape(shape) for name in ("frame", "side", "half_angle")}
         return replace(self, **parts)
 
     def some(self, which: ArrayLike) -> Self:
-        """Some of the rows by number (r,), each by itself; of entries and constraints nothing is said."""
+        """Some of the rows by number (r,), each by itself, without their entries and constraints."""
         names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group", "zone")
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> AnyArray:
-        """Axes (..., Z, 3) at times (...), s: those that move where they are then, the others as they are."""
+        """Axes (..., Z, 3) at times (...), s, of which some move."""
         xp, t, still = arrays(times, self.axis)
         return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
@@ -117,12 +117,10 @@ class Constraints:
         return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
     def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
-        """Vectors (..., Z, 3), of the axes that move in place of those of the others."""
+        """Vectors (..., Z, 3), one a row, with those of axes that move put in."""
         if not self.paths:
             return still
-        columns = [
-            still[..., row, :] if path is None else of_path(path) for row, path in enumerate(self.paths)
-        ]
+        columns = [still[..., i, :] if path is None else of_path(path) for i, path in enumerate(self.paths)]
         return array_module(*columns).stack(columns, axis=-2)
 
     def at(self, time: ArrayLike) -> Self:
@@ -130,7 +128,7 @@ class Constraints:
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 
     def part(self, which: np.ndarray) -> Self:
-        """The rows that are wanted, (Z,) bool, of each constraint all or none, padded anew.
+        """Some of the rows, (Z,) bool, padded anew; of each constraint all or none are wanted.
 
         Those of an entry lie side by side, and so do those of a constraint, as `worst_constraint` asks for.
         """
@@ -215,11 +213,7 @@ def pair_margins(
 
 
 def state_margins(
-    rows: Constraints,
-    sights: Sights,
-    attitude: ArrayLike,
-    joints: ArrayLike,
-    times: np.ndarray | None = None,
+    rows: Constraints, sights: Sights, attitude: ArrayLike, joints: ArrayLike, times: np.ndarray | None = None
 ) -> AnyArray:
     """Margin of every sight to every row in a state.
 
@@ -239,7 +233,7 @@ def state_margins(
 
 
 def joint_values(rows: Constraints, joints: ArrayLike) -> AnyArray:
-    """What rows of joints hold against their bound: ``f . (yaw, pitch)`` of every terminal.
+    """Left sides ``f . (yaw, pitch)`` of the rows of joints, of every terminal.
 
     Args:
         rows: the constraints; of rows of another sort the answer means nothing.
@@ -297,8 +291,13 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
     return of_entry, best
 
 
+def _same(number: AnyArray) -> AnyArray:
+    """(Z, Z) whether two rows have the same number."""
+    return number[:, None] == number[None, :]
+
+
 def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Smallest of `best_entries`, in one pass over the rows, which XLA fuses with what makes the margins.
+    """Margin of the worst constraint, in one pass over the rows, which XLA fuses with what makes the margins.
 
     Args:
         rows: of which those of an entry, and those of a constraint, lie side by side.
@@ -323,22 +322,14 @@ def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
     return worst
 
 
-def _same(number: AnyArray) -> AnyArray:
-    """(Z, Z) whether two rows have the same number."""
-    return number[:, None] == number[None, :]
-
-
 def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
-    """Which rows count: of every constraint those of the entry that holds best, the first of equal ones.
+    """Whether each row is one of the entry by which its constraint holds best, (..., Z) bool.
 
     Args:
         rows: the constraints.
-        margin: (..., Z) rad, as of `best_entries`.
-
-    Returns:
-        (..., Z) bool.
+        margin: (..., Z) rad, as of `chosen_entries`.
     """
-    if np.all(np.bincount(rows.group, minlength=1) <= 1):
+    if np.all(rows.single):
         return np.ones(margin.shape, dtype=bool)
     return np.asarray(chosen_entries(rows, margin) == rows.entry)
 
@@ -350,7 +341,7 @@ def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = None) -> AnyArray:
-    """What is compared with `thresholds`: the larger, the smaller is the margin.
+    """Score of each row, to be compared with `thresholds`: the larger it is, the smaller is the margin.
 
     Args:
         rows: the constraints.
@@ -360,7 +351,6 @@ def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = Non
     xp, cosine, side = arrays(cosines, rows.side)
     if not rows.inner:
         return side * cosine
-    assert values is not None
     return xp.where(rows.frame == JOINTS, -xp.asarray(values), side * cosine)
 
 
@@ -410,7 +400,7 @@ def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
 
 
 def score_curvature(rows: Constraints, turn: ArrayLike, rate: ArrayLike, bend: ArrayLike) -> AnyArray:
-    """Bound of the second derivative of scores over a motion, in the share of it.
+    """Bound of the second derivative of scores, by the share of a motion.
 
     Args:
         rows: the constraints.

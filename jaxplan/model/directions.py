@@ -31,9 +31,11 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-FARTHEST = 0.6  # of the spline's control points from the sample in front of them: it cannot come near zero
-_PLACES = 65  # where `reach` looks
-_ROUNDING = 4 * np.finfo(float).eps  # of a length
+# Largest distance of the spline's control points from the sample before them, so that it stays off zero;
+# and what turns farther between two samples is refused.
+FARTHEST = 0.6
+_PLACES = 65  # samples of a path that `reach` looks at; with more its bound is sharper
+_ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
 
 
 @shown("times s", "samples", "slopes 1/s")
@@ -100,7 +102,7 @@ class DirectionPath:
 
     @classmethod
     def still(cls, direction: ArrayLike) -> Self:
-        """The path of a direction (3,) that is known, and the same, at all times."""
+        """The path of a direction (3,) that stands still; it is known at all times."""
         _, unit = arrays(direction)
         return cls(times=np.zeros(1), samples=unit[None], slopes=np.zeros((1, 3)))
 
@@ -127,7 +129,7 @@ class DirectionPath:
         return value / xp.linalg.norm(value, axis=-1, keepdims=True)
 
     def rate(self, time: ArrayLike) -> Any:
-        """How fast the direction turns at some times: the derivative of `at`, which see.
+        """How fast the direction turns at some times: the derivative of `at` by time.
 
         Returns:
             (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
@@ -211,7 +213,7 @@ class DirectionPath:
 
 
 def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
-    """A direction (3,), or its path, as the path that it is."""
+    """The path of a direction, which may be given as (3,) or as a path already."""
     return direction if isinstance(direction, DirectionPath) else DirectionPath.still(direction)
 
 

@@ -89,7 +89,7 @@ class Quantity:
     given: Callable[[Spacecraft], Any]
 
     def __reduce__(self) -> tuple[Callable[[str], "Quantity"], tuple[str]]:
-        """Another process has the same list, and knows it by its name."""
+        """Pickle the name alone, since every process has the same list."""
         return _named, (self.name,)
 
     @property
@@ -103,7 +103,7 @@ class Quantity:
         return self.unit.translate(_RAISED)
 
     def in_unit(self, values: ArrayLike) -> np.ndarray:
-        """Values in `unit`, of values in SI units."""
+        """Values in `unit`, from values in SI units."""
         return np.rad2deg(values) if self.angular else np.asarray(values, float)
 
 
@@ -297,7 +297,7 @@ def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
 
 
 def highest_derivative(names: Iterable[str]) -> int:
-    """By how many derivatives by time the quantities of these names are made."""
+    """The highest derivative by time that quantities of these names need."""
     return max(_BY_NAME[name].power for name in names)
 
 

@@ -35,7 +35,7 @@ from jaxplan.runtime.display import shown
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Goal:
-    """Where the manoeuvre ends; and when and how fast, where targets or zones move.
+    """The state in which the manoeuvre ends; with time and rates where targets or zones move.
 
     Attributes:
         attitude: (3, 3) body to inertial.

@@ -7,8 +7,8 @@ Numbers that may be tuned are leaves; counts, names and choices are static.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Self
 
 import jax
@@ -19,18 +19,23 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
-from jaxplan.model.equality import same
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.runtime.arguments import as_floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-# `search.add_planner` adds to them.
+# Names of planners; `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
-_STEP = "[1e-3, 3.14]"  # rad; a longer turn has a shorter way round
+# Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
+# some radians have no degrees that a file could hold.
+_ROUNDING = 4 * np.finfo(float).eps
+_INFINITE = ("off", "inf")  # words that stand for an infinite number
+_STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
 @jax.tree_util.register_static
@@ -125,7 +130,7 @@ class Targets:
         return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
-        """The targets where they are at an instant, s; of such as move, at rest."""
+        """The targets as they are at an instant, s; at rest if any moves."""
         if not self.moves:
             return self
         each = [path.at(time) for path in self.paths]
@@ -204,7 +209,8 @@ class TrajectorySettings:
     """Settings of step 3.
 
     Attributes:
-        method: name of the method.
+        method: name of the method. What is said below to be of the other one has no effect, so that one may
+            change the method alone.
         duration: s; `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
             limits; `MINIMUM` (equal to "minimum"), of "global" only, for the shortest motion within limits
             and zones.
@@ -222,7 +228,12 @@ class TrajectorySettings:
     """
 
     method: str = keyed(
-        "global", "method", "the method", options=TRAJECTORY_METHODS, always=True, static=True
+        "global",
+        "method",
+        "the method; a key that is said to be of the other one has no effect",
+        options=TRAJECTORY_METHODS,
+        always=True,
+        static=True,
     )
     duration: float | str = keyed(
         STRETCHED,
@@ -281,7 +292,7 @@ class Scenario:
     """A planning problem with its settings.
 
     Two of them are equal if they say the same, in lists or arrays, in full or in short, with numbers to
-    within the rounding of an angle that goes to degrees and back (`jaxplan.model.equality`).
+    within the rounding of an angle that goes to degrees and back (`same`).
 
     Attributes:
         name: for titles and tables.
@@ -328,7 +339,7 @@ class Scenario:
     @property
     @made_once
     def constraints(self) -> Constraints:
-        """The same as rows."""
+        """All pointing constraints as rows, see `jaxplan.model.constraints`."""
         craft = self.spacecraft
         return tabulate(
             self.keep_out,
@@ -346,7 +357,7 @@ class Scenario:
 
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """All that moves, with its name in messages: zones by theirs, targets by their terminal's."""
+    """All paths along which something moves, each with the name that messages have for it."""
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
@@ -362,6 +373,70 @@ def moves(scenario: Scenario) -> bool:
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
-    """Until when all that moves is known, s, and what is not from then on; infinite where nothing moves."""
+    """Time until which all that moves is known, s, and what ends then; infinite where nothing moves."""
     ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
     return min(ends, default=(np.inf, ""))
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values of a scenario say the same, as trees of values.
+
+    Lists, tuples and arrays are compared entry by entry, numbers of any type as floats, and what may be given
+    in a short way is the same as in full: one number for one each, a name for a tuple of it, nothing for
+    zeros. NaN is equal to nothing, and what JAX traces is the same as itself alone.
+    """
+    if one is other:
+        return True
+    if isinstance(one, DirectionPath) or isinstance(other, DirectionPath):
+        return _same_paths(one, other)
+    if is_dataclass(one) or is_dataclass(other):
+        return type(one) is type(other) and all(
+            same(getattr(one, part.name), getattr(other, part.name)) for part in fields(one)
+        )
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.datetime64) or isinstance(other, np.datetime64):
+        instant = _instant(one)
+        return instant is not None and instant == _instant(other)
+    if isinstance(one, str) and isinstance(other, str):
+        return one == other
+    return _same_numbers(one, other) or _same_entries(one, other)
+
+
+def _same_paths(one: Any, other: Any) -> bool:
+    """Whether two paths, or a path and a direction, are the same over time."""
+    if not (isinstance(one, DirectionPath) and isinstance(other, DirectionPath)):
+        path, direction = (one, other) if isinstance(one, DirectionPath) else (other, one)
+        return not path.moves and same(path.samples[0], direction)
+    return same(one.samples, other.samples) and (not one.moves or same(one.times, other.times))
+
+
+def _instant(value: Any) -> Any:
+    try:
+        return parse_epoch(value)
+    except ValueError:
+        return None
+
+
+def _same_numbers(one: Any, other: Any) -> bool:
+    """Whether numbers, or arrays of them, are equal up to rounding; None and words stand for numbers."""
+    first, second = _numbers(one), _numbers(other)
+    if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
+        return False
+    with np.errstate(invalid="ignore"):  # of infinite ones, which are equal or not
+        near = np.abs(first - second) <= _ROUNDING * np.abs(second)
+    return bool(np.all((first == second) | (near & np.isfinite(second))))
+
+
+def _numbers(value: Any) -> np.ndarray | None:
+    if value is None:
+        return np.zeros(())
+    return np.array(math.inf) if isinstance(value, str) and value in _INFINITE else as_floats(value)
+
+
+def _same_entries(one: Any, other: Any) -> bool:
+    """Whether lists have equal entries; a name by itself is a list of one."""
+    first, second = ((each,) if isinstance(each, str) else each for each in (one, other))
+    if not (isinstance(first, list | tuple | np.ndarray) and isinstance(second, list | tuple | np.ndarray)):
+        return False
+    return len(first) == len(second) and all(map(same, first, second))

@@ -78,7 +78,7 @@ def joints_along(mounts: ArrayLike, body: ArrayLike) -> AnyArray:
 
 
 def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
-    """The values as one array: of numpy, not to be written to, or where JAX traces one of them, of JAX."""
+    """The values stacked to a read-only array of numpy, or to one of JAX where one of them is."""
     if array_module(*values) is jnp:
         return jnp.stack([jnp.asarray(value) for value in values])  # type: ignore[return-value]
     array = np.array(values)
@@ -198,19 +198,19 @@ class Spacecraft:
     @property
     @made_once
     def joint_rate_limits(self) -> np.ndarray:
-        """(2n,) rad/s."""
+        """(2n,) rad/s: the bound of each joint's rate."""
         return stacked([t.rate_limit for t in self.terminals] * 2)
 
     @property
     @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
-        """(2n,) rad/s^2."""
+        """(2n,) rad/s^2: the bound of each joint's acceleration."""
         return stacked([t.acceleration_limit for t in self.terminals] * 2)
 
     @property
     @made_once
     def mounts(self) -> np.ndarray:
-        """(n,) rad."""
+        """(n,) rad: the angle of each terminal's mounting."""
         return stacked([t.mount for t in self.terminals])
 
     @property

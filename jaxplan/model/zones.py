@@ -57,7 +57,7 @@ class FixedVector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cone:
-    """What both kinds of cone have; each says what it is for."""
+    """Attributes that both kinds of cone have."""
 
     side: ClassVar[float]
 
@@ -113,7 +113,7 @@ _SHOWN = ("half_angle deg", "direction", "axis_body", "axis_device", "devices", 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(_Cone):
-    """A cone that what it binds must not look into.
+    """A cone that no direction which it binds may enter.
 
     Attributes:
         name: unique among all zones.
@@ -136,7 +136,7 @@ class KeepOut(_Cone):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepIn(_Cone):
-    """A cone that all that it binds must stay in.
+    """A cone that no direction which it binds may leave.
 
     Attributes:
         name: unique among all zones.
@@ -192,13 +192,13 @@ Zone = KeepOut | KeepIn | JointBound
 """A pointing constraint, or a member of one, as it is stated."""
 
 
-_NOWHERE = np.full(3, np.nan)
+_NOWHERE = np.full(3, np.nan)  # the axis of a row whose axis moves
 _PADDING_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Row:
-    """What `Constraints` has of one row."""
+    """One row of `Constraints`."""
 
     zone: int = -1
     axis: Any = field(default_factory=_PADDING_AXIS.copy)
@@ -280,7 +280,7 @@ def _numbered(zones: Sequence[Zone]) -> tuple[list[int], list[int]]:
 
 
 class _Sights:
-    """The numbers of sights by the names of devices, and of further vectors; what is wrong with a zone's."""
+    """Sights by number; it finds those of a zone, and raises for names that are wrong."""
 
     def __init__(self, devices: tuple[str, ...], terminals: int, vectors: list[FixedVector]) -> None:
         self.devices, self.terminals = devices, terminals
@@ -322,7 +322,7 @@ class _Sights:
 
 
 def binds_all(zone: KeepOut | KeepIn) -> bool:
-    """Whether a cone binds all devices as it names none; only those to stay out of on the sky may."""
+    """Whether a cone binds all devices since it names none, as only inertial ones to stay out of may."""
     return zone.side > 0 and zone.is_inertial and not zone.devices and not zone.vectors
 
 
@@ -356,7 +356,7 @@ def _rows(number: int, zone: Zone, sights: _Sights) -> Iterator[_Row]:
 
 
 def sight_names(device_names: Sequence[str], rows: Constraints) -> list[str]:
-    """What the directions are called that some constraints bind: devices by name, others by their vector."""
+    """Names of the directions that constraints bind: devices by name, others by their vector."""
     moved = [
         f"direction {_numbers(v)} of {device_names[of]}"
         for of, v in zip(rows.carrier, rows.carried, strict=True)

@@ -1,8 +1,8 @@
 """From a scenario to a certified plan, and plans as files."""
 
-from jaxplan.planner.files import PlanFileError
+from jaxplan.planner.files import PlanFileError, save_plan
 from jaxplan.planner.proof import certify, check_margins
-from jaxplan.planner.record import Plan, PlanningError, load_plan, save_plan
+from jaxplan.planner.record import Plan, PlanningError, load_plan
 from jaxplan.planner.runs import plan, plan_batch
 
 __all__ = [

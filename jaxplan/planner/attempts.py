@@ -6,13 +6,15 @@ closer to them. A search that finds no path with the wanted clearance is run aga
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
-(`meeting`); the search sees what zones sweep (`moving`), and fit and certificate see them move.
+(`moving.Meeting`); the search sees what zones sweep, and fit and certificate see them move.
 
 `Attempts` are data: they say what is needed next, and take it. Who makes goals, paths, trajectories and
 reports is `jaxplan.planner.runs`.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from jaxplan.certificate import Certificate
@@ -20,18 +22,17 @@ from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import GoalQuery
-from jaxplan.planner.meeting import Meeting, duration_guesses
-from jaxplan.planner.moving import always, swept
+from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import fitted_plan, judged, wanted_fit
+from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, wanted_fit
 from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.jit import working_time
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 
-# The ladder of attempts at one goal: factor on the clearance, and how often each edge is halved.
+# The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
+# often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
 # Where no path is found with the wanted clearance, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
@@ -53,7 +54,7 @@ _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchQuery:
-    """A search that is needed.
+    """A search to be made.
 
     Attributes:
         scene: where to search.
@@ -62,6 +63,46 @@ class SearchQuery:
 
     scene: Scene
     settings: SearchSettings
+
+
+class Clock:
+    """Seconds by step, and what is left of a time limit.
+
+    Attributes:
+        seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
+            not what other plans took that are made at the same time.
+        compiling: seconds spent on that by all steps.
+        show: is told the name of a step that begins.
+    """
+
+    def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
+        self.seconds: dict[str, float] = {}
+        self.compiling = 0.0
+        self._left, self.show = time_limit, show
+
+    def left(self) -> float:
+        """Seconds that are left of the limit, which does not count what is spent on compiling."""
+        return max(self._left, 0.0)
+
+    def add(self, name: str, seconds: float, working: float) -> None:
+        """Count seconds, of which those that are not spent on compiling are the step's, and the limit's."""
+        worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
+        self.seconds[name] = self.seconds.get(name, 0.0) + worked
+        self.compiling += seconds - worked
+        self._left -= working
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Count the time of a block to a step."""
+        begin, began = time.monotonic(), working_time()
+        self.show(name)
+        yield
+        self.add(name, time.monotonic() - begin, working_time() - began)
+
+    def timings(self) -> dict[str, float]:
+        """Seconds by step, of compiling, and in all."""
+        total = sum(self.seconds.values()) + self.compiling
+        return {**self.seconds, "compile": self.compiling, "total": total}
 
 
 class Attempts:
@@ -88,7 +129,7 @@ class Attempts:
         self._over = False  # there is no use in another attempt
         broken = start_breaches(scenario)
         if broken:
-            message = messages.invalid(broken)
+            message = "; ".join(broken)
             self.plan = Plan(scenario=scenario, status=Status.INVALID_START, message=message)
             return
         with clock.step("decompose"):
@@ -98,7 +139,8 @@ class Attempts:
     def result(self) -> Plan:
         """The plan, once it is settled, with its timings."""
         plan = self.plan
-        assert plan is not None, "no attempt has been made"
+        if plan is None:
+            raise RuntimeError("no attempt has been made")
         if plan.ok and self._nearest is not None:
             plan = replace(plan, message=messages.farther(self._nearest, plan))
         return replace(plan, timings=self.clock.timings())
@@ -147,7 +189,8 @@ class Attempts:
 
     @property
     def _climbed(self) -> "_Way":
-        assert self._way is not None, "no goal has been found yet"
+        if self._way is None:
+            raise RuntimeError("no goal has been found yet")
         return self._way
 
     def _next_time(self) -> None:
@@ -166,7 +209,7 @@ class Attempts:
         self._next_rung(self._way)
 
     def _begun(self, goal: Goal, share: float) -> "_Way":
-        """The way to a goal; with no attempts where it is proved that there is no path."""
+        """The ladder of attempts at a goal, empty where it is proved that there is no path."""
         scenario = self.scenario
         seen, proved = swept(scenario, goal, share), always(scenario, goal)
         scene = make_scene(scenario, goal, seen)
@@ -222,7 +265,6 @@ class Attempts:
         """Ask for what a meeting needs; at its end go on with its fit."""
         self.need = meeting.need
         if meeting.need is None:
-            assert meeting.fit is not None
             self._meeting, way = None, self._climbed
             way.so_far = replace(way.so_far, goal=meeting.goal, path=meeting.path)
             self._fitted(meeting.fit)
@@ -246,7 +288,7 @@ class Attempts:
         self._next_rung(way)
 
     def _add(self, attempt: Plan) -> None:
-        """Keep an attempt if it got further than the best so far."""
+        """Keep an attempt if it is more informative than the best so far."""
         if self.plan is None or _TELLING.index(attempt.status) > _TELLING.index(self.plan.status):
             self.plan = attempt
         self._over = attempt.status in (Status.OK, Status.TIME_LIMIT)
@@ -261,7 +303,7 @@ class _Way:
         rungs: factors on the clearance and numbers of halvings, still to be tried.
         found: results of searches by the factor on the clearance.
         factor: of the attempt under way.
-        halvings: likewise.
+        halvings: of the attempt under way.
         so_far: the plan of that attempt.
         spare: the fit to go back to if that plan's trajectory is not certified.
     """

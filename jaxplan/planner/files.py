@@ -22,7 +22,7 @@ import numpy as np
 
 from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import moves
+from jaxplan.model.scenario import TRAJECTORY_METHODS, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import sight_names
 from jaxplan.runtime.arguments import file_path
@@ -46,6 +46,7 @@ from jaxplan.schema.kinds import (
 from jaxplan.schema.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory.splines import SMOOTHNESS
 
 SCHEMA_VERSION = 1
 
@@ -66,7 +67,8 @@ _STEPS_OF = {
     Status.UNCERTIFIED: (5, 5),
 }
 _SMALLEST_MARGIN = ("min_margin", "worst_time", "worst_device", "worst_zone")
-_ROUNDING = 1e-9  # of the duration
+_ROUNDING = 1e-9  # share of the duration by which a time may lie beyond the end of the trajectory
+_SAME_NODE = 1e-6  # rad, or part of a matrix, by which a path may miss start and goal; above any rounding
 
 _COUNT = Integer(Interval("[0, inf)"))
 _POSITIVE = Number(Interval("[0, inf)"))
@@ -132,8 +134,8 @@ _STEP_KINDS = {
         joint_breaks=_times("joint pieces + 1"),
         joint_coefficients=_array("joint pieces", "joint terms", "joint"),
         node_times=_times("edges + 1"),
-        smoothness=_COUNT,
-        method=Text(),
+        smoothness=Integer(Interval(f"[0, {SMOOTHNESS}]")),
+        method=Choice(TRAJECTORY_METHODS),
     ),
     "report": _table(
         Certificate,
@@ -152,7 +154,7 @@ _STEP_KINDS = {
 
 
 def _plan_table(moving: bool) -> Table:
-    """What the file of a plan holds beside version and scenario, in which something moves or not."""
+    """Table of a plan file beside version and scenario; where something moves, goals have time and rates."""
     steps = {"goal": _table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
     return _table(
         dict,
@@ -163,19 +165,22 @@ def _plan_table(moving: bool) -> Table:
     )
 
 
-def _check_agreement(read: Mapping[str, Any], root: Place) -> None:
-    """Note where tables that are well by themselves contradict each other."""
+def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -> None:
+    """Note where tables that are well by themselves contradict each other, or the scenario."""
     _check_steps(read, root)
     if read["search"] is not None:
-        _check_found_path(read["search"], root["search"])
+        _check_search(read, root["search"])
+    if read["path"] is not None and read["goal"] is not None:
+        _check_path(read["path"], scenario, read["goal"], root["path"])
     if read["report"] is not None:
         _check_report(read["status"], read["report"], root["report"])
     if read["trajectory"] is not None:
+        _check_method(read["trajectory"], scenario, root["trajectory"])
         _check_times(read["trajectory"], read["report"], root)
 
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
-    """Which steps are filled follows from the status, and none is left out before one that is filled."""
+    """Note where steps are filled that the status rules out, or left out that it asks for."""
     least, most = _STEPS_OF[read["status"]]
     because = f'since status = "{read["status"].name}"'
     last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
@@ -188,13 +193,37 @@ def _check_steps(read: Mapping[str, Any], root: Place) -> None:
             root[step].fault(f"must be a table, since {STEPS[last]} is one", None)
 
 
-def _check_found_path(search: SearchResult, place: Place) -> None:
+def _check_search(read: Mapping[str, Any], place: Place) -> None:
+    """Note where a search contradicts the plan: it ends with a path, or with the plan's own status."""
+    search, status = read["search"], read["status"]
     found = search.status is Status.OK
     because = f'since search.status = "{search.status.name}"'
     if found and search.path is None:
         place["path"].fault(f"must be a table, {because}", None)
     elif not found and search.path is not None:
         place["path"].fault(f"must be null, {because}")
+    expected = status if read["path"] is None else Status.OK
+    if search.status is not expected:
+        complaint = f'must be "{expected.name}", since status = "{status.name}"'
+        place["status"].fault(complaint, search.status.name)
+
+
+def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> None:
+    """Note where a path does not lead from the scenario's start to the goal."""
+    for number, name, end in ((0, "start", scenario.start), (-1, "goal", goal)):
+        for key, node, wanted in (
+            ("attitudes", path.attitudes[number], end.attitude),
+            ("joints", path.joints[number], end.joints),
+        ):
+            if not np.allclose(node, wanted, rtol=0, atol=_SAME_NODE):
+                place[key][number % len(path.joints)].fault(f"must be that of the {name}", node.tolist())
+
+
+def _check_method(trajectory: Trajectory, scenario: Scenario, place: Place) -> None:
+    """Note a trajectory of another method than the scenario asks for."""
+    asked = scenario.trajectory.method
+    if trajectory.method != asked:
+        place["method"].fault(f'must be "{asked}", as scenario.trajectory.method is', trajectory.method)
 
 
 def _check_report(status: Status, report: Certificate, place: Place) -> None:
@@ -208,10 +237,16 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
-    """Every time lies within the trajectory, whose breaks start at zero."""
+    """Note times outside the trajectory, and breaks or nodes that do not span it."""
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
+    nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
     if first != 0:
         root["trajectory"]["breaks"][0].fault("must be 0", first)
+    if nodes[0] != 0:
+        root["trajectory"]["node_times"][0].fault("must be 0", float(nodes[0]))
+    if nodes[-1] < end * (1 - _ROUNDING) and last:
+        complaint = f"must be the end of the trajectory, {end:g} s"
+        root["trajectory"]["node_times"][last].fault(complaint, float(nodes[-1]))
     for place, time in _instants(trajectory, report, root):
         if not time <= end * (1 + _ROUNDING):
             place.fault(f"must lie within the trajectory, which ends at {end:g} s", time)
@@ -239,7 +274,7 @@ class PlanFileError(ValueError):
     """A plan file that cannot be read; the message names the key and what is wrong."""
 
 
-def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
+def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
 
     Args:
@@ -272,7 +307,7 @@ def write_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file that `write_plan` wrote holds: the attributes of a plan.
+    """Read the attributes of a plan from a file that `save_plan` wrote.
 
     Args:
         path: the JSON file; timings are read if their file is there.
@@ -312,7 +347,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
     rest = {key: value for key, value in content.items() if key not in ("schema_version", "scenario")}
     read = _plan_table(moves(scenario)).read(rest, root)
     if not root.reading.faults:
-        _check_agreement(read, root)
+        _check_agreement(read, scenario, root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return {"scenario": scenario, "certificate": read.pop("report"), **read}
@@ -334,7 +369,7 @@ def _timings_file(path: FilePath) -> FilePath:
 
 
 def _plain(record: Any) -> Any:
-    """A dataclass, array or mapping as what JSON has."""
+    """A dataclass, array or mapping, made of what JSON has."""
     if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
     if isinstance(record, Status):
@@ -358,7 +393,7 @@ def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:
-    """The table of a JSON file; of which kind, a message says if it is none."""
+    """The table of a JSON file, whose kind messages name."""
 
     def refuse(word: str) -> float:
         raise ValueError(f"{word} is not allowed")

@@ -1,7 +1,5 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
@@ -15,13 +13,8 @@ from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 
 
 def when(scenario: Scenario, time: float) -> str:
-    """When that is, to end a sentence on a goal; empty where nothing moves."""
+    """The time of a goal, to end a sentence; empty where nothing moves."""
     return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
-
-
-def invalid(broken: Sequence[str]) -> str:
-    """What a start or goal breaks."""
-    return "; ".join(broken)
 
 
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
@@ -97,9 +90,8 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 
 def farther(nearest: Plan, plan: Plan) -> str:
     """Why a plan goes to another goal than the nearest one, which failed."""
-    assert nearest.goal is not None
-    slew = np.rad2deg(nearest.goal.slew_angle)
-    failed = f"this is not the nearest goal: that, {slew:.4g} deg away, ended as {nearest.status.name}"
+    away = "" if nearest.goal is None else f", {np.rad2deg(nearest.goal.slew_angle):.4g} deg away,"
+    failed = f"this is not the nearest goal: that{away} ended as {nearest.status.name}"
     return "; ".join(filter(None, (plan.message, failed, nearest.message)))
 
 

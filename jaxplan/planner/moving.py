@@ -1,13 +1,18 @@
-"""What a search, which knows only zones that stand still, takes for those that move.
+"""Manoeuvres in which zones or targets move: what the search takes for them, and when they end.
 
-`swept`: for each a cone that holds it, or for keep-in is held by it, over the whole manoeuvre, as far as the
-zone leaves start and goal clear at their own times. It guides the search; whether the motion keeps the zones
-as they move is for the fit and the certificate to say.
+The search knows only zones that stand still. `swept` has for each zone that moves a cone that holds it, or
+for keep-in is held by it, over the whole manoeuvre, as far as it leaves start and goal clear at their own
+times. It guides the search; whether the motion keeps the zones as they move is for the fit and the
+certificate to say. `always` has cones of directions that are forbidden at every instant: a ring of these
+parts start from goal for good, so they serve for the proof that there is no path.
 
-`always`: cones of directions that are forbidden at every instant. A ring of these parts start from goal for
-good, so they serve for the proof that there is no path.
+A goal that moves is one at the end of the manoeuvre. In a given duration that is known. In the shortest, or
+one stretched to the limits, the duration depends on the goal and the goal on the duration: in a `Meeting`
+fits and goals follow each other until both agree. That goes fast, since targets turn slowly. At last the
+motion is fitted in just the time after which its goal is there.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,16 +20,27 @@ import numpy as np
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Scenario, known_until
+from jaxplan.model.path import Goal, Path
+from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
+from jaxplan.model.status import Status
+from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
+from jaxplan.trajectory import Fit, FitQuery, duration_bound
 
-_SMALLEST = 1e-3  # rad, of a cone, and of what it leaves
-_ROOM = float(np.deg2rad(0.25))  # rad, at most left to a start or goal by a cone that is cut back for it
+_SMALLEST = (
+    1e-3  # rad, least half angle of a cone, and of what is outside; smaller ones are widened or dropped
+)
+_ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
+_ROUNDS = 5  # fits, each to the goal where the one before ends, after which duration and goal should agree
+_SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
+_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
+_DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
+_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, one after the other, where there is no goal then
 
 
 def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
-    """The constraints with cones that stand for those that move over the manoeuvre.
+    """The constraints, with cones that hold what moving ones sweep over the manoeuvre.
 
     Args:
         scenario: of one in which nothing moves they are its own.
@@ -60,7 +76,7 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
 
 
 def always(scenario: Scenario, goal: Goal) -> Constraints:
-    """The rows, and cones for what those that move forbid at every instant, where they forbid anything.
+    """The constraints, with cones of what moving ones forbid at every instant, if anything.
 
     Where the duration is to be found, that is as long as zones are known; and where targets move then, too,
     so that the goal may be elsewhere, nothing is forbidden for good.
@@ -91,3 +107,147 @@ def _swing(path: DirectionPath, time: float) -> tuple[np.ndarray, float]:
     """Where an axis is in the middle of the manoeuvre, and how far it gets from there, rad."""
     axis = np.asarray(path.at(time / 2))
     return axis, path.reach(axis, 0.0, time)
+
+
+def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
+    """When the manoeuvre may end, s, the likeliest first: its duration alone where that is given.
+
+    Args:
+        scenario: the problem; where nothing moves it does not matter, which is None.
+    """
+    if not moves(scenario):
+        return (None,)
+    duration = scenario.trajectory.duration
+    if not isinstance(duration, str):
+        return (float(duration),)
+    known, _ = known_until(scenario)
+    found = find_goals(_at_first(scenario))
+    goal = found.goal if isinstance(found, Plan) else found[0]
+    if goal is None:
+        guess = np.pi / scenario.spacecraft.rate_limit
+    else:
+        joints = np.stack([scenario.start.joints, goal.joints])
+        turn = np.stack([scenario.start.attitude, goal.attitude])
+        guess = _DETOUR * duration_bound(
+            scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
+        )
+    return tuple(float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS)
+
+
+class Meeting:
+    """Fits and goals in turn, until a motion ends at its goal when that is there.
+
+    Args:
+        scenario: in which something moves.
+        goal: where it is after a duration that is given, or guessed.
+        path: to it.
+
+    Attributes:
+        need: the fit or the goals that are needed next; None at the end.
+        fit: the last one, once there is any; at the end without a trajectory, and GOAL_MISSED, if the goal is
+            not met.
+        goal: as it is when the motion ends.
+        path: with this goal for its last node.
+    """
+
+    def __init__(self, scenario: Scenario, goal: Goal, path: Path) -> None:
+        self.scenario, self.goal, self.path = scenario, goal, path
+        self.fit: Fit
+        self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
+        self._known, self._what = known_until(scenario)
+        self._asked = goal.time  # s, for which goals were asked last
+        self._durations: list[float] = []  # s, of the fits so far
+        self._settled = False  # duration and goal agree
+        self._slacks = list(_SLACKS)  # still to be tried
+        self._timed = False  # the motion is fitted in a given time
+
+    def accept_fit(self, fit: Fit) -> None:
+        """Go on with the fit that was needed."""
+        self.fit, self.need = fit, None
+        if isinstance(self.scenario.trajectory.duration, str):
+            if self._timed:
+                self._after_timed_fit(fit)
+            else:
+                self._after_free_fit(fit)
+
+    def accept_goals(self, goals: Sequence[Goal] | None) -> None:
+        """Go on with the goals at the time that was asked for; None if there is none any more."""
+        time, self.need = self._asked, None
+        if goals is None:
+            self._miss(f"the motion takes about {time:.4g} s, and after these there is no goal any more")
+            return
+        was = self.goal.attitude
+        self.goal = min(goals, key=lambda one: float(np.linalg.norm(one.attitude - was)))
+        self.path = _ending(self.path, self.goal)
+        if time > 0:
+            scenario = _timed(self.scenario, time) if self._timed else self.scenario
+            self.need = wanted_fit(scenario, self.path, self.goal)
+
+    def _after_free_fit(self, fit: Fit) -> None:
+        """Ask for the goal where the motion ends; for a timed fit once the two agree, or often enough."""
+        curve, expected = fit.trajectory, self.goal.time
+        if curve is None or fit.status is Status.LIMITS_TOO_TIGHT:
+            return
+        if curve.duration > self._known:
+            self._miss(_unknown(self._what, self._known, curve.duration))
+            return
+        if curve.duration > 0:  # else it is there from the start, and need not stay
+            self._durations.append(curve.duration)
+            self._settled = abs(curve.duration - expected) <= _SETTLED * expected
+            if self._settled or len(self._durations) == _ROUNDS:
+                self._ask_for_slack()
+                return
+        self._ask(curve.duration)
+
+    def _after_timed_fit(self, fit: Fit) -> None:
+        """End with a motion that keeps its time; else ask for one with more slack."""
+        if fit.status is not Status.LIMITS_TOO_TIGHT:
+            return
+        if self._slacks and self.goal.time < self._known:
+            self._ask_for_slack()
+        elif not self._settled:
+            self._miss(f"after {_ROUNDS} rounds fit and goal still follow each other")
+
+    def _ask_for_slack(self) -> None:
+        """Ask for the goal at a time that is a little longer than the motion needs."""
+        # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
+        needed = self._durations[-1] if self._settled else max(self._durations[-2:])
+        self._timed = True
+        self._ask(min(needed * (1 + self._slacks.pop(0)), self._known))
+
+    def _ask(self, time: float) -> None:
+        """Ask for the goals at a time."""
+        self._asked = time
+        self.need = GoalQuery(self.scenario, time)
+
+    def _miss(self, message: str) -> None:
+        """End without a trajectory, since there is none whose end means anything."""
+        self.fit = Fit(trajectory=None, status=Status.GOAL_MISSED, message=message)
+
+
+def _timed(scenario: Scenario, time: float) -> Scenario:
+    """The scenario with a given duration, and the node tube that its word stood for."""
+    settings = scenario.trajectory
+    tube = np.inf if settings.duration == MINIMUM and settings.node_tube is None else settings.node_tube
+    return replace(scenario, trajectory=replace(settings, duration=time, node_tube=tube))
+
+
+def _at_first(scenario: Scenario) -> Scenario:
+    """The scenario with its targets where they are at first, and no zones."""
+    asked = scenario.goal
+    goal = asked if isinstance(asked, GivenState) else asked.at(0.0)
+    return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())
+
+
+def _ending(path: Path, goal: Goal) -> Path:
+    """The path with a goal as its last node."""
+    attitudes, joints = np.array(path.attitudes), np.array(path.joints)
+    attitudes[-1], joints[-1] = goal.attitude, goal.joints
+    return replace(path, attitudes=attitudes, joints=joints)
+
+
+def _unknown(what: str, known: float, needed: float) -> str:
+    return (
+        f"{what} is known until {known:g} s, and the motion takes {needed:.4g} s: "
+        "give samples for longer, of [sky] a longer for_duration_s"
+    )

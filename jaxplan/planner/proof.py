@@ -32,7 +32,7 @@ _SAME_TIME = 1e-12  # share of the duration by which the goal's time may differ 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProofQuery:
-    """What is to be certified against a scenario: zones, limits, start, and the goal that is asked for.
+    """A trajectory to be certified against its scenario's zones, limits, start and goal.
 
     Attributes:
         scenario: what must hold.
@@ -56,7 +56,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
             *_goal_faults(query.scenario, query.goal),
-            *arrival_faults(query.scenario, query.goal, query.trajectory),
+            *_arrival_faults(query.scenario, query.goal, query.trajectory.duration),
         )
         certified, faults = certificate.certified and not off, (*certificate.faults, *off)
         certificates.append(replace(certificate, certified=certified, faults=faults))
@@ -64,7 +64,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
 
 
 def _claim(query: ProofQuery) -> Claim:
-    """What the scenario asks of the trajectory, its goal being where it should end."""
+    """The claim that a trajectory keeps its scenario's limits and zones and ends at its goal."""
     scenario, goal, start = query.scenario, query.goal, query.scenario.start
     end, craft = end_rates(scenario, goal), scenario.spacecraft
     return Claim(
@@ -116,7 +116,7 @@ def certify(plan: Plan) -> Certificate:
 
 
 def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
-    """Faults, with those of rows of cones told as those of the zones that they are made of."""
+    """Faults in which zones stand for the rows of cones that are made of them."""
     others = tuple(fault for fault in faults if not fault.startswith("cones."))
     if len(others) == len(faults):
         return faults
@@ -153,51 +153,34 @@ def _zone_names(scenario: Scenario) -> list[str]:
     return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 
-def _goal_faults(scenario: Scenario, goal: Goal) -> tuple[str, ...]:
-    """Where a goal is not what the scenario asks for; in numpy, so that no NaN passes.
+def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
+    """A sentence for each way in which a goal is not what the scenario asks for.
 
-    Of the directions of targets that move `arrival_faults` tells.
+    It is in numpy, so that no NaN passes. Of the directions of targets that move `_arrival_faults` tells.
     """
-    asked, craft = scenario.goal, scenario.spacecraft
-    off = []
-    slew = so3.distance(scenario.start.attitude, goal.attitude)
-    if not abs(slew - goal.slew_angle) <= TOLERANCE:
-        off.append("the goal's slew angle is not that from the start")
-    if not isinstance(asked, GivenState):
-        limits = zip(
-            ("yaw", "pitch"), (asked.yaw_limit, asked.pitch_limit), np.split(goal.joints, 2), strict=True
-        )
-        for name, limit, angles in limits:
-            if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
-                off.append(f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}")
+    asked, attitude = scenario.goal, goal.attitude
+    if not abs(so3.distance(scenario.start.attitude, attitude) - goal.slew_angle) <= TOLERANCE:
+        yield "the goal's slew angle is not that from the start"
     if isinstance(asked, GivenState):
         attitude, joints = asked.attitude, asked.joints
-    elif asked.moves:
-        return tuple(off)
     else:
-        attitude = goal.attitude
-        joints = craft.joints_toward(goal.attitude, asked.directions)
+        limits = (("yaw", asked.yaw_limit), ("pitch", asked.pitch_limit))
+        for (name, limit), angles in zip(limits, np.split(goal.joints, 2), strict=True):
+            if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
+                yield f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}"
+        if asked.moves:
+            return
+        joints = scenario.spacecraft.joints_toward(attitude, asked.directions)
     if not np.linalg.norm(goal.attitude - attitude) <= TOLERANCE:
-        off.append("the goal's attitude is not the scenario's")
+        yield "the goal's attitude is not the scenario's"
     if not np.all(np.abs(goal.joints - joints) <= TOLERANCE):
-        off.append("the goal's joints do not point where the scenario asks")
-    return tuple(off)
-
-
-def arrival_faults(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> tuple[str, ...]:
-    """A sentence for each way in which a goal is not where its moving targets are.
-
-    Args:
-        scenario: what is asked; of one in which nothing moves nothing is wrong here.
-        goal: of the manoeuvre.
-        trajectory: that goes there.
-    """
-    if not moves(scenario):
-        return ()
-    return tuple(_arrival_faults(scenario, goal, trajectory.duration))
+        yield "the goal's joints do not point where the scenario asks"
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
+    """A sentence for each way in which a goal is not where its moving targets are when the motion ends."""
+    if not moves(scenario):
+        return
     if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
         yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
     asked = scenario.goal
@@ -209,7 +192,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     if not 0 <= goal.time <= known_until(scenario)[0]:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
-    beams, rates = beam_motion(scenario, goal)
+    beams, rates = _beam_motion(scenario, goal, goal.angular_velocity, goal.joint_rates)
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)
     for terminal, off, too_fast in zip(scenario.spacecraft.terminals, apart, slip, strict=True):
@@ -219,13 +202,14 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
             yield f"at the goal {terminal.name} turns {too_fast:.3g} rad/s otherwise than its moving target"
 
 
-def beam_motion(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (n, 3) of the terminals' beams at a goal with rates, inertial, and theirs (n, 3), 1/s."""
-    assert goal.angular_velocity is not None
+def _beam_motion(
+    scenario: Scenario, goal: Goal, angular_velocity: np.ndarray, joint_rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inertial directions (n, 3) of the terminals' beams at a goal, and how fast they turn (n, 3), 1/s."""
     yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
-    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(goal.joint_rates, float), 2))
+    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(joint_rates, float), 2))
     azimuth = yaw + scenario.spacecraft.mounts
     circles = np.cos(azimuth), np.sin(azimuth), np.cos(pitch), np.sin(pitch)
     body, by_yaw, by_pitch = (np.stack(one, axis=-1) for one in (outward(*circles), *slopes(*circles)))
-    moving = np.cross(goal.angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
+    moving = np.cross(angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
     return body @ goal.attitude.T, moving @ goal.attitude.T

@@ -11,7 +11,7 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
-from jaxplan.planner.files import read_plan, write_plan
+from jaxplan.planner.files import read_plan, save_plan
 from jaxplan.runtime.display import as_table, shown
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory, duration_bound, excess
@@ -27,7 +27,7 @@ def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
 
 
 def report_summary(report: Certificate | None) -> dict[str, Any]:
-    """What a certificate says, in the units of files, for machines; of none, the same keys with None."""
+    """A certificate as a dict in the units of files; without one, the same keys with None."""
     found = Certificate(certified=False, faults=()) if report is None else report
     margin = found.min_margin
     summary = {
@@ -97,7 +97,7 @@ class Plan:
 
     @property
     def duration_bound(self) -> float | None:
-        """No motion to this goal that keeps rates and accelerations is quicker, s; None without a path.
+        """Lower bound of the duration to this goal within rates and accelerations, s; None without a path.
 
         Of another goal that meets the same targets it does not speak (`goal_chosen`).
         """
@@ -113,7 +113,7 @@ class Plan:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan to a JSON file, see `save_plan`."""
+        """Write the plan to a JSON file, see `jaxplan.planner.save_plan`."""
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
@@ -174,20 +174,6 @@ class Plan:
         return as_table(f"Plan of {self.scenario.name}", self.rows())
 
 
-def save_plan(plan: Plan, path: str | os.PathLike[str]) -> None:
-    """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
-
-    Args:
-        plan: any plan, also one that failed.
-        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
-            never the new one beside the timings of the old.
-
-    Raises:
-        ValueError: if the path is called like a file of timings.
-    """
-    write_plan(plan, path)
-
-
 def load_plan(path: str | os.PathLike[str]) -> Plan:
     """Read a plan that `save_plan` wrote.
 
@@ -201,7 +187,7 @@ def load_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 class PlanningError(Exception):
-    """There is no certified plan.
+    """The error of `plan` where there is no certified plan.
 
     Attributes:
         plan: what was found before it failed.

@@ -5,16 +5,18 @@ one, their searches, fits and proofs are made together. What that is, with all r
 `Attempts` to say.
 """
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.attempts import Attempts, SearchQuery
-from jaxplan.planner.clock import Clock, shared_step
-from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.attempts import Attempts, Clock, SearchQuery
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
-from jaxplan.runtime.jit import clear_if_full
+from jaxplan.planner.steps import GoalQuery, find_goals
+from jaxplan.runtime.batching import Seconds
+from jaxplan.runtime.jit import clear_if_full, working_time
 from jaxplan.search import search_batch
 from jaxplan.trajectory import FitQuery, fit_batch
 
@@ -61,7 +63,7 @@ def _find_goals(open_: Sequence[Attempts]) -> None:
 def _search_paths(open_: Sequence[Attempts]) -> None:
     """Step 2 of all that need it, together."""
     waiting = _in_need(open_, SearchQuery)
-    with shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
+    with _shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
         scenes, settings = [query.scene for _, query in waiting], [query.settings for _, query in waiting]
         found = search_batch(scenes, settings, seconds)
     for (attempts, _), result in zip(waiting, found, strict=True):
@@ -71,7 +73,7 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
 def _fit_trajectories(open_: Sequence[Attempts]) -> None:
     """Step 3 of all that need it, together."""
     waiting = _in_need(open_, FitQuery)
-    with shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
+    with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
     for (attempts, _), fitted in zip(waiting, found, strict=True):
         attempts.accept_fit(fitted)
@@ -80,7 +82,7 @@ def _fit_trajectories(open_: Sequence[Attempts]) -> None:
 def _prove_certificates(open_: Sequence[Attempts]) -> None:
     """The certificates of all that need one, together."""
     waiting = _in_need(open_, ProofQuery)
-    with shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
+    with _shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
         found = prove_batch([query for _, query in waiting])
     for (attempts, _), certificate in zip(waiting, found, strict=True):
         attempts.accept_certificate(certificate)
@@ -90,3 +92,27 @@ def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempt
     """The attempts whose next need is of a kind, each with that need."""
     needs: list[tuple[Attempts, Any]] = [(attempts, attempts.need) for attempts in open_]
     return [(attempts, need) for attempts, need in needs if isinstance(need, kind)]
+
+
+@contextmanager
+def _shared_step(name: str, clocks: Sequence[Clock]) -> Iterator[Seconds]:
+    """Count the time of a block to a step of several plans.
+
+    Args:
+        name: of the step.
+        clocks: of the plans; without any nothing is counted.
+
+    Yields:
+        Where the block says what each plan has taken; what is nobody's own is shared equally.
+    """
+    seconds = Seconds(len(clocks))
+    begin, began = time.monotonic(), working_time()
+    for clock in clocks:
+        clock.show(name)
+    yield seconds
+    if not clocks:
+        return
+    wall, working = time.monotonic() - begin, working_time() - began
+    spent = seconds.spent + (working - seconds.spent.sum()) / len(clocks)
+    for clock, own in zip(clocks, spent.tolist(), strict=True):
+        clock.add(name, own + (wall - working) / len(clocks), own)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Future
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.clock import Clock
+from jaxplan.planner.attempts import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, several
@@ -15,13 +15,11 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import take_in
-from jaxplan.search import PLANNERS
-from jaxplan.trajectory import METHODS
 
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
 _LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask for together
-_PARTS = 3  # for each worker, so that all get done at about the same time
+_PARTS = 3  # parts for each worker, so that all get done at about the same time
 
 
 def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
@@ -39,9 +37,8 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
     Raises:
         PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
         TypeError: if it is no scenario.
-        ValueError: if a method that it names is not known, or something that moves is not known for its
-            duration; `ScenarioError` for values that a scenario file may not have, and those of a wrong type
-            or shape, with every fault.
+        ScenarioError: for values that a scenario file may not have, methods that do not exist among them,
+            and those of a wrong type or shape; a ValueError, with every fault.
 
     Example:
         >>> import jaxplan as jp
@@ -81,8 +78,8 @@ def plan_batch(
 
     Raises:
         TypeError: if one of them is no scenario, or workers are no executor and no number.
-        ValueError: as of `plan`, before anything is planned, with the number of the scenario; or for less
-            than one process.
+        ScenarioError: as of `plan`, before anything is planned, with the number of the scenario.
+        ValueError: for less than one process.
         RuntimeError: if worker processes die; `run_study` outlives that.
     """
     if isinstance(scenarios, Scenario):
@@ -109,16 +106,10 @@ def as_filed(name: str, given: object) -> Scenario:
         TypeError: for what is no scenario, such as the name of a file.
         ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
             lists every fault by its attribute.
-        ValueError: for methods that do not exist.
     """
     several = isinstance(given, list | tuple)
     advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
     scenario = expect(name, given, Scenario, advice)
-    for part, methods in (("search", PLANNERS), ("trajectory", METHODS)):
-        method = getattr(getattr(scenario, part), "method", None)
-        if isinstance(method, str) and method not in methods:
-            known = " or ".join(f'"{known}"' for known in methods)
-            raise ValueError(f"{name}.{part}.method = {method!r}: must be {known}")
     try:
         return take_in(scenario)
     except ScenarioError as error:
@@ -164,5 +155,5 @@ def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool)
 
 
 def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
-    """What a worker does."""
+    """Plan a part of the scenarios, in a worker process."""
     return _here(scenarios, progress=False)

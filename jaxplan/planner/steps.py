@@ -1,18 +1,135 @@
-"""What step 3 is asked for a scenario, and a plan with the trajectory and the certificate that it gets."""
+"""The steps of a plan that are no more than a call: what they are asked for a scenario, and what they answer.
 
-from dataclasses import replace
+Step 1 has the goal that is given, or those that are found; where something moves, a goal is one at a time,
+the end of the manoeuvre. Step 3 has the trajectory along a path. A certificate settles the plan.
+"""
 
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan import so3
 from jaxplan.certificate import Certificate
+from jaxplan.goal import decompose, tracking_rates
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import breaches
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalQuery:
+    """Goals to be found, see `find_goals`.
+
+    Attributes:
+        scenario: the problem.
+        time: s, when the manoeuvre ends; None where nothing moves.
+    """
+
+    scenario: Scenario
+    time: float | None
+
+
+def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:
+    """The goals to try, nearest first, or a plan that says why there is none.
+
+    Args:
+        scenario: the problem.
+        time: s, when the manoeuvre ends; it matters only where something moves, and must be given there.
+    """
+    end, wanted = 0.0 if time is None else time, scenario.search.max_goals
+    asked, start = scenario.goal, scenario.start.attitude
+    if isinstance(asked, GivenState):
+        candidates: tuple[Goal, ...] = (_given(asked, start),)
+    else:
+        rows, most = scenario.constraints.at(end), largest_slew(scenario)
+        found = decompose(
+            scenario.spacecraft,
+            start,
+            asked.at(end),
+            rows,
+            max_slew=most,
+            max_goals=wanted,
+            seed=scenario.search.seed,
+        )
+        if not found.goals:
+            message = messages.unreachable(scenario, rows, found) + messages.when(scenario, end)
+            return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
+        candidates = found.goals
+    if moves(scenario):
+        candidates = tuple(_arriving(scenario, goal, end) for goal in candidates)
+    broken = [_broken(scenario, goal, end) for goal in candidates]
+    valid = tuple(goal for goal, faults in zip(candidates, broken, strict=True) if not faults)
+    if not valid:
+        message = "; ".join(broken[0]) + messages.when(scenario, end)
+        return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
+    return valid[:wanted]
+
+
+def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
+    """What a goal breaks when it is reached at a time, s."""
+    rates = end_rates(scenario, goal)
+    return breaches(scenario, goal.attitude, goal.joints, *rates, arriving=True, time=time)
+
+
+def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
+    """A goal with the rates at which the manoeuvre ends there.
+
+    Args:
+        scenario: in which something moves.
+        goal: of it.
+        time: s.
+    """
+    asked = scenario.goal
+    if isinstance(asked, GivenState) or not asked.moves:
+        rates = asked.angular_velocity, asked.joint_rates
+    else:
+        rates = tracking_rates(goal, **pursuit(scenario, asked, time))
+    return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
+
+
+def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
+    """What a goal with moving targets follows, as arguments of `tracking_rates` and `goal_in_time` by name.
+
+    Args:
+        scenario: the problem.
+        targets: of its goal.
+        time: s, when the manoeuvre ends; it may be traced.
+    """
+    rows = scenario.constraints
+    return {
+        "spacecraft": scenario.spacecraft,
+        "start_attitude": scenario.start.attitude,
+        "targets": targets.at(time),
+        "cones": rows.at(time),
+        "target_rates": targets.rates(time),
+        "axis_rates": rows.axis_rates(time),
+    }
+
+
+def _given(state: GivenState, attitude: np.ndarray) -> Goal:
+    slew = float(so3.distance(attitude, state.attitude))
+    return Goal(attitude=state.attitude, joints=np.asarray(state.joints, float), slew_angle=slew)
+
+
+def largest_slew(scenario: Scenario) -> float:
+    """Bound of the platform's rotation, equations (5) and (6), rad.
+
+    Within limits of each body axis the rate's length is at most sqrt(3) times the limit. A duration that
+    is not a number bounds nothing but half a turn.
+    """
+    duration = scenario.trajectory.duration
+    if isinstance(duration, str):
+        return float(np.pi)
+    return float(min(np.pi, np.sqrt(3) * scenario.spacecraft.rate_limit * duration))
+
+
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
-    """Step 3 of a scenario along a path to a goal, by the method it asks for."""
+    """The fit of a scenario along a path to a goal, by the method that it asks for."""
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
@@ -33,7 +150,7 @@ def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
 
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
-    """The plan with what step 3 found, if anything, not yet certified."""
+    """The plan with the trajectory that step 3 found, if any, not yet certified."""
     message = fitted.note if fitted.status is Status.OK else fitted.message
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 

@@ -69,7 +69,10 @@ def breaches(
         if not rate <= limit * (1 + ROUNDING)
     ]
     found += _overruns(scenario, joints, joint_rates, arriving)
-    return (*found, *_zone_breaches(scenario, attitude, joints, time))
+    rows = scenario.constraints.at(time)
+    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
+    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
+    return (*found, *constraint_breaches(rows, craft, attitude, joints, names, groups))
 
 
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
@@ -81,7 +84,7 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
 def _overruns(
     scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
 ) -> Iterator[str]:
-    """Joints within their limits that even full braking takes beyond, or that come from there."""
+    """Joints within limits that full braking cannot keep there, or that must come from beyond."""
     craft = scenario.spacecraft
     room = craft.joint_limits - np.abs(joints)
     outward = np.where(arriving, -1, 1) * np.sign(joints) * joint_rates
@@ -93,15 +96,6 @@ def _overruns(
             yield f"{where} moves away from it at {rate:.4g} deg/s, so it must have been beyond it"
         else:
             yield f"{where} moves toward it at {rate:.4g} deg/s and cannot stop before it"
-
-
-def _zone_breaches(
-    scenario: Scenario, attitude: np.ndarray, joints: np.ndarray, time: float
-) -> Iterator[str]:
-    rows = scenario.constraints.at(time)
-    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
-    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
-    yield from constraint_breaches(rows, scenario.spacecraft, attitude, joints, names, groups)
 
 
 def constraint_breaches(
@@ -120,7 +114,7 @@ def constraint_breaches(
         attitude: (3, 3) body to inertial.
         joints: (2n,) rad.
         names: of the rows, without padding.
-        groups: likewise the name of the group that a row's constraint is, None where it has none.
+        groups: of the rows, the name of the group that a row's constraint is, None where it has none.
 
     Yields:
         The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
@@ -144,7 +138,7 @@ def constraint_breaches(
 
 
 def _where(rows: Constraints, row: int, name: str, axes: Sequence[str]) -> str:
-    """Where a sight is that breaks a row; `axes` are the names of all sights as axes of others."""
+    """The end of a sentence on a sight that breaks a row; `axes` are the sights' names as axes of others."""
     if rows.frame[row] == JOINTS:
         return f"beyond joint bound {name}"
     side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"

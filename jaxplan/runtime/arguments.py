@@ -14,8 +14,8 @@ import numpy as np
 
 Kind = TypeVar("Kind")
 
-_MOST_SHOWN = 9  # numbers of an array; that is a matrix
-_LONGEST = 60  # characters
+_MOST_SHOWN = 9  # numbers of an array that messages show, enough for a matrix
+_LONGEST = 60  # characters of a value that messages show
 
 
 def show(value: object) -> str:
@@ -72,7 +72,7 @@ def floats(name: str, value: object, wanted: str) -> np.ndarray:
 
 
 def number(name: str, value: object, wanted: str) -> float:
-    """A single number; the rest is as of `floats`."""
+    """A single number as a float; arguments and errors are those of `floats`."""
     array = as_floats(value)
     if array is None or array.ndim:
         raise ValueError(f"{name} = {show(value)}: must be {wanted}")
@@ -114,14 +114,14 @@ def expect_numbers(name: str, value: object, *last: int) -> None:
 
 
 def several(name: str, value: object, wanted: str) -> Iterable[Any]:
-    """What can be gone through one by one; a TypeError for anything else, and for text."""
+    """The value if it is an iterable; a TypeError for anything else, and for text."""
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return value
     raise TypeError(f"{name} must be several {wanted}, not {type(value).__name__}")
 
 
 def file_path(name: str, value: object) -> Path:
-    """A path; a TypeError for what is none."""
+    """The value as a path; a TypeError for what is none."""
     if isinstance(value, str | os.PathLike):
         return Path(value)
     raise TypeError(f"{name} must be a path, as text or a pathlib.Path, not {type(value).__name__}")

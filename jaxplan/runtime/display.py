@@ -34,7 +34,7 @@ _LISTED = 12  # numbers of an array that are shown one by one
 
 
 def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], type[T]]:
-    """What gives a class a short `repr` and a table for notebooks.
+    """Decorate a class so that it has a short `repr` and a table for notebooks.
 
     Args:
         quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
@@ -70,7 +70,7 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
 
 def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
-    """What tells of a thing without warnings, and in another way where the first one raises."""
+    """A function that shows a thing without warnings, by `otherwise` where `tell` raises."""
 
     def told(self: T) -> str:
         with warnings.catch_warnings():
@@ -120,7 +120,7 @@ class _Quantity(NamedTuple):
 
 
 def _heading(thing: Any, form: str | None) -> str:
-    """Over a line or table; of a thing that is too odd, its class."""
+    """The heading of a line or table; the class of a thing that cannot tell."""
     kind = type(thing).__name__
     try:
         if form is not None:

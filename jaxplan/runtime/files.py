@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
-    """A file to write instead of the target, whose place it takes when the block ends well.
+    """Give a file to write, which takes the target's place when the block ends well.
 
     Args:
         target: the place; an old file there stays until the new one is whole. Its folder is made.
@@ -29,7 +29,7 @@ def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill instead of the target, whose place it takes when the block ends well.
+    """Give a folder to fill, which takes the target's place when the block ends well.
 
     Args:
         target: the place; an old folder there goes away with all that is in it.

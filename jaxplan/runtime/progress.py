@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_SIZE = {"ncols": 80, "nrows": 24}  # of a terminal that tells none
+_SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, of a terminal that tells no size
 _TICK = 1.0  # s, until a bar shows, and between two looks at whether something compiles
 # JAX tells only of ends; the end of lowering is the beginning of compiling.
 _BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
@@ -48,7 +48,7 @@ class Bar:
         self._tqdm.set_postfix_str(text, refresh=False)
 
     def compiles(self, begins: bool) -> None:
-        """Take note of that JAX begins to compile, or has ended."""
+        """Note that JAX begins to compile, or has ended."""
         self._compiling = begins
         self._compiled = True
 

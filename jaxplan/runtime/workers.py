@@ -62,7 +62,7 @@ def one_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...]:
-    """What gets and sets the threads of each OpenBLAS in this process: numpy and scipy bring one each."""
+    """Getter and setter of the threads of each OpenBLAS in this process: numpy and scipy bring one each."""
     import numpy  # noqa: F401
     import scipy.linalg  # noqa: F401
 
@@ -92,7 +92,7 @@ _UNGUARDED = 113  # exit code of a worker that came upon the call which began it
 
 
 class _Worker(SpawnProcess):
-    """A process that is known by its name, also while it runs the user's script."""
+    """A worker process, known by its name also while it runs the user's script."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -124,7 +124,7 @@ def _only_a_script_that_is_there() -> Iterator[None]:
 
 
 class WorkerPool:
-    """Workers, to whom parts of some work are handed.
+    """A pool of workers to hand parts of some work to.
 
     Args:
         workers: a number of processes of our own, or somebody's executor.
@@ -195,7 +195,7 @@ def _bring_up_one(pool: ProcessPoolExecutor) -> None:
 
 
 class WorkersDiedError(RuntimeError):
-    """Workers died as they began; public functions raise it anew, since our own lines tell nothing."""
+    """The error of workers that died as they began; public functions raise it anew, without our own lines."""
 
 
 _DIED = (
@@ -214,7 +214,7 @@ def _guard_advice() -> str:
 
 
 def who_works(workers: Workers | None, executor: Workers | None) -> Workers | None:
-    """Whom a caller gives as ``workers=`` or by its older name ``executor=``, None for this process.
+    """The workers that a caller gives by either name of the argument, None for this process.
 
     One of our own processes that is asked this while it runs the user's script ends: it was the same line of
     the script that began it, which says what to do about it.
@@ -273,7 +273,7 @@ def _begin(compiled_code: dict[str, object]) -> None:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work forever."""
+    """End with the parent process: a worker whose parent was killed would wait for work forever."""
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -2,8 +2,8 @@
 
 What a file may hold is declared with the fields of these dataclasses. `kinds` and `arrays` read single
 values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
-must go together, `sky` what bodies and satellites stand for. `reading` has the entry points, `spelling` has
-words for every key, and `numbers` finds numbers that may be tuned.
+must go together, `sky` what bodies and satellites stand for. `reading` has the entry points, `text` is TOML
+and has words for every key, and `numbers` finds numbers that may be tuned.
 """
 
 from jaxplan.schema.faults import ScenarioError

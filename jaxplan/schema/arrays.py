@@ -16,15 +16,15 @@ from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.kinds import NUMBER, Kind, Number
 
-UNIT_TOLERANCE = 1e-3
-_ROUNDING = 8 * np.finfo(float).eps  # of a length
-# Of a rotation matrix; the certificate, which is not for reading files, is stricter.
+UNIT_TOLERANCE = 1e-3  # by which a length may differ from one; beyond it is refused
+_ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits
+# By which entries of R^T R may differ from the identity; the certificate is stricter.
 ORTHONORMAL = 1e-6
 # How long an axis of a name may be, where its first array sets that.
 LENGTHS = {"sample": (2, 10_000)} | dict.fromkeys(
     ("pieces", "terms", "joint pieces", "joint terms"), (1, math.inf)
 )
-_MOST_FAULTS = 20  # of one array that are told; a damaged one has thousands
+_MOST_FAULTS = 20  # faults of one array that are told; a damaged one has thousands
 
 Rule = Callable[[np.ndarray, Any, Place], Any]
 """Takes an array, what it was read from and its place; answers with the array as it is held, or `WRONG`."""
@@ -176,7 +176,7 @@ def _within(place: Place, index: Any) -> Place:
 
 
 def _told(array: np.ndarray, value: Any, place: Place) -> Any:
-    """What an array was read from, as it is shown."""
+    """The value that an array was read from, as messages show it."""
     return array.tolist() if place.reading.python else value
 
 
@@ -221,7 +221,7 @@ def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
-    """Rotation matrices, in the last two axes; the first that is none is told."""
+    """Rotation matrices in the last two axes; a fault names the first that is none."""
     gram = np.swapaxes(matrices, -1, -2) @ matrices
     good = np.all(np.abs(gram - np.eye(3)) <= ORTHONORMAL, axis=(-1, -2)) & (np.linalg.det(matrices) > 0)
     if np.all(good):

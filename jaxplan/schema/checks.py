@@ -15,9 +15,10 @@ from jaxplan.schema.arrays import per_axis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import Number, shortest_degrees
 
-MOST_ZONES = 1000
+MOST_ZONES = 1000  # of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}
 """Keys of a file under which pointing constraints stand, and their attributes."""
+# Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 _DEVICES = {"terminal": "terminals", "instrument": "instruments"}
 
@@ -92,8 +93,8 @@ def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 def _check_zone(key: str, zone: Any, place: Place) -> None:
     """A zone binds something, other than its own axis, and an entry is one of a group."""
     if key != "joint_bound":
-        aside = key == "keep_in" or zone.axis_body is not None or zone.axis_device is not None
-        if aside and zone.devices == () and zone.vectors == ():
+        aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
+        if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
             place["devices"].fault("missing (or vector), must be an array of names of devices")
         axis, bound = zone.axis_device, zone.devices
         if isinstance(axis, str) and bound is not WRONG and axis in bound:
@@ -131,7 +132,7 @@ def _check_goal_limits(scenario: Scenario, root: Place) -> None:
 
 
 def _check_duration(scenario: Scenario, root: Place) -> None:
-    """The paper's method knows no shortest motion, and scales the time, with it the rates at both ends."""
+    """The paper's method finds no shortest motion, and stretching the time changes rates at both ends."""
     settings = scenario.trajectory
     if getattr(settings, "method", "") != "paper" or not isinstance(settings.duration, str):
         return

@@ -80,7 +80,7 @@ def show(value: object) -> str:
 
 
 class Spelled(NamedTuple):
-    """How a place is told: its path, the unit of numbers there, and what takes a file's numbers to it."""
+    """How messages name a place: its path, its unit, and the factor from the file's unit to that."""
 
     path: str
     unit: str = ""
@@ -114,7 +114,7 @@ class Reading:
         self.terminals: int | None = None
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        """How the place is told to which keys and indices lead."""
+        """How messages name the place that keys and indices lead to."""
         return Spelled(spell_path(steps))
 
     def show(self, value: object) -> str:
@@ -144,7 +144,7 @@ class Place:
 
     @property
     def spelled(self) -> Spelled:
-        """How it is told."""
+        """How messages name this place."""
         steps: list[str | int] = []
         place = self
         while place._before is not None:
@@ -185,6 +185,12 @@ class Place:
         return self.fault(complaint, value, bare=True)
 
 
+def closest(name: str, known: Sequence[str]) -> str | None:
+    """The known name that an unknown one resembles, None where it resembles none."""
+    close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
+    return close[0] if close else None
+
+
 def nearest(name: str, known: Sequence[str], kind: str) -> str:
     """Advice on an unknown name: the known one it resembles, or else all of them.
 
@@ -193,7 +199,7 @@ def nearest(name: str, known: Sequence[str], kind: str) -> str:
         known: what it may say.
         kind: what they are, in the plural.
     """
-    close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
-    if close:
-        return f"perhaps {spell_key(close[0])} is meant"
+    close = closest(name, known)
+    if close is not None:
+        return f"perhaps {spell_key(close)} is meant"
     return f"the {kind} are {', '.join(map(spell_key, known))}" if known else f"there are no {kind}"

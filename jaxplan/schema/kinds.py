@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
-from jaxplan.schema.faults import WRONG, Place, Reading, nearest, quote, show
+from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, quote, show
 
 
 class Kind(ABC):
@@ -137,8 +137,11 @@ class Choice(Kind):
         for option in self.options:
             if type(value) is type(option) and value == option:
                 return self.meanings.get(value, option) if self.meanings else option
+        words = [option for option in self.options if isinstance(option, str)]
+        close = closest(value, words) if isinstance(value, str) else None
+        hint = "" if close is None else f"; perhaps {show(close)} is meant"
         tell = place.fault if isinstance(value, str | int) else place.refuse
-        return tell(f"must be {self.wanted}", value)
+        return tell(f"must be {self.wanted}{hint}", value)
 
 
 @dataclass(frozen=True)
@@ -148,11 +151,8 @@ class YesNo(Kind):
     wanted = "true or false"
 
     def read(self, value: Any, place: Place) -> Any:
-        return (
-            bool(value)
-            if isinstance(value, bool | np.bool_)
-            else place.refuse(f"must be {self.wanted}", value)
-        )
+        wrong = not isinstance(value, bool | np.bool_)
+        return place.refuse(f"must be {self.wanted}", value) if wrong else bool(value)
 
 
 @dataclass(frozen=True)
@@ -188,8 +188,10 @@ class Number(Kind):
             if isinstance(value, str) and value in self.words:
                 return self.words[value]
             what = "a real number" if isinstance(value, complex) else "a number"
-            what = self._wanted(f"{what}, in radians" if self.degrees else what) if python else self.wanted
-            return place.refuse(f"must be {what}", value)
+            if python and self.degrees:
+                unit = place.spelled.unit
+                what = f"{what}, in {'radians' if unit in ('', 'rad') else unit}"
+            return place.refuse(f"must be {self._wanted(what) if python else self.wanted}", value)
         if not math.isfinite(number):
             if number in self.words.values() and (python or ("inf" in self.words and value == number)):
                 return number  # not of an integer that is only too large for a float
@@ -222,7 +224,7 @@ def _degrees(angle: float) -> float:
 
 
 def _real(value: Any, python: bool) -> float | None:
-    """A number as a float: of a file an integer, of Python whatever numpy takes for one; None for others."""
+    """A value as a float, None if it is no number: in Python whatever numpy takes for one."""
     if python:
         array = as_floats(value)
         return float(array) if array is not None and not array.ndim else None

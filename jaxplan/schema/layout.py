@@ -55,7 +55,7 @@ from jaxplan.sky import BODIES
 SCHEMA_VERSION = 1
 _ANGLE = Number(Interval("[-1e3, 1e3]"))  # rad, or rad/s: any number of turns that a file may mean
 _ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
-_SLOPE_ROUNDING = 1e-3  # rad between two samples, of slopes that were held with fewer digits
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes held with fewer digits may be off
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _path(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _taken_path(path: DirectionPath, place: Place) -> Any:
-    """A path that was made in Python, of arrays, as the same samples make it from a file."""
+    """The path of one made in Python, made anew from its samples as a file's is."""
     parts = {
         entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
         for entry in PATH.attributes
@@ -241,7 +241,7 @@ def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
 
 
 def _split_zone(zone: Any) -> dict[str, Any]:
-    """What a file has of a zone: samples and times of an axis that moves."""
+    """The keys of a zone in a file, which has samples and times of an axis that moves."""
     if not zone.moves:
         return vars(zone)
     return vars(zone) | {"direction": None, "samples": zone.direction.samples, "times": zone.direction.times}
@@ -294,7 +294,7 @@ def _split_state(state: GivenState) -> dict[str, Any]:
 
 
 def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
-    """What the state holds, less the rates that an absent key stands for (minus zero is not)."""
+    """The attributes of a state without rates of zero, which an absent key stands for (not minus zero)."""
     parts = dict(vars(state))
     for name in ("angular_velocity", "joint_rates"):
         if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
@@ -371,7 +371,7 @@ class Goal(Either):
 
 
 def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
-    """The scenario, and its view of the sky, which is resolved and not kept but for its epoch."""
+    """The scenario, and its view of the sky, of which only the epoch is kept."""
     del parts["schema_version"]
     view = parts.pop("sky", None)
     return Scenario(**parts), view

@@ -23,7 +23,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import as_floats, expect, file_path, show
 from jaxplan.runtime.files import replacing_file
-from jaxplan.schema import toml
+from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
 from jaxplan.schema.kinds import Kind
@@ -34,7 +34,7 @@ SETTINGS_TABLES = ("search", "trajectory")
 
 
 class PythonReading(Reading):
-    """A scenario that was made in Python is read: faults are told by attributes, in the model's units."""
+    """The reading of a scenario made in Python, whose faults are told by attributes, in the model's units."""
 
     python = True
     root = "the scenario"
@@ -72,9 +72,9 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     file_path("path", path)
     try:
         with open(path, "rb") as file:
-            content = file.read(toml.LARGEST_FILE + 1)
-        if len(content) > toml.LARGEST_FILE:
-            raise toml.too_large()
+            content = file.read(texts.LARGEST_FILE + 1)
+        if len(content) > texts.LARGEST_FILE:
+            raise texts.too_large()
         return parse_scenario(content.decode("utf-8-sig"))
     except OSError as error:
         faults = [f"cannot be read: {error.strerror or error}"]
@@ -97,7 +97,7 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: the text is no scenario; the message lists every fault.
     """
-    return scenario_from_dict(toml.parse(text))
+    return scenario_from_dict(texts.parse(text))
 
 
 def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
@@ -151,7 +151,7 @@ def refuse_types(given: object) -> None:
 
 
 def _taken(given: object) -> tuple[Any, Reading]:
-    """A scenario as it is taken, as far as it can be, and what was noted of it."""
+    """A scenario with the model's own types, as far as it could be read, and the faults noted."""
     scenario = expect("scenario", given, Scenario)
     root = Place(PythonReading())
     root.reading.terminals = _terminals(scenario)
@@ -192,7 +192,7 @@ def _terminals(scenario: Scenario) -> int | None:
 
 
 def _length(value: object, of: int = 1) -> int | None:
-    """How often an array has so many entries; None for what is no array of numbers, or has some too many."""
+    """Length of an array over a divisor; None for what is no array of numbers, or leaves a rest."""
     array = as_floats(value)
     return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None
 
@@ -224,7 +224,7 @@ def dump_scenario(scenario: Scenario) -> str:
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
     """
-    return toml.write(scenario_to_dict(scenario))
+    return texts.write(scenario_to_dict(scenario))
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:

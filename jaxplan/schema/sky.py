@@ -225,7 +225,7 @@ def _path(name: str, place: Place, view: View, bodies: tuple[str, ...]) -> Any:
 
 
 def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
-    """What the sky answers, or `WRONG` after noting why it has no answer."""
+    """The answer of a call to `jaxplan.sky`, or `WRONG` after noting why there is none."""
     try:
         return make()
     except (ValueError, ImportError) as error:

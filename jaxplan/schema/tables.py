@@ -132,7 +132,7 @@ class Table(Kind):
         return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def _of_python(self, value: Any, place: Place) -> Any:
-        """The object, or where something in it must be taken for something else, one with that."""
+        """The object with the model's own types; itself where it has them already."""
         if not isinstance(value, self.model):
             return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
         own = value.__dict__
@@ -168,7 +168,7 @@ class Table(Kind):
 
     @cached_property
     def _sure(self) -> set[str]:
-        """Attributes that hold what nobody can change, and that are judged by themselves."""
+        """Attributes whose values are immutable and judged by themselves, so that once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
@@ -197,7 +197,7 @@ class Table(Kind):
 
     @cached_property
     def _usual(self) -> dict[str, str]:
-        """By key, what is not written since the class fills it in."""
+        """Default of each key, as written; a value that equals it is left out."""
         usual = self.defaults()
         return {
             entry.key: repr(entry.kind.write(usual[entry.attribute]))
@@ -206,7 +206,7 @@ class Table(Kind):
         }
 
     def defaults(self) -> dict[str, Any]:
-        """What the model's class fills in, by attribute."""
+        """Defaults of the model's class, by attribute."""
         if self.model is dict:
             return {}
         given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
@@ -240,7 +240,7 @@ def table(
 
 
 def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
-    """What a field of a dataclass tells of its key; of an attribute without one, its name stands for it."""
+    """The key of a dataclass field; of an attribute without one, its name stands for it."""
     told: Key = part.metadata["key"]
     return Field(
         told.name or part.name,

@@ -25,15 +25,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.epochs import TT_MINUS_TAI, leaps
+from jaxplan.model.epochs import TT_MINUS_TAI, leaps
 from jaxplan.runtime.arguments import floats
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 BODIES = ("sun", "moon", "earth")
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
-_DAY = 86400.0  # s
-_MOST_SECONDS = 4.1e9  # s: all the years that an epoch may lie in
+_DAY = 86400.0  # s in a day
+_MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
 
 
 def library(module: str) -> Any:

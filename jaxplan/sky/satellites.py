@@ -13,7 +13,7 @@ from numbers import Real
 import jax
 import numpy as np
 
-from jaxplan.epochs import parse_epoch
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.display import shown
 from jaxplan.sky import orbits
 from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
@@ -21,7 +21,7 @@ from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 COLUMNS = 69  # characters of a line
 STALE_DAYS = 7.0  # days from the elements' epoch: from here on SGP4 is likely tens of km off in low orbit
 LAST_DAYS = 30.0  # days from the elements' epoch: from here on hundreds of km, and it is not asked any more
-_DAY = 86400.0  # s
+_DAY = 86400.0  # s in a day
 
 # What SGP4 answers instead of a position, by its codes.
 _ERRORS = {

@@ -10,8 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.epochs import parse_epoch
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import floats, number
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
@@ -19,9 +19,9 @@ from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 Thing: TypeAlias = CircularOrbit | Tle | str | np.ndarray | Sequence[float]
 Epoch: TypeAlias = str | np.datetime64
 
-DRIFT_SAMPLES = 512
-LONGEST_DRIFT = 86400.0  # s
-_LONGEST_STEP = 10.0  # s
+DRIFT_SAMPLES = 512  # intervals over a duration, at least; more make a drift's bound sharper
+LONGEST_DRIFT = 86400.0  # s, beyond which a duration is refused
+_LONGEST_STEP = 10.0  # s between samples of a drift, at most
 
 
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:

@@ -113,10 +113,11 @@ def keep_out(
     for place, device in enumerate(names):
         if device in names[:place]:
             raise ValueError(f"devices[{place}] = {device!r}: is named twice")
-    if half_angle_deg is not None and not 0 < number("half_angle_deg", half_angle_deg, "a number") < 180:
-        raise ValueError(f"half_angle_deg = {half_angle_deg}: must lie in (0, 180)")
-    if exclusion_deg is not None and not 0 <= number("exclusion_deg", exclusion_deg, "a number") < 180:
-        raise ValueError(f"exclusion_deg = {exclusion_deg}: must lie in [0, 180)")
+    from_limb = half_angle_deg is None
+    what, given = ("exclusion_deg", exclusion_deg) if from_limb else ("half_angle_deg", half_angle_deg)
+    angle = number(what, given, "a number")
+    if not 0 <= angle < 180 or (angle == 0 and not from_limb):
+        raise ValueError(f"{what} = {given}: must lie in {'[' if from_limb else '('}0, 180)")
     if moving and not number("for_duration_s", for_duration_s, "a number of s") > 0:
         raise ValueError(f"for_duration_s = {for_duration_s}: must be positive for a zone that is moving")
     times = drift_times(observer, for_duration_s)
@@ -130,17 +131,15 @@ def keep_out(
         direction = axis = seen[len(times) // 2]
         reach, slack = separation(axis, seen), half_step(seen)
     limb = angular_radius(body, epoch=epoch, observer=observer, times=times, atmosphere_km=atmosphere_km)
-    if exclusion_deg is None:
-        given, what = float(half_angle_deg or 0.0), f"half_angle_deg = {half_angle_deg}"
-    else:
-        given, what = float(exclusion_deg), f"exclusion_deg = {exclusion_deg}"
+    if from_limb:
         reach = reach + limb
         slack += float(np.max(np.abs(np.diff(limb)), initial=0.0)) / 2
     added = math.degrees(float(np.max(reach)) + slack)
-    half_angle = math.ceil((given + added) * _DIGITS - 1e-3) / _DIGITS  # what was given stays as it is
+    half_angle = math.ceil((angle + added) * _DIGITS - 1e-3) / _DIGITS  # what was given stays as it is
     if not half_angle < 180:
         raise ValueError(
-            f"{what}: with the {added:.4g} deg of the {body} itself and of its drift it must stay below 180"
+            f"{what} = {given}: with the {added:.4g} deg of the {body} itself and of its drift "
+            "it must stay below 180"
         )
     return KeepOut(
         name=body if name is None else name,

@@ -25,8 +25,8 @@ from jaxplan.cases import random_scenario
 from jaxplan.model.path import Path, edge_margins
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
-from jaxplan.planner.goals import find_goals
 from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import find_goals
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit

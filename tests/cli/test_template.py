@@ -11,8 +11,8 @@ import jaxplan as jp
 from jaxplan.planner.validity import start_breaches
 from jaxplan.schema import parse_scenario
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.spelling import template
 from jaxplan.schema.tables import Either, Rows, Table
+from jaxplan.schema.text import template
 
 OPTION = re.compile(r"#(?=[\w\[])")
 

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cli import main
-from jaxplan.epochs import parse_epoch, utc_texts
 from jaxplan.exporting import FORMATS, formats
 from jaxplan.exporting.sampled import instants, labels, sample
 from jaxplan.geometry import quaternion
+from jaxplan.model.epochs import parse_epoch, utc_texts
 
 STEP = 0.05
 

@@ -10,7 +10,7 @@ from builders import make_scenario
 from exports import DURATION, EPOCH, Truth, differences, flown_plan, truth
 
 import jaxplan as jp
-from jaxplan.epochs import ephemeris_time
+from jaxplan.model.epochs import ephemeris_time
 
 spice = pytest.importorskip("spiceypy", reason="spiceypy is not installed")
 pytest.importorskip("erfa", reason="pyerfa is not installed")

@@ -17,7 +17,7 @@ from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepOut, sight_names
 from jaxplan.planner import messages
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import constraint_breaches
 
 START = Rotation.from_rotvec([0.4, -0.2, 0.7]).as_matrix()

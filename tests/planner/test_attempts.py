@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, SearchQuery
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, Clock, SearchQuery
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.search import SearchResult
 from jaxplan.search.multi_heuristic import make_root, trace
 from jaxplan.trajectory import Fit, FitQuery

@@ -16,10 +16,9 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets, known_until
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner.goals import GoalQuery, find_goals
-from jaxplan.planner.meeting import Meeting
-from jaxplan.planner.moving import always, swept
+from jaxplan.planner.moving import Meeting, always, swept
 from jaxplan.planner.proof import certify, check_margins
+from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit
 

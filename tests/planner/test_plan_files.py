@@ -143,7 +143,7 @@ def test_a_damaged_file_is_refused_by_name(plan, tmp_path, name):
         jp.load_plan(tmp_path / "bad.json")
 
 
-# What stands at a place of the file of case 1, and the complaint about it.
+# What stands at a place of the file of case 1, and the complaint about it. With "" a place stands here twice.
 WRONG_VALUES = {
     ("search", "status"): ([], 'must be "OK"'),
     ("search", "expansions"): (-3, "must be at least 0"),
@@ -155,7 +155,14 @@ WRONG_VALUES = {
     ("report",): (None, 'must be a table, since status = "OK"'),
     ("path", "attitudes", 0, 0, 0): (1e300, "must lie in"),
     ("path", "attitudes", 2): ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], "must be a rotation matrix"),
-    ("trajectory", "method"): ({}, "must be a line of text"),
+    ("search", "status", ""): ("NO_PATH", 'must be "OK", since status = "OK"'),
+    ("path", "attitudes", 0): ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], "must be that of the start"),
+    ("path", "joints", 14): ([0.0] * 6, "must be that of the goal"),
+    ("trajectory", "method"): ({}, 'must be "global" or "paper"'),
+    ("trajectory", "method", ""): ("global", 'must be "paper", as scenario.trajectory.method is'),
+    ("trajectory", "smoothness"): (9, "must lie in [0, 4]"),
+    ("trajectory", "node_times", 0): (0.5, "must be 0"),
+    ("trajectory", "node_times", 14, ""): (79.0, "must be the end of the trajectory, 80 s"),
     ("trajectory", "breaks"): ([0.0], "must be an array of 2 numbers, not of 1"),
     ("trajectory", "breaks", 1): (90.0, ""),
     ("trajectory", "node_times"): ([], "must be an array of 15 numbers, not of 0"),
@@ -203,7 +210,8 @@ def put(content: dict[str, object], keys: tuple[object, ...], value: object) -> 
 
 def test_a_wrong_value_is_refused_with_its_file_key_and_range(plan, tmp_path):
     content = written(plan, tmp_path / "plan.json")
-    for keys, (value, complaint) in WRONG_VALUES.items():
+    for place, (value, complaint) in WRONG_VALUES.items():
+        keys = tuple(key for key in place if key != "")
         message = refusal_of(put(content, keys, value), tmp_path / "bad.json")
         assert str(tmp_path / "bad.json") in message
         assert spelled(keys).partition("[")[0] in message

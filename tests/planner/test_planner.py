@@ -17,10 +17,9 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.scenario import STRETCHED, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
-from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
-from jaxplan.planner.clock import Clock
-from jaxplan.planner.goals import GoalQuery, find_goals
+from jaxplan.planner.attempts import LADDER, Attempts, Clock, SearchQuery
 from jaxplan.planner.proof import certify
+from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.tables import trajectory_table
 from jaxplan.schema import parse_scenario, with_settings
@@ -342,9 +341,9 @@ def test_what_is_no_scenario_is_told_how_to_get_one(given):
 def test_a_method_that_does_not_exist_is_refused_by_name(part):
     scenario = make_scenario(1)
     odd = replace(scenario, **{part: replace(getattr(scenario, part), method="astar")})
-    with pytest.raises(ValueError, match=rf"scenario\.{part}\.method = 'astar': must be \"\w+"):
+    with pytest.raises(jp.ScenarioError, match=rf"scenario: {part}\.method = 'astar': must be \"\w+"):
         jp.plan(odd)
-    with pytest.raises(ValueError, match=rf"scenarios\[1\]\.{part}\.method"):
+    with pytest.raises(jp.ScenarioError, match=rf"scenarios\[1\]: {part}\.method"):
         jp.plan_batch([scenario, odd])
 
 

@@ -265,7 +265,17 @@ SCENARIOS = {
     ),
     "settings as a dict": (scene(search={"seed": 1}), "search = a dict: must be a SearchSettings"),
     "no method": (search(method=None), 'search.method = None: must be "mha"'),
-    "an unknown method": (search(method="a*"), "scenario.search.method = 'a*': must be \"mha\""),
+    "an unknown method": (search(method="a*"), "scenario: search.method = 'a*': must be \"mha\""),
+    "a method with a letter too few": (
+        search(method="astar"),
+        'search.method = \'astar\': must be "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect"; '
+        'perhaps "wastar" is meant',
+    ),
+    "a rate in words": (craft(rate_limit="fast"), "rate_limit = 'fast': must be a number, in rad/s"),
+    "an acceleration in words": (
+        craft(acceleration_limit="fast"),
+        "acceleration_limit = 'fast': must be a number, in rad/s²",
+    ),
     "factors in a list": (search(terminal_step_scale=[1]), "terminal_step_scale = [1]: must be a dict"),
     "a factor in words": (
         search(terminal_step_scale={"terminal-1": "x"}),

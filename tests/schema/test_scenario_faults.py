@@ -281,6 +281,12 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
     )
 
 
+def test_of_a_zone_with_two_axes_only_that_is_told():
+    read = changed({"keep_out[0].axis_body": [0.0, 0.0, 1.0], "keep_out[0].devices": ABSENT})
+    complaint = "stands in the place of direction, only one of them can be given"
+    assert faults_of(read) == (f"keep_out[0].axis_body: {complaint}",)
+
+
 @pytest.mark.parametrize(
     "line",
     [

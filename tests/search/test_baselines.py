@@ -14,7 +14,7 @@ from jaxplan.cases import SKY_KINDS, paper_case, random_scenario
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
 from jaxplan.search.paths import between

@@ -10,7 +10,7 @@ from jaxplan.cases import paper_case, random_scenario
 from jaxplan.model.path import Goal
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepOut
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.search import PLANNERS, Scene, SearchResult, mha
 from jaxplan.search.scene import steps_between
 

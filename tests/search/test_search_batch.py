@@ -13,7 +13,7 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.paper.rrt_star import Star
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.runtime.batching import Seconds
 from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, mha, remove_planner, search_batch
 from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun

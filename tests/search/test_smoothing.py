@@ -270,7 +270,7 @@ def test_a_second_scene_of_the_same_padded_sizes_compiles_nothing(compilations):
 @pytest.mark.parametrize("kind", ["keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links"])
 def test_random_scenes_get_paths_that_keep_every_promise(kind):
     from jaxplan.cases import random_scenario
-    from jaxplan.planner.goals import find_goals
+    from jaxplan.planner.steps import find_goals
 
     shorter = 0
     for seed in range(3):

@@ -6,8 +6,8 @@ import pytest
 from heavens import TEME_ACCURACY, almanac_sun, on_the_ground, teme_to_j2000
 
 from jaxplan import sky
-from jaxplan.epochs import parse_epoch
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.epochs import parse_epoch
 from jaxplan.sky import frames, orbits
 from jaxplan.sky.frames import elapsed, teme_to_gcrs
 

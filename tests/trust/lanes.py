@@ -18,7 +18,7 @@ from jaxplan.model.path import edge_margins
 from jaxplan.model.spacecraft import body_boresights
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.planner.goals import find_goals
+from jaxplan.planner.steps import find_goals
 from jaxplan.search import Scene, search_batch
 
 LANES = 1000

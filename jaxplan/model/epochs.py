@@ -15,7 +15,7 @@ _FIRST, _LAST = 1972, 2099  # years
 _TOO_FINE = re.compile(r"\.\d{6}\d*[1-9]")
 _SECOND = np.timedelta64(1, "s")
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
-TT_MINUS_TAI = 32.184  # s
+TT_MINUS_TAI = 32.184  # s, terrestrial time less atomic time
 
 
 def parse_epoch(text: object) -> np.datetime64:
@@ -77,7 +77,7 @@ def ephemeris_time(start: np.datetime64) -> float:
 
 
 def leaps(stamp: np.datetime64) -> float:
-    """Seconds that TAI is ahead of UTC; of times to come, as far as is known.
+    """Seconds that TAI is ahead of UTC; in years to come, as far as is known.
 
     Raises:
         ValueError: if pyerfa is not installed.

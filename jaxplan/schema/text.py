@@ -1,0 +1,240 @@
+"""Scenario files as text: TOML read and written, and a commented file to begin with.
+
+TOML is read with `tomllib` behind a guard, which refuses what `tomllib` has no bound for: its time grows with
+the square of a dotted key's length, and it recurses into nested brackets. All numbers are written in full, so
+they read back with the same bits.
+
+What there is to say about keys comes from the layout by which files are read: value, unit, range, default and
+meaning of each. The manual shows it as tables, the template as comments. The scene of the template and
+examples of what has no default stand in ``template.toml``, whose comments say what belongs to the scene.
+"""
+
+import re
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from typing import Any
+
+from jaxplan.schema.faults import ScenarioError, quote, spell_key
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.tables import Either, Field, Rows, Table
+
+LARGEST_FILE = 2**20  # bytes
+_DEEPEST = 16  # brackets, or parts of a dotted key; a scenario needs four
+_LONGEST_WORD = 1000  # characters of a bare key or a number
+_WIDEST_LINE = 100  # characters; a longer array is written with an item a line
+
+_TOKENS = re.compile(
+    r"""(?P<skip> \"{3}(?:[^\\]|\\.)*?(?:\"{3,5}|\\?\Z) | '{3}.*?(?:'{3,5}|\Z) # strings over many lines
+      | "(?:[^"\\\n]|\\[^\n])*"? | '[^'\n]*'? | \#[^\n]*)                     # strings on one line, comments
+      | (?P<open>[\[{]) | (?P<close>[\]}]) | (?P<dot>\.) | (?P<end>[=,\n])
+      | (?P<word>[A-Za-z0-9_+-]+)""",
+    re.DOTALL | re.VERBOSE,
+)
+
+_COLUMN = 38  # where comments begin; a longer line has its comment above
+_WIDTH = 118  # characters of a line with its comment
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+
+_HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
+_LINE = re.compile(r"#?(\w+) = .*")
+
+
+def parse(text: str) -> dict[str, Any]:
+    """The document as nested dicts and lists.
+
+    Raises:
+        ScenarioError: where the text is no TOML, or no document of sane size, with line and column.
+    """
+    if len(text) > LARGEST_FILE:
+        raise too_large()
+    _refuse_bombs(text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message = str(error)
+    found = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
+    if found:
+        raise ScenarioError([f"line {found[2]}, column {found[3]}: not TOML, {_uncapitalised(found[1])}"])
+    reason = message.removesuffix(" (at end of document)")
+    raise ScenarioError([f"{_position(text, len(text))}: not TOML, {_uncapitalised(reason)}"])
+
+
+def too_large() -> ScenarioError:
+    """The error for a file that is too large to be a scenario or a plan."""
+    return ScenarioError([f"larger than {LARGEST_FILE >> 20} MiB, which no scenario is"])
+
+
+def _refuse_bombs(text: str) -> None:
+    """Raise where brackets or dotted keys are too deep, or a word too long, for `tomllib` to cope."""
+    depth = dots = 0
+    for token in _TOKENS.finditer(text):
+        kind = token.lastgroup
+        if kind == "open":
+            depth += 1
+        elif kind == "close":
+            depth -= 1
+        elif kind == "dot":
+            dots += 1
+        elif kind == "end":
+            dots = 0
+        if depth > _DEEPEST or dots > _DEEPEST:
+            raise ScenarioError([f"{_position(text, token.start())}: nested more than {_DEEPEST} deep"])
+        if kind == "word" and token.end() - token.start() > _LONGEST_WORD:
+            raise ScenarioError([f"{_position(text, token.start())}: longer than {_LONGEST_WORD} characters"])
+
+
+def _position(text: str, index: int) -> str:
+    """Line and column, counted from one."""
+    return f"line {text.count(chr(10), 0, index) + 1}, column {index - text.rfind(chr(10), 0, index)}"
+
+
+def _uncapitalised(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]
+
+
+def write(document: Mapping[str, Any]) -> str:
+    """The document as text.
+
+    Args:
+        document: values, then tables and arrays of tables, which may hold arrays of tables in turn.
+
+    Returns:
+        text that `parse` reads back with the same bits in every number.
+    """
+    return "\n\n".join(_blocks(document, "", "")) + "\n"
+
+
+def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
+    """A table's own lines, then a block for each table in it; a dict below the top is written in line."""
+    lines = [header] if header else []
+    inner: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        rows = isinstance(value, list) and value and all(isinstance(item, dict) for item in value)
+        if rows or (isinstance(value, dict) and not path):
+            inner.append((key, value))
+        else:
+            lines.append(f"{spell_key(key)} = {value_text(value)}")
+    yield "\n".join(lines)
+    for key, value in inner:
+        name = f"{path}.{spell_key(key)}".lstrip(".")
+        if isinstance(value, dict):
+            yield from _blocks(value, name, f"[{name}]")
+        else:
+            for row in value:
+                yield from _blocks(row, name, f"[[{name}]]")
+
+
+def value_text(value: Any) -> str:
+    """A value as the right side of a line says it."""
+    if isinstance(value, str):
+        return quote(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{spell_key(key)} = {value_text(item)}' for key, item in value.items())} }}"
+    if not isinstance(value, list):
+        return repr(value)
+    items = [value_text(item) for item in value]
+    line = f"[{', '.join(items)}]"
+    if len(line) <= _WIDEST_LINE and not any(isinstance(item, list | dict) for item in value):
+        return line
+    return "[\n" + "".join(f"    {item},\n" for item in items) + "]"
+
+
+def entries(table: Table) -> list[Field]:
+    """The keys of a table that hold values, in the order of writing; those of its inner tables are theirs."""
+    return [entry for entry in table.fields if not isinstance(entry.kind, Table | Rows)]
+
+
+def alternatives(table: Table, entry: Field) -> list[str]:
+    """Keys that may stand in the place of one."""
+    return [other.key for other in table.fields if other.says == entry.says and other is not entry]
+
+
+def default(table: Table, entry: Field) -> str | None:
+    """What an absent key stands for, as a file would say it; None where that is nothing."""
+    usual = table.defaults().get(entry.attribute)
+    if entry.required or usual is None or usual in ((), {}):
+        return None
+    return value_text(entry.kind.write(usual))
+
+
+def template() -> str:
+    """The text of a scenario file that can be planned as it is.
+
+    Lines that begin with ``#`` and no blank are options. Each holds without the ``#``, too; of a block whose
+    header is such a line, all together.
+    """
+    source = files("jaxplan.schema").joinpath("template.toml").read_text(encoding="utf-8")
+    told: set[tuple[str, str]] = set()
+    return "\n\n".join(_block(block, told) for block in source.strip().split("\n\n")) + "\n"
+
+
+def _block(block: str, told: set[tuple[str, str]]) -> str:
+    """A block of lines between blank ones, with comments from the layout.
+
+    Args:
+        block: of the source.
+        told: tables and keys of which it was said before; those of this block are added.
+    """
+    sections = re.split(r"\n(?=#?\[)", block)
+    return "\n".join(line for section in sections for line in _section(section.split("\n"), told))
+
+
+def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
+    """A table's lines in the order of the layout, with the settings that the source leaves to it."""
+    header = next((found for line in lines if (found := _HEADER.fullmatch(line))), None)
+    path = header[2] if header else ""
+    given = {found[1]: line for line in lines if (found := _LINE.fullmatch(line))}
+    yield from (line for line in lines if line not in given.values() and not _HEADER.fullmatch(line))
+    if not header and not given:
+        return
+    table, meaning = _table(path)
+    if header:
+        yield header[0] if (path, "") in told else _beside(header[0], meaning)
+    whole = {entry.key: entry for entry in entries(table)}
+    unknown = given.keys() - whole.keys()
+    if unknown:
+        raise KeyError(f"{path} has no {', '.join(sorted(unknown))}")
+    for key, entry in whole.items():
+        line = given.get(key)
+        usual = default(table, entry)
+        if line is None and (path, "") not in told and usual is not None:
+            line = f"{'' if entry.always else '#'}{key} = {usual}"
+        if line is not None:
+            yield line if (path, key) in told else _beside(line, _comment(table, entry))
+            told.add((path, key))
+    told.add((path, ""))
+
+
+def _table(path: str) -> tuple[Table, str]:
+    """The table under a header, of several the first, and what it is."""
+    table, meaning = SCENARIO, ""
+    for key in filter(None, path.split(".")):
+        entry = next(entry for entry in table.fields if entry.key == key)
+        kind, meaning = entry.kind, entry.meaning
+        if isinstance(kind, Either):
+            kind = next(iter(kind.tables.values()))
+        table = kind.table if isinstance(kind, Rows) else kind  # type: ignore[assignment]
+    return table, meaning
+
+
+def _comment(table: Table, entry: Field) -> str:
+    """What is to be said of a key."""
+    unit = f", {entry.unit}" if entry.unit else ""
+    interval = f" in {entry.kind.range.replace(' ', _NO_BREAK)}" if entry.kind.range else ""
+    others = alternatives(table, entry)
+    instead = f"; or {', '.join(others)}" if others else ""
+    return f"{entry.meaning}; {entry.value}{unit}{interval}{instead}"
+
+
+def _beside(line: str, comment: str) -> str:
+    """A line with its comment to the right, going on below; above a line that is too long."""
+    above = len(line) > _COLUMN - 2
+    width = _WIDTH - 2 if above else _WIDTH - _COLUMN - 2
+    first, *more = (f"# {part.replace(_NO_BREAK, ' ')}" for part in textwrap.wrap(comment, width))
+    if above:
+        return "\n".join([first, *more, line])
+    return "\n".join([f"{line:{_COLUMN}}{first}", *(f"{'':{_COLUMN}}{rest}" for rest in more)])
