@@ -39,7 +39,14 @@ class Kernel:
     """A pure function of (scene, arrays ...) that answers with one array, jitted for several calls."""
 
     def __init__(self, function: Callable[..., Array]) -> None:
-        self.answers = quick_jit(partial(_answers, function), static_argnames="layout")
+        answers = partial(_answers, function)
+        answers.__name__ = _name(function)  # type: ignore[attr-defined]  # by which profiles tell kernels apart
+        self.answers = quick_jit(answers, static_argnames="layout")
+
+
+def _name(function: Any) -> str:
+    """The name of a function, also where arguments have been given beforehand."""
+    return str(function.func.__name__ if isinstance(function, partial) else function.__name__)
 
 
 def _answers(
