@@ -18,6 +18,17 @@ FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
 
+COMPARISONS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal}
+
+
+def assert_each(values, comparison, bounds, about=""):
+    """Every value compares so with its bound, as no NaN does; the message shows the first that do not."""
+    values, bounds = np.broadcast_arrays(values, bounds)
+    places = np.argwhere(~COMPARISONS[comparison](values, bounds))
+    shown = "".join(f"\n{at}: {values[tuple(at)]} against {bounds[tuple(at)]}" for at in places[:5])
+    assert not shown, f"{about} {len(places)} of {values.size} are not {comparison} their bounds:{shown}"
+
+
 def unit(vectors):
     """Vectors (..., 3) of length one."""
     vectors = np.asarray(vectors)

@@ -11,6 +11,7 @@ from builders import make_scenario
 from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
 from node_paths import fit_global
 from quick import quick_jit
+from reference import assert_each
 
 import jaxplan as jp
 from jaxplan.derivatives import follow, hold, replan
@@ -134,7 +135,7 @@ def test_what_is_no_number_gives_none_and_an_end(case):
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
     fit = hold(plan).fit
-    assert np.all(fit.multipliers >= 0)
+    assert_each(fit.multipliers, ">=", 0)
     assert np.count_nonzero(fit.multipliers) == fit.linear.on.sum() + fit.loads.on.sum()
 
 
@@ -147,7 +148,7 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
         again = quick_jit(replan)(hold(plan), jax.tree.map(np.asarray, plan.scenario))
     own = plan.trajectory.coefficients
     assert np.max(np.abs(own[:, 1:])) > 1e-4
-    assert np.allclose(again.coefficients, own, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(again.coefficients, own, rtol=0, atol=1e-10)
 
 
 @pytest.mark.slow
@@ -192,7 +193,7 @@ def assert_replanned(plan):
     )
     for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(expected), strict=True):
         assert np.shape(one) == np.shape(other)
-        assert np.allclose(one, other, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-7)
 
 
 def test_plans_whose_tube_was_widened_are_replanned_as_they_are():
@@ -297,8 +298,8 @@ def test_slopes_of_a_batch_are_those_of_each_and_of_differences_forward_and_reve
     )
     assert len(own) >= 15
     off = np.sort(np.abs(slope - found)) / np.abs(found).max()
-    assert np.all(off[:-3] <= 1e-6)  # within the steps the pace of some may have a kink
+    assert_each(off[:-3], "<=", 1e-6)  # within the steps the pace of some may have a kink
     assert off[-1] <= 1e-5
-    assert np.allclose(forward, slope, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
+    np.testing.assert_allclose(forward, slope, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
     for one, single in zip(reverse, alone, strict=True):
-        assert np.allclose(one[5], single, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(one[5], single, rtol=1e-8, atol=1e-9)
