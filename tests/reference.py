@@ -5,6 +5,8 @@ whatever has ``mounts`` (n,) and ``fixed_boresights`` (i, 3): a spacecraft, or a
 are D = n + i devices, terminals first; joints are all yaws, then all pitches.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.interpolate import CubicSpline
@@ -81,6 +83,29 @@ def sampled_margin(scene, attitudes, joints):
         for group in np.unique(cones.group):
             worst = np.minimum(worst, zone[:, cones.group == group].max(axis=1))
     return worst
+
+
+def edge_margins(scene, path, samples=201):
+    """(edges,) smallest margin over a scene's zones and groups along each edge of a path, sampled."""
+    nodes = zip(path.attitudes, path.joints, strict=True)
+    return np.array([sampled_margin(scene, *edge_states(*a, *b, samples)).min() for a, b in pairwise(nodes)])
+
+
+def step_costs(scene, path):
+    """(edges,) steps between the nodes of a path: the platform's, or the joint's that takes most."""
+    turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
+    moves = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
+    return np.maximum(turns / scene.attitude_step, moves.max(axis=1, initial=0))
+
+
+def assert_leads(scene, path):
+    """A path leads from start to goal within the limits of joints, by single steps."""
+    np.testing.assert_allclose(path.attitudes[0], scene.start_attitude, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(path.attitudes[-1], scene.goal_attitude)
+    np.testing.assert_array_equal(path.joints[[0, -1]], [scene.start_joints, scene.goal_joints])
+    assert_each(np.abs(path.joints), "<=", scene.joint_limits + 1e-12)
+    np.testing.assert_allclose(path.edge_costs, step_costs(scene, path), rtol=0, atol=1e-9)
+    assert_each(path.edge_costs, "<=", 1 + 1e-9)
 
 
 # Trajectories.

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of
-from reference import assert_each, boresights, edge_states, sampled_margin
+from reference import assert_each, assert_leads, boresights, edge_margins, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import SKY_KINDS, paper_case, random_scenario
@@ -40,31 +39,13 @@ def random_scene(kind: str, seed: int) -> tuple[Scene, SearchSettings]:
     return make_scene(scenario, find_goals(scenario)[0]), scenario.search
 
 
-def margins_along(scene: Scene, result: SearchResult, samples: int = 31) -> np.ndarray:
-    """(edges,) sampled smallest margins."""
-    path = result.path
-    nodes = list(zip(path.attitudes, path.joints, strict=True))
-    edges = [edge_states(*a, *b, samples) for a, b in pairwise(nodes)]
-    states = [np.concatenate(part) for part in zip(*edges, strict=True)]
-    return sampled_margin(scene, *states).reshape(-1, samples).min(axis=1)
-
-
 def assert_flyable(scene: Scene, result: SearchResult, *, edges: bool = True) -> None:
     """The path leads from start to goal within the limits, by single steps, clear along every edge."""
     assert result.status is Status.OK
     assert result.expansions == sum(result.queue_expansions)
     path = result.path
-    np.testing.assert_allclose(path.attitudes[0], scene.start_attitude, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(path.attitudes[-1], scene.goal_attitude)
-    np.testing.assert_array_equal(path.joints[0], scene.start_joints)
-    np.testing.assert_array_equal(path.joints[-1], scene.goal_joints)
-    assert_each(np.abs(path.joints), "<=", scene.joint_limits + 1e-12)
-    turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
-    np.testing.assert_allclose(
-        path.edge_costs, steps_between(scene, turns, np.diff(path.joints, axis=0)), rtol=0, atol=1e-9
-    )
-    assert_each(path.edge_costs, "<=", 1 + 1e-9)
-    margins = margins_along(scene, result) if edges else sampled_margin(scene, path.attitudes, path.joints)
+    assert_leads(scene, path)
+    margins = edge_margins(scene, path, 31) if edges else sampled_margin(scene, path.attitudes, path.joints)
     assert_each(margins, ">=", 0)
 
 
