@@ -26,7 +26,9 @@ DURATIONS = {
 }
 
 
-@pytest.mark.parametrize("name", DURATIONS)
+@pytest.mark.parametrize(
+    "name", ["in a given time", "stretched", pytest.param("shortest", marks=pytest.mark.slow)]
+)
 def test_an_optimal_plan_is_the_one_whose_derivatives_are_known(name):
     plan = jp.plan(asking(make_scenario(1), duration=DURATIONS[name], optimal=True), progress=False)
     assert plan.ok

@@ -32,6 +32,9 @@ def compiled():
     )
 
 
+replanned = quick_jit(replan)
+
+
 def told(scenario, held):
     """Value and gradient in every number of the scenario, at what is held of a plan."""
     # Numbers of Python, of numpy and of both would be compiled for anew.
@@ -121,6 +124,7 @@ def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
             assert float(told(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
 
 
+@pytest.mark.slow
 @cases
 def test_what_is_no_number_gives_none_and_an_end(case):
     plan = plan_of(case)
@@ -145,7 +149,7 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
     settings = replace(scenario.trajectory, duration=40.0)
     plan = jp.plan(replace(scenario, start=start, goal=scenario.start, trajectory=settings))
     with jax.enable_x64(True):
-        again = quick_jit(replan)(hold(plan), jax.tree.map(np.asarray, plan.scenario))
+        again = replanned(hold(plan), jax.tree.map(np.asarray, plan.scenario))
     own = plan.trajectory.coefficients
     assert np.max(np.abs(own[:, 1:])) > 1e-4
     np.testing.assert_allclose(again.coefficients, own, rtol=0, atol=1e-10)
@@ -186,7 +190,7 @@ def assert_replanned(plan):
     """What is replanned at a plan's own scenario is the plan."""
     scenario = jax.tree.map(np.asarray, replace(plan.scenario, name="", epoch=None))
     with jax.enable_x64(True):
-        again = quick_jit(replan)(hold(plan), scenario)
+        again = replanned(hold(plan), scenario)
     # Its times of nodes are each told once, and then padded.
     again, expected = (
         replace(each, node_times=np.unique(each.node_times)) for each in (again, plan.trajectory)

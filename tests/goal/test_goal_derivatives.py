@@ -245,6 +245,7 @@ def test_derivatives_are_those_of_goals_found_anew(group):
             )
 
 
+@pytest.mark.slow
 def test_cases_lean_on_nothing_to_three_limits_and_on_zones():
     limits = [
         np.sum(np.abs(goal.joints) >= problem.limits - 1e-9)
