@@ -63,6 +63,7 @@ def test_slopes_under_jit_are_those_in_64_bits_without_a_context(slopes):
     assert narrow.trajectory.duration < 0  # more time, less effort
 
 
+@pytest.mark.slow
 def test_many_scenarios_are_followed_at_once(plan, trajectory):
     durations = plan.scenario.trajectory.duration * jnp.array([1.0, 1.02])
 
