@@ -5,7 +5,7 @@ Every comparison is one that a NaN fails.
 
 import numpy as np
 from numpy.polynomial import legendre
-from reference import attitudes_of, joints_of, spin_of, zone_margins
+from reference import assert_each, attitudes_of, joints_of, spin_of, zone_margins
 from scipy.spatial.transform import Rotation
 
 SHARE = 1 + 1e-6  # of a limit
@@ -46,7 +46,7 @@ def assert_kept(trajectory, craft, zones=(), count=3001):
     """All limits and zones; groups of keep-in zones by the one that holds best."""
     for name, share in shares(trajectory, craft, count).items():
         # Differences of attitudes lose digits in the higher derivatives.
-        assert np.all(np.abs(share) <= SHARE + (1e-4 if name == "jerk" else 0)), name
+        assert_each(np.abs(share), "<=", SHARE + (1e-4 if name == "jerk" else 0), name)
     if not zones:
         return
     margins = zone_margins(trajectory, craft, zones, instants(trajectory, count))
@@ -54,7 +54,7 @@ def assert_kept(trajectory, craft, zones=(), count=3001):
     for zone, margin in zip(zones, margins, strict=True):
         groups.setdefault(getattr(zone, "any_of", None) or zone.name, []).append(margin)
     for name, rows in groups.items():
-        assert np.all(np.max(rows, axis=0) >= -ALLOWANCE), name
+        assert_each(np.max(rows, axis=0), ">=", -ALLOWANCE, name)
 
 
 def node_errors(trajectory, path):

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from reference import angle
+from reference import angle, seen
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
+from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.runtime.batching import padded_count
 
 
@@ -22,35 +22,43 @@ class Row:
     partner: int = 0
 
 
-def table(constraints, devices, *, body=(), carrier=(), carried=()):
-    """The table of constraints, each a list of entries, each a list of rows."""
-    rows, entry, group = [], [], []
+def table(constraints, devices, **sights):
+    """The table of constraints, each a list of entries, each a list of rows; sights are as in `table_of`."""
+    rows = []
     for entries in constraints:
         first = len(rows)
         for own in entries:
-            entry += [len(rows)] * len(own)
-            rows += own
-        group += [first] * (len(rows) - first)
-    size = padded_count(len(rows))
-    sights = devices + len(body) + len(carrier)
-    padding = list(range(len(rows), size))
-    nested = len(entry) > len(set(entry))
-    rows = rows + [Row()] * len(padding)
+            rows += [vars(row) | {"entry": len(rows), "group": first} for row in own]
+    return table_of(rows, devices, size=padded_count(len(rows)), **sights)
+
+
+def table_of(rows, devices, *, body=(), carrier=(), carried=(), size=0):
+    """The table of rows given as mappings, padded; one without an entry is a constraint by itself."""
+    rows = [*rows, *[{}] * (size - len(rows))]
+    sights = np.arange(devices + len(body) + len(carrier))
+
+    def column(name, default, kind):
+        return np.array([row.get(name, default) for row in rows], kind)
+
+    entry = np.array([row.get("entry", number) for number, row in enumerate(rows)])
+    paths = tuple(row.get("path") for row in rows)
+    frame = column("frame", INERTIAL, int)
     return Constraints(
-        axis=np.array([row.axis for row in rows], float),
-        frame=np.array([row.frame for row in rows]),
-        partner=np.array([row.partner for row in rows]),
-        half_angle=np.array([row.half_angle for row in rows]),
-        side=np.array([row.side for row in rows]),
-        bound=np.array([[sight in row.bound for sight in range(sights)] for row in rows]),
-        entry=np.array(entry + padding),
-        group=np.array(group + padding),
-        zone=np.arange(size),
+        axis=np.array([row.get("axis", (0, 0, np.nan if "path" in row else 1)) for row in rows], float),
+        frame=frame,
+        partner=column("partner", 0, int),
+        half_angle=column("half_angle", 0.5, float),
+        side=column("side", 1, float),
+        bound=np.array([np.isin(sights, list(row.get("bound", ()))) for row in rows]),
+        entry=entry,
+        group=np.array([row.get("group", own) for row, own in zip(rows, entry, strict=True)]),
+        zone=np.arange(len(rows)),
         body=np.array(body, float).reshape(-1, 3),
         carrier=np.array(carrier, int),
         carried=np.array(carried, float).reshape(-1, 3),
-        inner=any(row.frame != INERTIAL for row in rows),
-        nested=nested,
+        paths=paths if any(path is not None for path in paths) else (),
+        inner=bool(np.any(frame != INERTIAL)),
+        nested=bool(np.any(entry != np.arange(len(rows)))),
     )
 
 
@@ -66,34 +74,33 @@ def seen_by(craft, rows, joints):
     return np.stack([*(turn.apply([1.0, 0, 0]) for turn in turns), *still, *carried], axis=1)
 
 
-def row_values(craft, rows, number, sight, attitudes, joints):
-    """(k,) angle of a sight to a row's axis, of a row of joints ``f . (yaw, pitch)``."""
-    axis, count = rows.axis[number], len(craft.mounts)
+def row_values(rows, number, sights, attitudes, joints, time=None):
+    """(k, B) angles of the sights that a row binds to its axis, of a row of joints ``f . (yaw, pitch)``."""
+    axis, bound = rows.axis[number], np.flatnonzero(rows.bound[number])
     if rows.frame[number] == JOINTS:
-        return axis[0] * joints[:, sight] + axis[1] * joints[:, count + sight]
-    seen = seen_by(craft, rows, joints)
-    along = {
-        INERTIAL: np.einsum("kji,j->ki", attitudes, axis),
-        BODY: np.tile(axis, (len(joints), 1)),
-        SIGHT: seen[:, rows.partner[number]],
-    }[int(rows.frame[number])]
-    own = seen[:, sight]
-    return angle(along, own)
+        return axis[0] * joints[:, bound] + axis[1] * joints[:, joints.shape[1] // 2 + bound]
+    along = np.broadcast_to(axis, (len(joints), 3))
+    if rows.frame[number] == SIGHT:
+        along = sights[:, rows.partner[number]]
+    elif rows.frame[number] == INERTIAL:
+        path = rows.paths[number] if rows.paths else None
+        along = np.einsum("kji,kj->ki", attitudes, along if path is None else seen(path, time))
+    return angle(along[:, None], sights[:, bound])
 
 
-def pair_margins_of(craft, rows, attitudes, joints):
-    """(k, S, Z) rad, +inf where a row does not bind a sight."""
-    found = np.full((len(joints), *rows.bound.T.shape), np.inf)
-    for number, sight in np.argwhere(rows.bound):
-        value = row_values(craft, rows, number, sight, attitudes, joints)
+def pair_margins_of(craft, rows, attitudes, joints, time=None):
+    """(k, Z, S) rad, +inf where a row does not bind a sight."""
+    found, sights = np.full((len(joints), *rows.bound.shape), np.inf), seen_by(craft, rows, joints)
+    for number in np.flatnonzero(np.any(rows.bound, axis=1)):
         side = 1.0 if rows.frame[number] == JOINTS else rows.side[number]
-        found[:, sight, number] = side * (value - rows.half_angle[number])
+        value = row_values(rows, number, sights, attitudes, joints, time)
+        found[:, number, rows.bound[number]] = side * (value - rows.half_angle[number])
     return found
 
 
 def least_margins(craft, rows, attitudes, joints):
     """(k,) rad: of the worst constraint, that of its best entry, of that the worst row."""
-    of_rows = pair_margins_of(craft, rows, attitudes, joints).min(axis=1)
+    of_rows = pair_margins_of(craft, rows, attitudes, joints).min(axis=2)
     worst = np.full(len(joints), np.inf)
     for group in set(rows.group):
         entries = [

@@ -91,21 +91,22 @@ def grid(trajectory, count=4001):
 def closest(trajectory, spacecraft, device, direction):
     """Least angle of a device to a direction, to rounding, and when."""
     index = spacecraft.device_names.index(device)
+    return least(trajectory, lambda t: angle(boresights_of(trajectory, spacecraft, t)[:, index], direction))
 
-    def apart(time):
-        return angle(boresights_of(trajectory, spacecraft, np.atleast_1d(time))[:, index], direction)
 
+def least(trajectory, value):
+    """Least value of a function of times (k,) over a trajectory, to rounding, and when."""
     time = grid(trajectory)
-    sampled = apart(time)
+    sampled = value(time)
     padded = np.pad(sampled, 1, constant_values=np.inf)
     dips = np.flatnonzero((sampled <= padded[:-2]) & (sampled <= padded[2:]))
     found = []
     for dip in dips[np.argsort(sampled[dips])][:4]:  # samples may see a shallower one as the deepest
         around = time[max(dip - 1, 0)], time[min(dip + 1, len(time) - 1)]
-        least = minimize_scalar(
-            lambda t: apart(t)[0], bounds=around, method="bounded", options={"xatol": 1e-9}
+        fine = minimize_scalar(
+            lambda t: value(np.array([t]))[0], bounds=around, method="bounded", options={"xatol": 1e-9}
         )
-        found.append((min(float(least.fun), float(sampled[dip])), float(least.x)))
+        found.append((min(float(fine.fun), float(sampled[dip])), float(fine.x)))
     return min(found)
 
 

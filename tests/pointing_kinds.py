@@ -6,8 +6,9 @@ Two terminals t0 and t1, an instrument i0 and an axis of the body: sights 0 to 3
 from dataclasses import replace
 
 import numpy as np
+from kinds import pair_margins_of, table_of
 from pointing import Problem, make_problem
-from reference import angle, direction, random_units
+from reference import direction, random_units
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -17,31 +18,8 @@ TERMINALS, SIGHTS = 2, 4
 
 
 def table(rows: list[dict], body: np.ndarray, size: int = 16, **carried: np.ndarray) -> Constraints:
-    """Rows given by frame, axis, half_angle, side, bound, entry and group, padded."""
-    count = SIGHTS + len(carried.get("carrier", ()))
-    whole = Constraints(
-        axis=np.tile([0.0, 0.0, 1.0], (size, 1)),
-        frame=np.full(size, INERTIAL),
-        partner=np.zeros(size, int),
-        half_angle=np.full(size, 0.5),
-        side=np.ones(size),
-        bound=np.zeros((size, count), bool),
-        entry=np.arange(size),
-        group=np.arange(size),
-        zone=np.arange(size),
-        body=body,
-        carrier=np.zeros(0, int),
-        carried=np.zeros((0, 3)),
-        inner=True,
-        nested=True,
-    )
-    for number, row in enumerate(rows):
-        for name, value in row.items():
-            if name == "bound":
-                whole.bound[number, list(value)] = True
-            else:
-                getattr(whole, name)[number] = value
-    return replace(whole, **carried)
+    """Rows given by frame, axis, half_angle, side, bound, entry and group, padded; all of one kind to JAX."""
+    return replace(table_of(rows, 3, body=body, size=size, **carried), inner=True, nested=True)
 
 
 def joints_at(problem: Problem, attitudes: np.ndarray) -> np.ndarray:
@@ -54,29 +32,7 @@ def joints_at(problem: Problem, attitudes: np.ndarray) -> np.ndarray:
 
 def row_margins(problem: Problem, attitudes: np.ndarray) -> np.ndarray:
     """(N, Z, S) rad at attitudes (N, 3, 3), row by row and sight by sight."""
-    rows, joints = problem.cones, joints_at(problem, attitudes)
-    still = np.concatenate([problem.spacecraft.fixed_boresights, rows.body])
-    seen = [problem.targets.directions @ attitudes, np.broadcast_to(still, (len(attitudes), 2, 3))]
-    for terminal, vector in zip(rows.carrier, rows.carried, strict=True):
-        yaw, pitch = (
-            joints[:, terminal] + problem.spacecraft.mounts[terminal],
-            joints[:, TERMINALS + terminal],
-        )
-        moved = Rotation.from_euler("ZY", np.stack([yaw, -pitch], axis=-1)).apply(vector)
-        seen.append(moved[:, None])
-    sights = np.concatenate(seen, axis=1)
-    found = np.full((len(attitudes), *rows.bound.shape), np.inf)
-    for row, sight in np.argwhere(rows.bound):
-        frame, axis = rows.frame[row], rows.axis[row]
-        if frame == JOINTS:
-            own = joints[:, [sight, TERMINALS + sight]] @ axis[:2]
-            found[:, row, sight] = own - rows.half_angle[row]
-            continue
-        along = axis @ attitudes if frame == INERTIAL else axis * np.ones((len(attitudes), 1))
-        along = sights[:, rows.partner[row]] if frame == SIGHT else along
-        apart = angle(along, sights[:, sight])
-        found[:, row, sight] = rows.side[row] * (apart - rows.half_angle[row])
-    return found
+    return pair_margins_of(problem.spacecraft, problem.cones, attitudes, joints_at(problem, attitudes))
 
 
 def constraints_of(problem: Problem) -> list[list[list[int]]]:

@@ -5,6 +5,8 @@ whatever has ``mounts`` (n,) and ``fixed_boresights`` (i, 3): a spacecraft, or a
 are D = n + i devices, terminals first; joints are all yaws, then all pitches.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.polynomial import legendre
 from scipy.interpolate import CubicSpline
@@ -16,6 +18,17 @@ from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 # Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+COMPARISONS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal}
+
+
+def assert_each(values, comparison, bounds, about=""):
+    """Every value compares so with its bound, as no NaN does; the message shows the first that do not."""
+    values, bounds = np.broadcast_arrays(values, bounds)
+    places = np.argwhere(~COMPARISONS[comparison](values, bounds))
+    shown = "".join(f"\n{at}: {values[tuple(at)]} against {bounds[tuple(at)]}" for at in places[:5])
+    assert not shown, f"{about} {len(places)} of {values.size} are not {comparison} their bounds:{shown}"
 
 
 def unit(vectors):
@@ -70,6 +83,29 @@ def sampled_margin(scene, attitudes, joints):
         for group in np.unique(cones.group):
             worst = np.minimum(worst, zone[:, cones.group == group].max(axis=1))
     return worst
+
+
+def edge_margins(scene, path, samples=201):
+    """(edges,) smallest margin over a scene's zones and groups along each edge of a path, sampled."""
+    nodes = zip(path.attitudes, path.joints, strict=True)
+    return np.array([sampled_margin(scene, *edge_states(*a, *b, samples)).min() for a, b in pairwise(nodes)])
+
+
+def step_costs(scene, path):
+    """(edges,) steps between the nodes of a path: the platform's, or the joint's that takes most."""
+    turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
+    moves = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
+    return np.maximum(turns / scene.attitude_step, moves.max(axis=1, initial=0))
+
+
+def assert_leads(scene, path):
+    """A path leads from start to goal within the limits of joints, by single steps."""
+    np.testing.assert_allclose(path.attitudes[0], scene.start_attitude, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(path.attitudes[-1], scene.goal_attitude)
+    np.testing.assert_array_equal(path.joints[[0, -1]], [scene.start_joints, scene.goal_joints])
+    assert_each(np.abs(path.joints), "<=", scene.joint_limits + 1e-12)
+    np.testing.assert_allclose(path.edge_costs, step_costs(scene, path), rtol=0, atol=1e-9)
+    assert_each(path.edge_costs, "<=", 1 + 1e-9)
 
 
 # Trajectories.

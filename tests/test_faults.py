@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg.lapack
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 from trust.long_run import examine
 
@@ -111,7 +112,7 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
         )
         (answer,) = qp.solve_all([given])
         if answer is not None:
-            assert np.all(np.abs(given.limited @ answer) <= given.limits + 1e-9)
+            assert_each(np.abs(given.limited @ answer), "<=", given.limits + 1e-9)
             np.testing.assert_allclose(given.equalities @ answer, given.values, rtol=0, atol=1e-9)
     assert asked
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from reference import angle, boresights, edge_states, state_margins
+from reference import angle, assert_each, boresights, edge_states, state_margins
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
@@ -168,11 +168,11 @@ def test_start_and_goal_are_inside_their_constraints(kind):
     *_, held, _, start_within, clearance = PROMISES[kind]
     for scene in scenes(kind):
         attitude, joints = start_of(scene)
-        assert np.all(np.abs(np.rad2deg(joints)) <= [88] * 3 + [13] * 3)
+        assert_each(np.abs(np.rad2deg(joints)), "<=", [88] * 3 + [13] * 3)
         seen = boresights(scene.spacecraft, attitude, joints)
-        assert np.all(margins(scene, seen) >= clearance)
-        assert np.all(margins(scene, scene.goal.directions) >= clearance)
-        assert np.all(degrees_between(seen, scene.goal.directions)[:held] <= start_within)
+        assert_each(margins(scene, seen), ">=", clearance)
+        assert_each(margins(scene, scene.goal.directions), ">=", clearance)
+        assert_each(degrees_between(seen, scene.goal.directions)[:held], "<=", start_within)
 
 
 @pytest.mark.parametrize("kind", ["hard_keep_out", "hard_keep_in", "held_links"])
@@ -271,7 +271,8 @@ def test_writing_loses_nothing(kind):
         leaves, structure = jax.tree.flatten(scene)
         leaves_again, structure_again = jax.tree.flatten(again)
         assert structure == structure_again
-        assert all(np.array_equal(a, b) for a, b in zip(leaves, leaves_again, strict=True))
+        for own, read in zip(leaves, leaves_again, strict=True):
+            np.testing.assert_array_equal(own, read)
 
 
 def test_a_random_scene_can_be_planned():

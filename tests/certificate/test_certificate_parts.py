@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from manoeuvres import craft
 from numpy.polynomial import legendre
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import Claim, bounds, limits, series
@@ -38,6 +39,50 @@ def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duratio
         mounts=rng.normal(size=terminals),
         fixed_boresights=fixed / np.linalg.norm(fixed, axis=1, keepdims=True),
     )
+
+
+def straight(breaks, platform, joints, rate=(0.0, 0.0, 0.0)):
+    """One terminal and no instrument, in charts that all begin at the same attitude."""
+    pieces = len(breaks) - 1
+    return Motion(
+        platform=Pieces.of((breaks, platform)),
+        joints=Pieces.of((breaks, joints)),
+        chart_attitude=np.repeat(np.eye(3)[None], pieces, axis=0),
+        chart_start=breaks[:-1],
+        chart_rate=np.tile(rate, (pieces, 1)),
+        mounts=np.zeros(1),
+        fixed_boresights=np.zeros((0, 3)),
+    )
+
+
+def cut(motion, parts):
+    """Its pieces, cut at equal times besides."""
+    breaks = motion.platform.breaks()
+    return motion.between(np.union1d(np.linspace(0, breaks[-1], parts + 1), breaks))
+
+
+def gathered(motion, on, **changes):
+    """All that is known on intervals, but for what is given."""
+    majorants = bounds.majorants(motion, on)
+    found = Evidence(
+        on=on,
+        samples=motion.sample(on),
+        majorants=majorants,
+        left_out=bounds.interpolation(on, majorants),
+        rounding=bounds.rounding(motion, on, majorants),
+    )
+    return replace(found, **changes)
+
+
+def without_errors(motion, on):
+    """What would be known if nothing were left out or rounded."""
+    found = gathered(motion, on)
+    none = Errors(**{name: 0 * size for name, size in vars(found.left_out).items()})
+    return replace(found, left_out=none, rounding=none)
+
+
+def every_limit():
+    return craft(2, joints={}, jerk_limit=1.0, torque_limit=1.0, wheel_momentum_limit=1.0, inertia=INERTIA)
 
 
 def hat(v):
@@ -134,7 +179,7 @@ def test_quaternions_are_those_of_scipy_at_any_angle():
     matrices = np.moveaxis(series.rotation(series.quaternion(jet)[0]), -1, 0)
     assert np.abs(matrices - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()).max() < 3e-12
     assert np.abs(matrices[:8] - Rotation.from_rotvec(axes * angles[:, None]).as_matrix()[:8]).max() < 3e-15
-    assert np.all(np.isnan(series.quaternion(1.01 * jet)[..., 8]))
+    np.testing.assert_array_equal(series.quaternion(1.01 * jet)[..., 8], np.nan)
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="needs extended precision")
@@ -142,7 +187,7 @@ def test_samples_are_those_of_the_definition_to_far_less_than_the_allowances():
     factorials = np.array([factorial(k) for k in range(5)])[:, None] * LONG(2) ** np.arange(5)[:, None]
     for seed in range(6):
         motion = random_motion(seed, size=(0.02, 0.5, 1.0)[seed % 3])
-        on = motion.between(np.union1d(np.linspace(0, 60, 20), motion.platform.breaks()))
+        on = cut(motion, 19)
         samples = motion.sample(on)
         stated = bounds.rounding(motion, on, bounds.majorants(motion, on))
         for n, m in np.ndindex(samples.time.shape):
@@ -161,14 +206,14 @@ def test_samples_are_those_of_the_definition_to_far_less_than_the_allowances():
             )
             spin = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
             off = np.linalg.norm(samples.spin[:, :, n, m] - spin, axis=1)
-            assert np.all(off <= stated.spin[:, n])
-            assert np.all(off <= 1e-12 * np.abs(samples.spin).max(axis=(1, 2, 3)))
+            assert_each(off, "<=", stated.spin[:, n])
+            assert_each(off, "<=", 1e-12 * np.abs(samples.spin).max(axis=(1, 2, 3)))
             off = np.abs(samples.joints[:3, :, n, m] - joints[:3])
-            assert np.all(off <= stated.joints[:, :, n])
-            assert np.all(off <= 1e-12 * np.abs(samples.joints[:3]).max(axis=(1, 2, 3))[:, None])
+            assert_each(off, "<=", stated.joints[:, :, n])
+            assert_each(off, "<=", 1e-12 * np.abs(samples.joints[:3]).max(axis=(1, 2, 3))[:, None])
             off = np.linalg.norm(samples.boresights[:, :, n, m] - boresights[0], axis=1)
-            assert np.all(off <= stated.direction[:, n])
-            assert np.all(off <= 1e-14)
+            assert_each(off, "<=", stated.direction[:, n])
+            assert_each(off, "<=", 1e-14)
             assert np.abs(samples.attitude[:, :, n, m] - r[0]).max() <= 1e-14
 
 
@@ -177,7 +222,7 @@ def test_majorants_bound_taylor_coefficients_anywhere_on_an_interval(parts):
     looseness = []
     for seed in range(4):
         motion = random_motion(10 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
+        on = cut(motion, parts)
         majorants = bounds.majorants(motion, on)
         orders, rng = len(majorants.spin), RNG(seed)
         for n in rng.integers(len(on.half), size=4):
@@ -188,11 +233,11 @@ def test_majorants_bound_taylor_coefficients_anywhere_on_an_interval(parts):
                 slope = attitude[1:] * np.arange(1, orders + 1)[:, None, None]
                 skew = [sum(attitude[i].T @ slope[k - i] for i in range(k + 1)) for k in range(orders)]
                 spin = np.array([np.linalg.norm([m[2, 1], m[0, 2], m[1, 0]]) for m in skew])
-                assert np.all(spin <= majorants.spin[:, n] + 30 * noise[:orders])
+                assert_each(spin, "<=", majorants.spin[:, n] + 30 * noise[:orders])
                 sizes = np.linalg.norm(boresights[:orders], axis=-1)
-                assert np.all(sizes <= majorants.direction[:orders, :, n] + boresight_noise[:orders, None])
+                assert_each(sizes, "<=", majorants.direction[:orders, :, n] + boresight_noise[:orders, None])
                 sizes = np.abs(joints[:orders])
-                assert np.all(sizes <= majorants.joints[:orders, :, n] + joint_noise[:orders, None])
+                assert_each(sizes, "<=", majorants.joints[:orders, :, n] + joint_noise[:orders, None])
                 looseness.append(majorants.spin[0, n] / spin[0])
     assert min(looseness) < 1.5  # they are not bounds for being enormous
 
@@ -205,22 +250,17 @@ def bernstein_basis(degree, place):
 
 @pytest.mark.parametrize("parts", [6, 12, 40])
 def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
-    spacecraft = craft(
-        2, joints={}, jerk_limit=1.0, torque_limit=1.0, wheel_momentum_limit=1.0, inertia=INERTIA
-    )
+    spacecraft = every_limit()
     share = {}
     for seed in range(3):
         motion = random_motion(20 + seed, size=0.1)
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
-        majorants = bounds.majorants(motion, on)
-        left_out, rounding = bounds.interpolation(on, majorants), bounds.rounding(motion, on, majorants)
+        on = cut(motion, parts)
         place = np.linspace(-1, 1, 41)
         through = bounds.to_bernstein(DEGREE).T @ bernstein_basis(DEGREE, place)
         curves = []
         for samples in (motion.sample(on), motion.sample(on, place)):
-            evidence = Evidence(
-                on=on, samples=samples, majorants=majorants, left_out=left_out, rounding=rounding
-            )
+            evidence = gathered(motion, on, samples=samples)
+            left_out, rounding = evidence.left_out, evidence.rounding
             found = {
                 q.name: (q.values, q.left_out, q.rounding) for q in limits.quantities(spacecraft, evidence)
             }
@@ -231,7 +271,7 @@ def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
             off = np.abs(values @ through - exact).max(axis=-1)
             conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(exact).max(axis=-1)
             stated = missed + bounds.LEBESGUE * noise + conversion
-            assert np.all(off <= stated), name
+            assert_each(off, "<=", stated, name)
             share[name] = max(share.get(name, 0), np.max(off / stated))
     assert len(share) == 10
     assert min(share.values()) > {6: 0, 12: 3e-5, 40: 1e-3}[parts], share  # the bounds have the right size
@@ -239,24 +279,16 @@ def test_polynomials_through_samples_are_off_by_no_more_than_stated(parts):
 
 def test_errors_go_with_the_unit_of_time():
     """What is stated of the same motion eight times as slow is the same in the new unit, to rounding."""
-    spacecraft = craft(
-        2, joints={}, jerk_limit=1.0, torque_limit=1.0, wheel_momentum_limit=1.0, inertia=INERTIA
-    )
+    spacecraft = every_limit()
     derivatives = {"angular_velocity": 1, "angular_acceleration": 2, "jerk": 3, "joint_rates": 1}
     derivatives |= {"joint_accelerations": 2, "yaw": 0, "pitch": 0, "torque": 2, "wheel_momentum": 1}
     found = []
     for slower in (1.0, 8.0):
         motion = random_motion(50, size=0.1, duration=60.0 * slower)
-        edges = slower * np.union1d(np.linspace(0, 60, 31), motion.platform.breaks() / slower)
-        on = motion.between(edges)
-        majorants = bounds.majorants(motion, on)
-        left_out, rounding = bounds.interpolation(on, majorants), bounds.rounding(motion, on, majorants)
-        evidence = Evidence(
-            on=on, samples=motion.sample(on), majorants=majorants, left_out=left_out, rounding=rounding
-        )
+        evidence = gathered(motion, cut(motion, 30))
         limited = {q.name: q for q in limits.quantities(spacecraft, evidence)}
         assert limited.keys() == derivatives.keys()
-        found.append((left_out.direction, rounding.direction, majorants, limited))
+        found.append((evidence.left_out.direction, evidence.rounding.direction, evidence.majorants, limited))
     once, slow = found
     for own, other in zip(once[:2], slow[:2], strict=True):
         np.testing.assert_allclose(other, own, rtol=1e-9)
@@ -271,22 +303,14 @@ def test_errors_go_with_the_unit_of_time():
 def test_rounding_of_the_torque_is_what_that_of_the_rates_makes_of_it():
     spacecraft = craft(2, joints={}, torque_limit=1.0, inertia=INERTIA)
     motion, rng = random_motion(51), RNG(51)
-    on = motion.between(np.union1d(np.linspace(0, 60, 121), motion.platform.breaks()))
-    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
-    none = bounds.interpolation(on, majorants)
-    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
+    exactly = without_errors(motion, cut(motion, 120))
+    samples = exactly.samples
     for sizes in ((1e-6, 1e-12), (1e-12, 1e-6)):  # of the velocity, of the acceleration
         size = np.array([*sizes, 0.0])[:, None]
-        rounding = replace(none, spin=none.spin + size)
+        rounding = replace(exactly.rounding, spin=exactly.rounding.spin + size)
 
         def torque(spin, rounding=rounding):
-            evidence = Evidence(
-                on=on,
-                samples=replace(samples, spin=spin),
-                majorants=majorants,
-                left_out=none,
-                rounding=rounding,
-            )
+            evidence = replace(exactly, samples=replace(samples, spin=spin), rounding=rounding)
             return next(q for q in limits.quantities(spacecraft, evidence) if q.name == "torque")
 
         exact, off = torque(samples.spin), 0.0
@@ -325,7 +349,7 @@ def in_order(motion, products, single):
 def test_majorants_bound_what_is_seen_within_the_body(parts):
     for seed in range(4):
         motion = motion_with_views(60 + seed, degree=6, size=(0.05, 0.3)[seed % 2])
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
+        on = cut(motion, parts)
         direction = bounds.majorants(motion, on).direction
         orders, rng = len(direction), RNG(seed)
         assert direction.shape[1] == 8 + 9
@@ -338,22 +362,22 @@ def test_majorants_bound_what_is_seen_within_the_body(parts):
                     for value, noise in found
                 )
                 sizes = np.stack([*inertial, *in_order(motion, products, single)], axis=1)
-                assert np.all(sizes <= direction[..., n])
-                assert np.all(direction[1:, 8 + INSTRUMENT, n] == 0)
+                assert_each(sizes, "<=", direction[..., n])
+                assert_each(direction[1:, 8 + INSTRUMENT, n], "==", 0)
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="needs extended precision")
 def test_sights_in_body_axes_are_those_of_the_definition_to_the_stated_rounding():
     for seed in range(4):
         motion = motion_with_views(70 + seed, size=(0.02, 1.0)[seed % 2])
-        on = motion.between(np.union1d(np.linspace(0, 60, 12), motion.platform.breaks()))
+        on = cut(motion, 11)
         samples = motion.sample(on)
         stated = bounds.rounding(motion, on, bounds.majorants(motion, on)).direction
         for n in range(len(on.half)):
             _, joints, _ = curve(motion, on.piece[n], samples.time[n].astype(LONG))
             exact = np.moveaxis(in_body(motion, joints), 0, -1)
             off = np.linalg.norm(samples.in_body[:, :, n] - exact, axis=1).max(axis=1)
-            assert np.all(off <= 1e-14)
+            assert_each(off, "<=", 1e-14)
             for (sight, axis), most in zip(motion.views.within, stated[8:, n], strict=True):
                 assert off[sight] + (0 if axis < 0 else off[axis]) <= most <= 1e-13
 
@@ -365,7 +389,7 @@ def test_polynomials_of_what_is_seen_within_the_body_are_off_by_no_more_than_sta
     share = np.zeros(9)
     for seed in range(3):
         motion = motion_with_views(80 + seed, size=0.1)
-        on = motion.between(np.union1d(np.linspace(0, 60, parts + 1), motion.platform.breaks()))
+        on = cut(motion, parts)
         majorants = bounds.majorants(motion, on)
         left_out = bounds.interpolation(on, majorants).direction[8:]
         noise = bounds.rounding(motion, on, majorants).direction[8:]
@@ -378,9 +402,9 @@ def test_polynomials_of_what_is_seen_within_the_body_are_off_by_no_more_than_sta
             values.append([np.sum(a * b, axis=-1) for a, b in zip(first, other, strict=True)])
         off = np.abs(np.stack(values[0]) @ through - np.stack(values[1])).max(axis=-1)
         stated = left_out + bounds.LEBESGUE * noise + ROUNDING * bounds.growth(DEGREE)
-        assert np.all(off <= stated)
+        assert_each(off, "<=", stated)
         share = np.maximum(share, (off / stated).max(axis=1))
-    assert np.all(share > {6: 1e-5, 12: 3e-3, 40: 3e-3}[parts]), share  # the bounds have the right size
+    assert_each(share, ">", {6: 1e-5, 12: 3e-3, 40: 3e-3}[parts], share)  # the bounds have the right size
 
 
 @pytest.mark.parametrize("tight", ["direction", "spin", "joints"])
@@ -403,35 +427,20 @@ def test_intervals_are_as_many_as_the_order_of_the_error_asks_for(pieces, excess
     basis = np.zeros((pieces, DEGREE + 2, 2))
     basis[:, -1] = 1.0
     breaks = np.linspace(0, 60, pieces + 1)
-    motion = Motion(
-        platform=Pieces.of((breaks, np.zeros((pieces, DEGREE + 2, 3)))),
-        joints=Pieces.of((breaks, basis)),
-        chart_attitude=np.repeat(np.eye(3)[None], pieces, axis=0),
-        chart_start=breaks[:-1],
-        chart_rate=np.zeros((pieces, 3)),
-        mounts=np.zeros(1),
-        fixed_boresights=np.zeros((0, 3)),
-    )
+    motion = straight(breaks, np.zeros((pieces, DEGREE + 2, 3)), basis)
     on = motion.between(breaks)
     most = bounds.interpolation(on, bounds.majorants(motion, on)).joints[0].max()
     joints = np.array([[most / excess ** (DEGREE + 1)] * 2, [1e99] * 2, [1e99] * 2])[..., None]
     wanted = Errors(direction=np.full((1, 1), 1e99), spin=np.full((3, 1), 1e99), joints=joints)
     evidence = bounds.gather(motion, wanted)
     assert len(evidence.on.centre) == pieces * np.ceil(excess)
-    assert np.all(evidence.left_out.joints[0] <= joints[0, 0])
+    assert_each(evidence.left_out.joints[0], "<=", joints[0, 0])
 
 
 def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
     rate, angles = np.array([0.03, -0.02, 0.06]), np.array([0.7, -0.3])
-    motion = Motion(
-        platform=Pieces.of((np.array([0.0, 60.0]), np.zeros((1, 2, 3)))),
-        joints=Pieces.of((np.array([0.0, 60.0]), np.stack([angles, 0 * angles])[None])),
-        chart_attitude=np.eye(3)[None],
-        chart_start=np.zeros(1),
-        chart_rate=rate[None],
-        mounts=np.zeros(1),
-        fixed_boresights=np.zeros((0, 3)),
-    )
+    joints = np.stack([angles, 0 * angles])[None]
+    motion = straight(np.array([0.0, 60.0]), np.zeros((1, 2, 3)), joints, rate)
     on = motion.between(np.array([0.0, 20.0, 60.0]))
     stated = bounds.rounding(motion, on, bounds.majorants(motion, on))
     # Of the rate: its own, and twice that of the attitude, both of a majorant that counts the chart's turn
@@ -442,8 +451,7 @@ def test_rounding_of_what_is_almost_still_is_a_few_units_of_its_own_size():
 
 def test_conversion_to_bernstein_coefficients_is_counted_into_peaks():
     motion = random_motion(54)
-    on = motion.between(motion.platform.breaks())
-    evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
+    evidence = gathered(motion, motion.between(motion.platform.breaks()))
     values, none = np.stack([np.full((2, DEGREE + 1), value) for value in (0.25, 1.0, 0.5)]), np.zeros(2)
     torque = model.limits(craft(0, inertia=INERTIA, torque_limit=np.full(3, 2.0)))[-1]
     quantity = limits.Limited(torque, values, none, none, torque.bound)
@@ -455,8 +463,7 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_peaks():
 
 def test_a_limit_of_which_no_proof_is_known_is_not_passed_over(monkeypatch):
     spacecraft, motion = craft(0, inertia=INERTIA, torque_limit=1.0), random_motion(54)
-    on = motion.between(motion.platform.breaks())
-    evidence = Evidence(on=on, samples=motion.sample(on), majorants=None, left_out=None, rounding=None)
+    evidence = gathered(motion, motion.between(motion.platform.breaks()))
     unknown = replace(model.QUANTITIES[-3], name="magnetic_moment")
     assert unknown.given(spacecraft) == 1.0
     monkeypatch.setattr(model, "QUANTITIES", (unknown,))
@@ -470,11 +477,8 @@ def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
     motion = replace(
         motion, chart_rate=1e-9 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]]
     )
-    on = motion.between(motion.platform.breaks())
-    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
-    none = bounds.interpolation(on, majorants)
-    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
-    away = np.cross(samples.boresights[0, :, 0, 0], [0.3, 0.2, 0.9])  # at a right angle
+    exactly = without_errors(motion, motion.between(motion.platform.breaks()))
+    away = np.cross(exactly.samples.boresights[0, :, 0, 0], [0.3, 0.2, 0.9])  # at a right angle
     for kind, angles in ((KeepOut, (0.3, 1.5)), (KeepIn, (2.0, 1.6))):  # the second one decides
         zones = [
             kind(name="z", direction=away / np.linalg.norm(away), half_angle=angle, devices=("terminal-0",))
@@ -484,13 +488,8 @@ def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
         bindings = Bindings.of(tabulate(*zones, spacecraft.device_names))
         found = []
         for noise in (0.0, 0.01):
-            evidence = Evidence(
-                on=on,
-                samples=samples,
-                majorants=majorants,
-                left_out=none,
-                rounding=replace(none, direction=none.direction + noise),
-            )
+            rounding = replace(exactly.rounding, direction=exactly.rounding.direction + noise)
+            evidence = replace(exactly, rounding=rounding)
             found.append(float(bindings.prove(evidence).bound[0]))
         # Of a chord, which at a right angle changes by less than the angle.
         assert found[0] - found[1] == pytest.approx(0.01 * np.sqrt(2), rel=0.1)
@@ -500,13 +499,11 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_margins():
     spacecraft = craft(1, instruments=0)
     motion = random_motion(57, terminals=1, instruments=0, size=0.0)
     motion = replace(motion, chart_rate=0 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
-    on = motion.between(motion.platform.breaks())
-    samples, majorants = motion.sample(on), bounds.majorants(motion, on)
+    evidence = without_errors(motion, motion.between(motion.platform.breaks()))
+    majorants = evidence.majorants
     majorants = replace(majorants, direction=np.ones_like(majorants.direction))  # so that no cap settles it
-    none = bounds.interpolation(on, majorants)
-    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
-    evidence = Evidence(on=on, samples=samples, majorants=majorants, left_out=none, rounding=none)
-    boresight = samples.boresights[0, :, 0, 0]
+    evidence = replace(evidence, majorants=majorants)
+    boresight = evidence.samples.boresights[0, :, 0, 0]
     for angle in (0.5, 1.5):
         sideways = np.cross(boresight, [0.3, 0.2, 0.9])
         axis = np.cos(angle) * boresight + np.sin(angle) * sideways / np.linalg.norm(sideways)
@@ -575,15 +572,8 @@ def test_the_bound_of_what_is_left_out_is_attained(duration):
     for order in range(3):
         degree = DEGREE + 1 + order
         basis = 1e-16 * np.eye(degree + 2)[..., None]
-        motion = Motion(
-            platform=Pieces.of((np.array([0, duration]), basis[None, degree + 1] * [0, 1, 0])),
-            joints=Pieces.of((np.array([0, duration]), basis[None, degree] * [1, 0])),
-            chart_attitude=np.eye(3)[None],
-            chart_start=np.zeros(1),
-            chart_rate=np.zeros((1, 3)),
-            mounts=np.zeros(1),
-            fixed_boresights=np.zeros((0, 3)),
-        )
+        turning, sweeping = basis[None, degree + 1] * [0, 1, 0], basis[None, degree] * [1, 0]
+        motion = straight(np.array([0, duration]), turning, sweeping)
         on = motion.between(np.array([0, duration]))
         left_out = bounds.interpolation(on, bounds.majorants(motion, on))
         for stated, place, times in (
@@ -600,10 +590,8 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
     spacecraft = craft(2)
     motion = random_motion(40, size=0.05)
     motion = replace(motion, chart_rate=0.1 * motion.chart_rate, chart_attitude=motion.chart_attitude[[0, 0]])
-    on = motion.between(np.union1d(np.linspace(0, 60, 61), motion.platform.breaks()))
-    majorants, samples = bounds.majorants(motion, on), motion.sample(on)
-    none = bounds.interpolation(on, majorants)
-    none = Errors(direction=0 * none.direction, spin=0 * none.spin, joints=0 * none.joints)
+    exactly = without_errors(motion, cut(motion, 60))
+    samples, none = exactly.samples, exactly.rounding
     # Zones, one wider than a right angle, that two devices just touch.
     axes, half_angles = [], []
     for device, apart in enumerate((1.0, 2.5)):
@@ -619,7 +607,7 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
     bindings = Bindings.of(tabulate(zones, [], spacecraft.device_names))
 
     def proved(left_out, rounding):
-        evidence = Evidence(on=on, samples=samples, majorants=majorants, left_out=left_out, rounding=rounding)
+        evidence = replace(exactly, left_out=left_out, rounding=rounding)
         room = limits.prove(limits.quantities(spacecraft, evidence), evidence)
         return np.cos(bindings.prove(evidence).bound + half_angles), room.bound
 
@@ -630,8 +618,7 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
     assert room - lowered == pytest.approx(np.array([0.01] * 6 + [0.02] * 12), abs=1e-5)
     assert raised - cosine == pytest.approx(np.array([1e-3, 1e-3]), rel=0.05)
     # Rounding moves the samples, and so a chord, and with it the cosine, by less.
-    noise = Errors(direction=none.direction + 1e-3, spin=none.spin + 0.09, joints=none.joints + 0.18)
-    raised, lowered = proved(none, noise)
+    raised, lowered = proved(none, left_out)
     assert room - lowered == pytest.approx(bounds.LEBESGUE * np.array([0.01] * 6 + [0.02] * 12), abs=1e-5)
     chords = 2 * np.array([np.sin(half_angles[0] / 2), np.cos(half_angles[1] / 2)])
     assert raised - cosine == pytest.approx(bounds.LEBESGUE * 1e-3 * chords, rel=0.15)
@@ -645,7 +632,7 @@ def test_bernstein_coefficients_give_back_the_polynomial(degree):
     coefficients = bounds.to_rows(values).T
     wanted = np.stack([np.polynomial.polynomial.polyval(place, p) for p in polynomials])
     assert coefficients @ bernstein_basis(degree, place) == pytest.approx(wanted, abs=1e-13)
-    assert np.array_equal(coefficients[:, [0, -1]], values[:, [0, -1]])
+    np.testing.assert_array_equal(coefficients[:, [0, -1]], values[:, [0, -1]])
     assert bounds.growth(degree) == pytest.approx({4: 35 / 3, 8: 1287 / 7, 10: 46189 / 63}[degree], rel=1e-9)
     exact = [[comb(j, i) * 2**i for i in range(degree + 1)] for j in range(degree + 1)]  # of ((1 + x) / 2)^i
     powers = np.array(exact) / [comb(degree, i) * 2**i for i in range(degree + 1)]
@@ -708,7 +695,7 @@ def test_minima_are_bounds_and_tight_for_what_decides(name, shift):
         minima = Minima.of(len(layout.quantity))
         bounds.minimise(rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, 1e-6))
         exact = np.array([table[clauses == c].min(initial=np.inf) for c in range(len(layout.quantity))])
-        assert np.all(minima.bound <= exact + 1e-12)
+        assert_each(minima.bound, "<=", exact + 1e-12)
         for clause, quantity in enumerate(layout.quantity):
             least = exact[layout.quantity == quantity].min()
             if exact[clause] in (least, np.inf) or exact[clause] < 0:
@@ -751,8 +738,8 @@ def test_work_is_bounded_and_the_bound_remains_one(monkeypatch, most_rows):
     bounds.minimise(
         rows, layout, minima, lambda x, _: x, lambda x: np.full_like(x, -1e9)
     )  # never good enough
-    assert np.all(minima.bound <= exact + 1e-12)
-    assert np.all(minima.bound >= exact - (9 if most_rows == 50 else 1e-3))
+    assert_each(minima.bound, "<=", exact + 1e-12)
+    assert_each(minima.bound, ">=", exact - (9 if most_rows == 50 else 1e-3))
 
 
 def test_a_bound_of_what_is_not_a_number_is_not_a_number(monkeypatch):

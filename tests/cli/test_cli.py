@@ -1,5 +1,6 @@
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,21 @@ def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, s
     code = main([str(word) for word in words])
     captured = capsys.readouterr()
     return code, captured.out, captured.err
+
+
+@pytest.fixture(scope="module")
+def folder_of_case_4(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("case-4")
+    assert main(["plan", "case-4", "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def planned(folder_of_case_4, tmp_path, capsys) -> Path:
+    """A folder with the plan of case 4 and its figures, as the command leaves it."""
+    shutil.copytree(folder_of_case_4, tmp_path, dirs_exist_ok=True)
+    capsys.readouterr()
+    return tmp_path
 
 
 @pytest.fixture
@@ -47,9 +63,8 @@ def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
     assert sorted(file.name for file in (tmp_path / "again").glob("*.png")) == pictures
 
 
-def test_what_figures_call_proved_is_not_what_a_file_claims(capsys, tmp_path, monkeypatch):
-    assert main(["plan", "case-1", "-o", str(tmp_path)]) == 0
-    file = tmp_path / "plan.json"
+def test_what_figures_call_proved_is_not_what_a_file_claims(planned, monkeypatch):
+    file = planned / "plan.json"
     told = jp.load_plan(file).certificate.min_margin
     content = json.loads(file.read_text())
     claims = content["report" if "report" in content else "certificate"]
@@ -59,7 +74,6 @@ def test_what_figures_call_proved_is_not_what_a_file_claims(capsys, tmp_path, mo
     monkeypatch.setattr(plans, "_draw", lambda plan, folder: drawn.append(plan))
     assert main(["plot", str(file)]) == 0
     assert drawn[0].certificate.min_margin == pytest.approx(told, abs=1e-12)
-    capsys.readouterr()
 
 
 def test_a_scenario_file_is_planned_like_the_case_it_holds(capsys, case_file):
@@ -136,10 +150,9 @@ def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
         assert "Traceback" not in err
 
 
-def test_a_place_that_cannot_be_written_is_named_and_nothing_beside_it(capsys, monkeypatch, tmp_path):
-    run(capsys, "plan", "case-4", "-o", tmp_path)
+def test_a_place_that_cannot_be_written_is_named_and_nothing_beside_it(capsys, monkeypatch, planned):
     monkeypatch.setattr("jaxplan.planner.certify", lambda *_: pytest.fail("certified"))
-    plan, file = tmp_path / "plan.json", tmp_path / "file"
+    plan, file = planned / "plan.json", planned / "file"
     file.write_text("mine")
     for words in (("new",), ("report", plan, "-o"), ("export", plan, "--format", "csv", "-o")):
         for place, said in {
@@ -243,18 +256,18 @@ def test_validating_tells_faults_apart_from_a_start_or_goal_that_breaks_somethin
     }  # fmt: skip
 
 
-def test_a_plan_that_does_not_hold_fails_the_check(capsys, tmp_path):
-    run(capsys, "plan", "case-4", "-o", tmp_path)
-    content = json.loads((tmp_path / "plan.json").read_text())
+def test_a_plan_that_does_not_hold_fails_the_check(capsys, planned):
+    file = planned / "plan.json"
+    content = json.loads(file.read_text())
     content["trajectory"]["joint_coefficients"][0][3][1] += 0.02
-    (tmp_path / "plan.json").write_text(json.dumps(content))
-    code, out, _ = run(capsys, "check", tmp_path / "plan.json")
+    file.write_text(json.dumps(content))
+    code, out, _ = run(capsys, "check", file)
     assert code == 3
     assert "not certified" in out
-    code, out, _ = run(capsys, "check", tmp_path / "plan.json", "--json")
+    code, out, _ = run(capsys, "check", file, "--json")
     assert code == 3
     assert json.loads(out)["certified"] is False
-    code, out, err = run(capsys, "export", "--format", "csv", tmp_path / "plan.json")
+    code, out, err = run(capsys, "export", "--format", "csv", file)
     assert (code, out) == (3, "")
     assert "fails its certificate, made anew" in err
 
@@ -275,16 +288,14 @@ def test_the_folder_is_tried_before_anything_is_planned(capsys, monkeypatch, tmp
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, tmp_path):
-    run(capsys, "plan", "case-4", "-o", tmp_path)
-    foreign = tmp_path / "rates.png"
-    foreign.write_bytes(b"somebody's own")
-    (tmp_path / "mine.png").write_bytes((tmp_path / "angles.png").read_bytes())
-    scene = edited(case_file, tmp_path / "scene.toml", "half_angle_deg = 28.0", "half_angle_deg = 80.0")
-    code, _, err = run(capsys, "plan", scene, "-o", tmp_path)
+def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, planned):
+    (planned / "rates.png").write_bytes(b"somebody's own")
+    (planned / "mine.png").write_bytes((planned / "angles.png").read_bytes())
+    scene = edited(case_file, planned / "scene.toml", "half_angle_deg = 28.0", "half_angle_deg = 80.0")
+    code, _, err = run(capsys, "plan", scene, "-o", planned)
     assert code == 1
     assert "removed" in err
-    assert {file.name for file in tmp_path.glob("*.png")} == {"sphere.png", "rates.png", "mine.png"}
+    assert {file.name for file in planned.glob("*.png")} == {"sphere.png", "rates.png", "mine.png"}
 
 
 @pytest.mark.slow

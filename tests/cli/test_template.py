@@ -60,6 +60,7 @@ def tables(table=SCENARIO):
             yield from tables(field.kind)
 
 
+@pytest.mark.slow
 def test_a_new_scene_is_planned_although_a_zone_is_in_the_way(scene):
     plan = jp.plan(scene, progress=False)
     assert plan.ok

@@ -52,6 +52,7 @@ def test_at_the_plans_own_scenario_it_is_the_plans_trajectory_in_64_bits(plan, t
     np.testing.assert_allclose(now.joints, before.joints, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_slopes_under_jit_are_those_in_64_bits_without_a_context(slopes):
     narrow, wide = slopes
     largest = max(float(np.max(np.abs(leaf), initial=0.0)) for leaf in jax.tree.leaves(wide))
@@ -62,6 +63,7 @@ def test_slopes_under_jit_are_those_in_64_bits_without_a_context(slopes):
     assert narrow.trajectory.duration < 0  # more time, less effort
 
 
+@pytest.mark.slow
 def test_many_scenarios_are_followed_at_once(plan, trajectory):
     durations = plan.scenario.trajectory.duration * jnp.array([1.0, 1.02])
 
@@ -77,6 +79,7 @@ def test_many_scenarios_are_followed_at_once(plan, trajectory):
     assert together[1] < together[0]
 
 
+@pytest.mark.slow
 def test_within_64_bits_it_is_replan_and_has_both_modes(plan, trajectory, slopes):
     with jax.enable_x64(True):
         along = quick_jit(

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from builders import make_scenario
+from reference import assert_each
 from scipy.optimize import minimize
 
 import jaxplan as jp
@@ -25,7 +26,9 @@ DURATIONS = {
 }
 
 
-@pytest.mark.parametrize("name", DURATIONS)
+@pytest.mark.parametrize(
+    "name", ["in a given time", "stretched", pytest.param("shortest", marks=pytest.mark.slow)]
+)
 def test_an_optimal_plan_is_the_one_whose_derivatives_are_known(name):
     plan = jp.plan(asking(make_scenario(1), duration=DURATIONS[name], optimal=True), progress=False)
     assert plan.ok
@@ -117,7 +120,7 @@ def test_the_least_change_is_that_of_another_solver(seed):
     )
     np.testing.assert_allclose(found, other.x, atol=1e-6)
     np.testing.assert_allclose(hessian @ found + gradient + slopes.T @ pushes, 0, atol=1e-10)
-    assert np.all(pushes >= 0)
+    assert_each(pushes, ">=", 0)
     assert np.max(slopes @ found + excess) <= 1e-10
     np.testing.assert_allclose(pushes * (slopes @ found + excess), 0, atol=1e-10)
     assert np.linalg.matrix_rank(slopes[pushes > 0]) == np.sum(pushes > 0)

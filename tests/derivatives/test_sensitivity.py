@@ -11,6 +11,7 @@ from builders import make_scenario
 from held_plans import CASES, metric, plan_of, turned, valued, widened_tube
 from node_paths import fit_global
 from quick import quick_jit
+from reference import assert_each
 
 import jaxplan as jp
 from jaxplan.derivatives import follow, hold, replan
@@ -29,6 +30,9 @@ def compiled():
     return quick_jit(
         jax.value_and_grad(lambda scenario, held: metric(replan(held, scenario)), allow_int=True)
     )
+
+
+replanned = quick_jit(replan)
 
 
 def told(scenario, held):
@@ -120,6 +124,7 @@ def test_the_optimum_is_found_from_some_way_off_while_the_same_rows_bind(case):
             assert float(told(plan.scenario, held)[0]) == pytest.approx(value, rel=1e-11)
 
 
+@pytest.mark.slow
 @cases
 def test_what_is_no_number_gives_none_and_an_end(case):
     plan = plan_of(case)
@@ -134,7 +139,7 @@ def test_what_is_no_number_gives_none_and_an_end(case):
 def test_what_binds_is_told_where_a_rate_stays_the_same_for_long(duration):
     plan = turned(duration)  # its rows follow from each other, at the limit and near it
     fit = hold(plan).fit
-    assert np.all(fit.multipliers >= 0)
+    assert_each(fit.multipliers, ">=", 0)
     assert np.count_nonzero(fit.multipliers) == fit.linear.on.sum() + fit.loads.on.sum()
 
 
@@ -144,10 +149,10 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
     settings = replace(scenario.trajectory, duration=40.0)
     plan = jp.plan(replace(scenario, start=start, goal=scenario.start, trajectory=settings))
     with jax.enable_x64(True):
-        again = quick_jit(replan)(hold(plan), jax.tree.map(np.asarray, plan.scenario))
+        again = replanned(hold(plan), jax.tree.map(np.asarray, plan.scenario))
     own = plan.trajectory.coefficients
     assert np.max(np.abs(own[:, 1:])) > 1e-4
-    assert np.allclose(again.coefficients, own, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(again.coefficients, own, rtol=0, atol=1e-10)
 
 
 @pytest.mark.slow
@@ -185,14 +190,14 @@ def assert_replanned(plan):
     """What is replanned at a plan's own scenario is the plan."""
     scenario = jax.tree.map(np.asarray, replace(plan.scenario, name="", epoch=None))
     with jax.enable_x64(True):
-        again = quick_jit(replan)(hold(plan), scenario)
+        again = replanned(hold(plan), scenario)
     # Its times of nodes are each told once, and then padded.
     again, expected = (
         replace(each, node_times=np.unique(each.node_times)) for each in (again, plan.trajectory)
     )
     for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(expected), strict=True):
         assert np.shape(one) == np.shape(other)
-        assert np.allclose(one, other, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-7)
 
 
 def test_plans_whose_tube_was_widened_are_replanned_as_they_are():
@@ -297,8 +302,8 @@ def test_slopes_of_a_batch_are_those_of_each_and_of_differences_forward_and_reve
     )
     assert len(own) >= 15
     off = np.sort(np.abs(slope - found)) / np.abs(found).max()
-    assert np.all(off[:-3] <= 1e-6)  # within the steps the pace of some may have a kink
+    assert_each(off[:-3], "<=", 1e-6)  # within the steps the pace of some may have a kink
     assert off[-1] <= 1e-5
-    assert np.allclose(forward, slope, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
+    np.testing.assert_allclose(forward, slope, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
     for one, single in zip(reverse, alone, strict=True):
-        assert np.allclose(one[5], single, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(one[5], single, rtol=1e-8, atol=1e-9)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from builders import make_scenario
 from exports import EPOCH, flown_plan
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -37,14 +38,14 @@ def test_the_instants_are_multiples_of_the_step_and_the_end():
     for duration in np.random.default_rng(1).uniform(0.1, 100, 200):
         times = instants(duration, 0.1)
         assert times[-1] == duration
-        assert np.all(np.diff(times) > 9e-5)
+        assert_each(np.diff(times), ">", 9e-5)
 
 
 def test_quaternions_turn_twice_around_without_a_jump():
     axis = np.array([0.36, -0.48, 0.8])
     turns = Rotation.from_rotvec(np.linspace(0.1, 4 * np.pi, 300)[:, None] * axis).as_matrix()
     quaternions = quaternion.continuous(turns)
-    assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.99)
+    assert_each(np.sum(quaternions[1:] * quaternions[:-1], axis=1), ">", 0.99)
     assert quaternions[0, 0] > 0
     back = Rotation.from_quat(quaternions, scalar_first=True).as_matrix()
     np.testing.assert_allclose(back, turns, atol=1e-14)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import make_scenario
 from exports import DURATION, EPOCH, differences, flown_plan, truth
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -42,7 +43,7 @@ def folder(plan, tmp_path_factory) -> Path:
 def matrices(quaternions: np.ndarray, scalar_first: bool) -> np.ndarray:
     """Attitudes of a file, whose quaternions have unit length and do not jump."""
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, atol=1e-14)
-    assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.9)
+    assert_each(np.sum(quaternions[1:] * quaternions[:-1], axis=1), ">", 0.9)
     return Rotation.from_quat(quaternions, scalar_first=scalar_first).as_matrix()
 
 
@@ -179,7 +180,7 @@ def test_a_hundred_thousand_samples_are_written_and_read(plan, tmp_path):
     jp.export(plan, tmp_path / "long.aem", format="aem", epoch=EPOCH, step_s=step)
     _, times, states = read_aem(tmp_path / "long.aem")
     assert times.shape == (100_001,)
-    assert np.all(np.diff(times) > 0)
+    assert_each(np.diff(times), ">", 0)
     picked = np.linspace(0, 100_000, 50).astype(int)
     attitude = matrices(states[:, :4], scalar_first=False)[picked]
     np.testing.assert_allclose(attitude, truth(plan, step * picked).attitude, atol=1e-9)

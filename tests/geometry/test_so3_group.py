@@ -66,7 +66,7 @@ def test_rotations_form_a_group_and_distances_do_not_depend_on_the_frame(a, b, c
     a, b, c = (np.array(x) for x in (a, b, c))
     found = {name: np.asarray(part) for name, part in group(a, b, c, fraction).items()}
     for name in found:
-        assert np.all(np.isfinite(found[name])), name
+        np.testing.assert_array_equal(np.isfinite(found[name]), True, err_msg=name)
     rotations = found["rotations"]
     np.testing.assert_allclose(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3), 0, atol=ROUNDING)
     np.testing.assert_allclose(np.linalg.det(rotations), 1, rtol=0, atol=ROUNDING)

@@ -2,6 +2,7 @@ import jax
 import numpy as np
 import pytest
 from pointing import KINDS, PAPER_DIRECTIONS, Printed, Problem, make_problem, random_problem
+from reference import assert_each
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
@@ -100,8 +101,8 @@ def test_goals_meet_every_constraint(solved):
         assert found.zone_excess <= 0
         for goal in found.goals:
             margins, _ = printed.margins(turn(problem, goal.attitude))
-            assert np.all(margins >= -1e-14)
-            assert np.all(np.abs(goal.joints) <= limits)
+            assert_each(margins, ">=", -1e-14)
+            assert_each(np.abs(goal.joints), "<=", limits)
             boresights = np.asarray(problem.spacecraft.boresights(goal.attitude, goal.joints))
             np.testing.assert_allclose(
                 boresights[: len(limits) // 2], problem.targets.directions, atol=1e-14, rtol=0
@@ -197,7 +198,7 @@ def test_goal_half_a_turn_away_in_a_narrow_range(count, limit):
         assert len(goals) >= 1
         eta = turn(problem, goals[0].attitude)
         assert goals[0].slew_angle <= np.pi
-        assert np.all(Printed(problem).margins(eta)[0] >= -1e-14)
+        assert_each(Printed(problem).margins(eta)[0], ">=", -1e-14)
         assert Rotation.from_matrix(half_turn.T @ goals[0].attitude).magnitude() <= 10 * limit
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from pointing import Printed, Problem, random_problem
+from reference import assert_each
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
 
@@ -43,7 +44,7 @@ def test_every_attitude_is_near_a_point_of_the_covering():
     points = multistart.covering_points(0)
     attitudes = Rotation.random(4000, rng=np.random.default_rng(5)).as_quat(scalar_first=True)
     assert 2 * np.arccos(np.abs(attitudes @ points.T).max(axis=1).min()) <= multistart.RADIUS
-    assert np.all(np.diff(points[:, 0]) <= 0)
+    assert_each(np.diff(points[:, 0]), "<=", 0)
     np.testing.assert_array_equal(points[0], [1, 0, 0, 0])
 
 
@@ -63,7 +64,7 @@ def test_no_point_near_a_solution_is_ruled_out():
             solution = Rotation.from_matrix(problem.start.T @ goal.attitude).as_quat(scalar_first=True)
             distance = 2 * np.arccos(np.minimum(np.abs(multistart.covering_points(0) @ solution), 1))
             assert np.any(distance <= multistart.RADIUS)
-            assert np.all(depths[distance <= multistart.RADIUS] <= 1e-6)
+            assert_each(depths[distance <= multistart.RADIUS], "<=", 1e-6)
         ruled_out += np.sum(depths > 0)
     assert ruled_out > multistart.POINTS
 
@@ -104,10 +105,10 @@ def test_quadratic_programs_are_solved_or_said_to_have_no_solution():
         ).x
         np.testing.assert_allclose(found[k], reference, atol=1e-6)
         number, multiplier = np.asarray(active.number)[:, k], np.asarray(active.multiplier)[:, k]
-        assert np.all(multiplier >= 0)
+        assert_each(multiplier, ">=", 0)
         pull = multiplier[number >= 0] @ gradients[k][number[number >= 0]]
         np.testing.assert_allclose(gradient[k] + hessian[k] @ found[k] + pull, 0, atol=1e-10)
-        assert np.all(excess[k] + gradients[k] @ found[k] <= 1e-12)
+        assert_each(excess[k] + gradients[k] @ found[k], "<=", 1e-12)
 
 
 def test_restoration_is_the_least_squares_step_to_the_violated_bounds():

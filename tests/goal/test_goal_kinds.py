@@ -7,7 +7,7 @@ import pytest
 from builders import make_scenario
 from pointing import make_problem
 from pointing_kinds import random_kinds, row_margins, slsqp, table, worst_margin
-from reference import random_units, state_margins
+from reference import assert_each, random_units, state_margins
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -61,7 +61,7 @@ def test_no_random_attitude_is_nearer_than_the_goal(solved):
         turns = random_units(rng, 4000) * (nearest * rng.random((4000, 1)) ** (1 / 3))
         attitudes = problem.start @ Rotation.from_rotvec(turns).as_matrix()
         nearer = np.linalg.norm(turns, axis=1) < nearest - 1e-9
-        assert not np.any(nearer & (worst_margin(problem, attitudes) >= 0))
+        np.testing.assert_array_equal(nearer & (worst_margin(problem, attitudes) >= 0), False)
         everywhere = problem.start @ Rotation.random(4000, rng=rng).as_matrix()
         possible += np.any(worst_margin(problem, everywhere) >= 0)
     assert possible >= len(solved) / 2  # what is tried can hold at all
@@ -324,7 +324,7 @@ def test_goals_are_found_beside_what_step_1_leaves_open(moved):
             seen = scene.spacecraft.boresights(goal.attitude, goal.joints)
             np.testing.assert_allclose(seen, scene.goal.directions, atol=1e-12)
             limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
-            assert np.all(np.abs(goal.joints) <= limits)
+            assert_each(np.abs(goal.joints), "<=", limits)
             assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] >= 0
 
 
@@ -338,7 +338,7 @@ def test_no_attitude_around_such_a_goal_is_nearer_to_the_start(moved):
         limits = np.repeat([scene.goal.yaw_limit, scene.goal.pitch_limit], 3)
         kept = np.all(np.abs(joints) <= limits, axis=1) & (stated_margin(scene, attitudes, joints) >= 0)
         turned = Rotation.from_matrix(scene.start.attitude.T @ attitudes).magnitude()
-        assert np.all(turned[kept] >= goal.slew_angle - 5e-4)
+        assert_each(turned[kept], ">=", goal.slew_angle - 5e-4)
         near += np.sum(kept)
     assert near > 1000
 

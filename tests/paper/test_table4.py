@@ -63,6 +63,7 @@ def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
     np.testing.assert_array_equal(again[0].steps, rows[0].steps)
 
 
+@pytest.mark.slow
 def test_rows_are_studies_whose_tables_are_the_same_again_and_compare():
     first, again = (table4.search_study(range(3), "hard_keep_in", "wastar") for _ in range(2))
     assert json.dumps(first.table) == json.dumps(again.table)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import make_spacecraft
 from node_paths import NAMES, ZIG_ZAG, fit_paper, fit_stored, load, wandering
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
@@ -224,8 +225,8 @@ def test_a_curve_that_swings_between_its_nodes_is_cut_into_more_segments():
         assert len(fit.trajectory.coefficients) > 3
         middles = (fit.trajectory.node_times[1:] + fit.trajectory.node_times[:-1]) / 2
         between = at(fit.trajectory, middles).joints
-        assert np.all(between < np.maximum(path.joints[1:], path.joints[:-1]) + 0.1)
-        assert np.all(between > np.minimum(path.joints[1:], path.joints[:-1]) - 0.1)
+        assert_each(between, "<", np.maximum(path.joints[1:], path.joints[:-1]) + 0.1)
+        assert_each(between, ">", np.minimum(path.joints[1:], path.joints[:-1]) - 0.1)
 
 
 def test_more_segments_are_tried_where_a_joint_leaves_its_range():
@@ -239,7 +240,7 @@ def test_more_segments_are_tried_where_a_joint_leaves_its_range():
         assert fit.status is Status.OK
         reached.append(np.abs(at(fit.trajectory, fine_times(fit.trajectory)).joints).max(axis=0))
     assert np.any(reached[0] > craft.joint_limits)
-    assert np.all(reached[1] <= craft.joint_limits)
+    assert_each(reached[1], "<=", craft.joint_limits)
 
 
 def test_a_duration_too_short_says_which_would_do():
@@ -347,7 +348,7 @@ def test_a_platform_that_rests_for_part_of_the_path_is_planned():
         fit = fit_paper(path, make_spacecraft(2), TrajectorySettings(segments=segments))
         assert fit.status is Status.OK
         assert passes(fit.trajectory, path)
-    assert np.all(fit.trajectory.chart_rate[:5] == 0)  # Omega = 0
+    assert_each(fit.trajectory.chart_rate[:5], "==", 0)  # Omega = 0
 
 
 def test_joints_alone_and_platform_alone_are_planned():
@@ -378,7 +379,7 @@ def test_a_path_without_motion_rests_for_no_time(edges, duration):
     np.testing.assert_allclose(s.attitude, one.attitudes[0], atol=1e-15)
     np.testing.assert_array_equal(s.joints, path.joints[0])
     for field in ("angular_velocity", "angular_acceleration", "angular_jerk", "joint_rates", "joint_jerks"):
-        assert not np.any(getattr(s, field))
+        np.testing.assert_array_equal(getattr(s, field), 0)
     with pytest.raises(ValueError, match=r"\[0, 0.0\]"):
         fit.trajectory.sample(1e-9)
 
@@ -405,10 +406,10 @@ def test_rates_at_the_ends_are_met(edges, duration):
     assert fit.status is Status.OK
     ends = at(fit.trajectory, fit.trajectory.breaks[[0, -1]])
     for i, when in enumerate(("start", "end")):
-        assert np.all(np.abs(ends.angular_velocity[i] - rates[f"{when}_angular_velocity"]) <= 1e-9)
-        assert np.all(np.abs(ends.joint_rates[i] - rates[f"{when}_joint_rates"]) <= 1e-9)
-    assert np.all(np.abs(ends.angular_acceleration) <= 1e-9)
-    assert np.all(np.abs(ends.attitude - path.attitudes[[0, -1]]) <= 1e-9)
+        assert_each(np.abs(ends.angular_velocity[i] - rates[f"{when}_angular_velocity"]), "<=", 1e-9)
+        assert_each(np.abs(ends.joint_rates[i] - rates[f"{when}_joint_rates"]), "<=", 1e-9)
+    assert_each(np.abs(ends.angular_acceleration), "<=", 1e-9)
+    assert_each(np.abs(ends.attitude - path.attitudes[[0, -1]]), "<=", 1e-9)
     assert max(loads(fit.trajectory, craft, fine_times(fit.trajectory)).values()) <= 1
 
 

@@ -53,6 +53,7 @@ def expect_agreement(one: jp.Plan, other: jp.Plan) -> None:
         assert one.certificate.min_margin == pytest.approx(other.certificate.min_margin, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_batch_agrees_with_one_by_one(batch):
     for scenario, together in zip(scenarios(), batch, strict=True):
         expect_agreement(together, jp.plan(scenario, throw=False))

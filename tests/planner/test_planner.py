@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builders import make_scenario, with_search
-from numpy.polynomial import legendre
-from reference import sampled_margin
+from dense import instants, shares
+from reference import assert_each, attitudes_of, joints_of, sampled_margin
 from scipy.spatial.transform import Rotation
 from trust import flights, golden
 
@@ -34,36 +34,6 @@ def case_plans() -> dict[int, jp.Plan]:
     return {number: jp.plan(jp.paper_case(number)) for number in (1, 2, 3, 4)}
 
 
-def evaluate(trajectory: jp.Trajectory, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes and joints from what a trajectory is, by numpy's Legendre series and scipy's rotations."""
-
-    def series(breaks: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        piece = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
-        values = np.zeros((len(t), coefficients.shape[2]))
-        for k in range(len(breaks) - 1):
-            x = 2 * (t[piece == k] - breaks[k]) / (breaks[k + 1] - breaks[k]) - 1
-            values[piece == k] = legendre.legval(x, coefficients[k]).T
-        return piece, values
-
-    piece, b = series(trajectory.breaks, trajectory.coefficients)
-    rate = trajectory.chart_rate[piece]
-    since = (t - trajectory.chart_start[piece])[:, None]
-    half = Rotation.from_rotvec(since * rate / 2)
-    gamma = half * Rotation.from_rotvec(b - since * rate) * half
-    attitudes = (Rotation.from_matrix(trajectory.chart_attitude[piece]) * gamma).as_matrix()
-    return attitudes, series(trajectory.joint_breaks, trajectory.joint_coefficients)[1]
-
-
-def central(values: np.ndarray, step: float, order: int) -> np.ndarray:
-    """First or second derivative on a grid, to eighth order; four points are lost at either end."""
-    weights = {
-        1: np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]),
-        2: np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]),
-    }[order]
-    count = len(values) - 8
-    return sum(w * values[k : k + count] for k, w in enumerate(weights)) / step**order
-
-
 @pytest.mark.slow
 @pytest.mark.paper
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
@@ -72,34 +42,28 @@ def test_limits_and_margins_of_the_papers_cases_hold_at_a_hundred_thousand_insta
     assert plan.ok
     assert plan.certificate.certified
     craft, trajectory = plan.scenario.spacecraft, plan.trajectory
-    t = np.linspace(0, trajectory.duration, INSTANTS)
-    attitudes, joints = evaluate(trajectory, t)
-    scene = make_scene(plan.scenario, plan.goal)
-    margin = sampled_margin(scene, attitudes, joints)
-    assert np.all(margin >= 0)
+    t = instants(trajectory, INSTANTS)
+    attitudes, joints = attitudes_of(trajectory, t), joints_of(trajectory, t, orders=1)[0]
+    margin = sampled_margin(make_scene(plan.scenario, plan.goal), attitudes, joints)
+    assert_each(margin, ">=", 0)
     assert margin.min() >= plan.certificate.min_margin - 1e-9
     assert margin.min() <= plan.certificate.min_margin + np.deg2rad(0.05), "the proved bound is not idle"
-    assert np.all(np.abs(joints) <= craft.joint_limits)
 
-    step = t[1]
-    inner = attitudes[4:-4]
-    rate_matrix = np.swapaxes(inner, 1, 2) @ central(attitudes, step, 1)
-    omega = np.stack([rate_matrix[:, 2, 1], rate_matrix[:, 0, 2], rate_matrix[:, 1, 0]], axis=1)
-    second = np.swapaxes(inner, 1, 2) @ central(attitudes, step, 2) - rate_matrix @ rate_matrix
-    alpha = np.stack([second[:, 2, 1], second[:, 0, 2], second[:, 1, 0]], axis=1)
+    found = shares(trajectory, craft, INSTANTS)
+    assert_each(np.abs(found["range"]), "<=", 1)
     peaks = {
-        "angular_velocity": np.abs(omega) / craft.rate_limit,
-        "angular_acceleration": np.abs(alpha) / craft.acceleration_limit,
-        "joint_rates": np.abs(central(joints, step, 1)) / craft.joint_rate_limits,
-        "joint_accelerations": np.abs(central(joints, step, 2)) / craft.joint_acceleration_limits,
+        "angular_velocity": found["rate"],
+        "angular_acceleration": found["acceleration"],
+        "joint_rates": found["joint rate"],
+        "joint_accelerations": found["joint acceleration"],
     }
-    for name, ratios in peaks.items():
-        assert np.all(ratios <= 1), name
-        assert plan.certificate.peaks[name] == pytest.approx(ratios.max(), rel=3e-3), name
-        assert plan.certificate.peaks[name] >= ratios.max() - 1e-6, name
-    sample = trajectory.sample(t[4:-4])
-    np.testing.assert_allclose(sample.attitude, inner, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(sample.angular_velocity, omega, rtol=0, atol=1e-9)
+    for name, own in peaks.items():
+        assert_each(np.abs(own), "<=", 1, name)
+        assert plan.certificate.peaks[name] == pytest.approx(np.abs(own).max(), rel=3e-3), name
+        assert plan.certificate.peaks[name] >= np.abs(own).max() - 1e-6, name
+    sample = trajectory.sample(t)
+    np.testing.assert_allclose(sample.attitude, attitudes, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sample.angular_velocity, found["rate"] * craft.rate_limit, rtol=0, atol=1e-9)
 
 
 @pytest.mark.paper

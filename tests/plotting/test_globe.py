@@ -18,6 +18,7 @@ from matplotlib import pyplot
 from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
 from PIL import Image
+from reference import assert_each
 
 import jaxplan as jp
 from jaxplan.model.zones import KeepIn, KeepOut
@@ -59,7 +60,7 @@ def test_a_view_looks_from_where_it_is_said_with_north_up():
 def test_a_chosen_view_has_a_bundle_of_directions_in_front():
     for direction in DIRECTIONS[np.abs(DIRECTIONS[:, 2]) < 0.9]:
         view = GlobeView.facing(circle(direction, 0.3))
-        assert np.all(view.depth(circle(direction, 0.3)) > 0)
+        assert_each(view.depth(circle(direction, 0.3)), ">", 0)
 
 
 def test_the_two_sides_of_a_line_meet_and_are_the_whole_of_it():
@@ -87,7 +88,7 @@ def test_a_zone_is_filled_where_it_is_on_either_side(half_angle):
         np.testing.assert_allclose(sheet.directions[row[on], column[on]], points, atol=1e-12)
         found = view.directions(np.stack([x[on], y[on]], axis=1), side * view.axes[2])
         np.testing.assert_allclose(found, points, atol=1e-12)
-    assert np.all(np.isnan(view.directions(np.array([[0.8, 0.8]]), view.axes[2])))
+    np.testing.assert_array_equal(view.directions(np.array([[0.8, 0.8]]), view.axes[2]), np.nan)
     axes = Figure().subplots()
     zone = KeepOut(name="zone", direction=axis, half_angle=half_angle)
     areas = [area for area in draw_zone(axes, view, zone) if hasattr(area, "get_paths")]

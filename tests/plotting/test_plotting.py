@@ -12,7 +12,7 @@ from builders import make_plan, make_scenario
 from drawn import filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
-from reference import angle, direction, unit
+from reference import angle, assert_each, direction, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -64,7 +64,7 @@ def test_outline_lies_on_the_cone_and_on_the_map() -> None:
     for axis, half_angle in _cones():
         line = _outline(axis, half_angle)
         points = line[~np.isnan(line[:, 0])]
-        assert np.all(np.abs(points) <= [180, 90])
+        assert_each(np.abs(points), "<=", [180, 90])
         # where the map's edge cuts it, the chord on the map leaves the cone by less than is seen
         cut = np.abs(points[:, 0]) > 180 - 1e-9
         depth = angle(_direction(points), axis) - half_angle
@@ -75,7 +75,7 @@ def test_outline_lies_on_the_cone_and_on_the_map() -> None:
 def test_outline_goes_all_the_way_round_without_a_streak() -> None:
     for axis, half_angle in _cones():
         first, second = _steps(_outline(axis, half_angle))
-        assert np.all(np.abs(second - first)[:, 0] <= 180)
+        assert_each(np.abs(second - first)[:, 0], "<=", 180)
         lengths = angle(_direction(first), _direction(second))
         assert lengths.max() < np.deg2rad(0.6)
         np.testing.assert_allclose(lengths.sum(), 2 * np.pi * np.sin(half_angle), rtol=1e-4)
@@ -129,7 +129,7 @@ def test_no_line_across_the_map_has_a_streak() -> None:
         turned = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 400), unit(normal)))
         way = turned.apply(unit(np.cross(normal, [0.3, 0.5, 0.7])))
         first, second = _steps(projections.cut(projections.unfold(way)))
-        assert np.all(np.abs(second - first)[:, 0] <= 180)
+        assert_each(np.abs(second - first)[:, 0], "<=", 180)
         # where it is cut, the chord on the map leaves the great circle by far less than a step
         assert angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400
 

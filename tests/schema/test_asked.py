@@ -70,7 +70,7 @@ def test_what_no_file_may_hold_is_refused_by_its_key_and_number(what):
 def test_lists_are_taken_for_arrays():
     given = with_parts(start={"joints": list(map(float, SCENE.start.joints)), "joint_rates": [0.0] * 4})
     first, second = jp.plan(given), jp.plan(SCENE)
-    assert np.array_equal(first.trajectory.coefficients, second.trajectory.coefficients)
+    np.testing.assert_array_equal(first.trajectory.coefficients, second.trajectory.coefficients)
 
 
 def test_targets_of_which_none_moves_are_still(tmp_path):
@@ -86,7 +86,7 @@ def test_directions_that_are_rounded_are_kept_as_a_file_holds_them(tmp_path):
     angles = 0.2 + 8e-3 * times
     rounded = np.round(np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1), 6)
     path = DirectionPath.through(times, rounded)
-    assert np.allclose(np.linalg.norm(path.samples, axis=1), 1, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(path.samples, axis=1), 1, rtol=0, atol=1e-15)
     still = np.array([0.0, 1.0, 0.0])
     settings = replace(SCENE.trajectory, duration=60.0)
     scenario = replace(SCENE, goal=jp.Targets(directions=(path, still)), trajectory=settings)

@@ -3,12 +3,14 @@
 import re
 import tomllib
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 from builders import LOW_ORBIT, great_circle
+from tables import ABSENT, put
 
 import jaxplan as jp
 from jaxplan import schema as sc
@@ -58,23 +60,8 @@ def bits(scenario):
 
 
 def changed(*changes):
-    """The tables with values at places, such as ``("keep_out", 0, "times_s")``, changed or, by None, gone."""
-    tables = _copy(TABLES)
-    for (*parents, last), value in changes:
-        parent = tables
-        for key in parents:
-            parent = parent[key]
-        if value is None:
-            del parent[last]
-        else:
-            parent[last] = value
-    return tables
-
-
-def _copy(value):
-    if isinstance(value, dict):
-        return {key: _copy(item) for key, item in value.items()}
-    return [_copy(item) for item in value] if isinstance(value, list) else value
+    """The tables with values at places, such as ``("keep_out", 0, "times_s")``, changed or gone."""
+    return reduce(lambda tables, change: put(tables, *change), changes, TABLES)
 
 
 def test_samples_are_read_as_a_path_and_written_back_to_the_bit():
@@ -110,7 +97,9 @@ def test_a_scenario_at_an_instant_has_directions_of_then_and_nothing_that_moves(
     rates = read.goal.rates(33.0)
     np.testing.assert_allclose(np.linalg.norm(rates, axis=1), [0.001, 0], atol=1e-9)
     still = sc.scenario_from_dict(
-        changed((("goal", "targets"), [[1, 0, 0], [0, 0, 1]]), (("keep_out",), None), (("keep_in",), None))
+        changed(
+            (("goal", "targets"), [[1, 0, 0], [0, 0, 1]]), (("keep_out",), ABSENT), (("keep_in",), ABSENT)
+        )
     )
     assert still.constraints.at(33.0) is still.constraints
     assert still.goal.at(33.0) is still.goal
@@ -151,12 +140,8 @@ NUMBERS = "must be rising numbers"
 @pytest.mark.parametrize(
     ("place", "value", "fault"),
     [
-        ((*OUT, "times_s"), None, f".times_s: missing, {NUMBERS}"),
-        (
-            (*OUT, "direction_samples"),
-            None,
-            ".times_s: needs direction_samples",
-        ),
+        ((*OUT, "times_s"), ABSENT, f".times_s: missing, {NUMBERS}"),
+        ((*OUT, "direction_samples"), ABSENT, ".times_s: needs direction_samples"),
         ((*OUT, "times_s"), [0, 20, 20, 60, 81], ".times_s[2] = 20.0: must be later than the one before, 20"),
         ((*OUT, "times_s"), [1, 20, 40, 60, 81], ".times_s[0] = 1.0: must be at most 0"),
         (
@@ -181,7 +166,7 @@ NUMBERS = "must be rising numbers"
         ((*OUT, "direction"), [0, 0, 1], ".direction_samples: stands in the place of direction"),
         ((*OUT, "moving"), True, ".moving = true: needs a body"),
         ((*OUT, "satellite"), "n", ".direction_samples: stands in the place of satellite"),
-        ((*TARGET, "times_s"), None, ".times_s: missing"),
+        ((*TARGET, "times_s"), ABSENT, ".times_s: missing"),
         ((*TARGET, "colour"), 1, ".colour: unknown key"),
         ((*TARGET, "times_s"), [0, 20, 40, 60, 70], ".times_s: must reach trajectory.duration_s"),
         (TARGET, "ahead", ' = "ahead": needs [sky]'),

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of
-from reference import boresights, edge_states, sampled_margin
+from reference import assert_each, assert_leads, boresights, edge_margins, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import SKY_KINDS, paper_case, random_scenario
@@ -40,30 +39,14 @@ def random_scene(kind: str, seed: int) -> tuple[Scene, SearchSettings]:
     return make_scene(scenario, find_goals(scenario)[0]), scenario.search
 
 
-def margins_along(scene: Scene, result: SearchResult, samples: int = 31) -> np.ndarray:
-    """(edges,) sampled smallest margins."""
-    path = result.path
-    nodes = list(zip(path.attitudes, path.joints, strict=True))
-    edges = [edge_states(*a, *b, samples) for a, b in pairwise(nodes)]
-    states = [np.concatenate(part) for part in zip(*edges, strict=True)]
-    return sampled_margin(scene, *states).reshape(-1, samples).min(axis=1)
-
-
 def assert_flyable(scene: Scene, result: SearchResult, *, edges: bool = True) -> None:
     """The path leads from start to goal within the limits, by single steps, clear along every edge."""
     assert result.status is Status.OK
     assert result.expansions == sum(result.queue_expansions)
     path = result.path
-    assert np.allclose(path.attitudes[0], scene.start_attitude, atol=1e-12)
-    assert np.array_equal(path.attitudes[-1], scene.goal_attitude)
-    assert np.array_equal(path.joints[0], scene.start_joints)
-    assert np.array_equal(path.joints[-1], scene.goal_joints)
-    assert np.all(np.abs(path.joints) <= scene.joint_limits + 1e-12)
-    turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
-    assert np.allclose(path.edge_costs, steps_between(scene, turns, np.diff(path.joints, axis=0)), atol=1e-9)
-    assert np.all(path.edge_costs <= 1 + 1e-9)
-    margins = margins_along(scene, result) if edges else sampled_margin(scene, path.attitudes, path.joints)
-    assert np.all(margins >= 0)
+    assert_leads(scene, path)
+    margins = edge_margins(scene, path, 31) if edges else sampled_margin(scene, path.attitudes, path.joints)
+    assert_each(margins, ">=", 0)
 
 
 def test_the_reader_takes_every_planner_and_no_other():
@@ -108,8 +91,8 @@ def test_weighted_a_star_solves_as_many_random_scenes_as_the_printed_graph_allow
 def test_the_same_seed_gives_the_same_path_and_another_seed_another(method):
     scene, settings = random_scene("hard_keep_out", 1)
     first, again, other = (PLANNERS[method](scene, replace(settings, seed=seed)) for seed in (3, 3, 4))
-    assert np.array_equal(first.path.attitudes, again.path.attitudes)
-    assert np.array_equal(first.path.joints, again.path.joints)
+    np.testing.assert_array_equal(first.path.attitudes, again.path.attitudes)
+    np.testing.assert_array_equal(first.path.joints, again.path.joints)
     assert first.expansions == again.expansions
     # smoothing may well make the same path of what two seeds find
     assert first.expansions != other.expansions or not np.array_equal(first.path.joints, other.path.joints)
@@ -214,9 +197,9 @@ def test_between_agrees_with_scipy_for_turns_of_any_size():
     found = between(*rows, fraction)
     wanted = start * Rotation.from_rotvec(fraction[:, None] * turns)
     error = (Rotation.from_quat(found[:, :4], scalar_first=True).inv() * wanted).magnitude()
-    assert np.all(error < 1e-9)
-    assert np.allclose(
-        found[:, 4:], rows[0][:, 4:] + fraction[:, None] * (rows[1] - rows[0])[:, 4:], atol=1e-15
+    assert_each(error, "<", 1e-9)
+    np.testing.assert_allclose(
+        found[:, 4:], rows[0][:, 4:] + fraction[:, None] * (rows[1] - rows[0])[:, 4:], rtol=0, atol=1e-15
     )
 
 
@@ -228,8 +211,8 @@ def test_reach_is_sound_and_goes_as_far_as_the_motion_is_clear():
     far = np.full((2, 40), 1e3)
     near = np.stack([np.zeros(40), np.full(40, 1e3)])
     reached, tapered = (space.reach(first, second, ends, far) for ends in (far, near))
-    assert np.all(reached * INTERVALS == np.rint(reached * INTERVALS))
-    assert np.all(tapered >= reached)
+    assert_each(reached * INTERVALS, "==", np.rint(reached * INTERVALS))
+    assert_each(tapered, ">=", reached)
     for state, full, with_taper in zip(second, reached, tapered, strict=True):
         end = scene.start_attitude @ Rotation.from_quat(state[:4], scalar_first=True).as_matrix()
         states = edge_states(scene.start_attitude, scene.start_joints, end, state[4:], 32 * INTERVALS + 1)
@@ -245,15 +228,15 @@ def test_every_second_state_that_is_drawn_holds_what_is_to_be_held_if_it_can():
     scene, _ = random_scene("held_links", 2)
     states = draw(scene, np.random.default_rng(3), 400)
     attitudes = scene.start_attitude @ Rotation.from_quat(states[:, :4], scalar_first=True).as_matrix()
-    assert np.all(np.abs(states[:, 4:]) <= scene.joint_limits)
+    assert_each(np.abs(states[:, 4:]), "<=", scene.joint_limits)
     seen = boresights(scene, attitudes, states[:, 4:])
     held, axes = list(scene.held_axes), np.stack(list(scene.held_axes.values()))
     on_axis = np.all(np.sum(seen[:, held] * axes, axis=-1) > 1 - 1e-12, axis=-1)
-    assert not np.any(on_axis[::2])
+    np.testing.assert_array_equal(on_axis[::2], False)
     assert np.mean(on_axis[1::2]) > 0.3
     uniform = states[::2]
-    assert np.all(np.abs(np.mean(uniform[:, 4:], axis=0)) < 0.15 * scene.joint_limits)
-    assert np.all(np.abs(np.mean(uniform[:, :4] ** 2, axis=0) - 0.25) < 0.06)
+    assert_each(np.abs(np.mean(uniform[:, 4:], axis=0)), "<", 0.15 * scene.joint_limits)
+    assert_each(np.abs(np.mean(uniform[:, :4] ** 2, axis=0) - 0.25), "<", 0.06)
 
 
 def test_a_file_may_name_any_planner():

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of
-from reference import boresights, edge_states, sampled_margin
+from reference import assert_each, boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import random_scenario
@@ -124,8 +124,8 @@ def test_slack_is_a_sound_and_sharp_statement_about_whole_edges(name):
         for end, row in zip(ends, joints, strict=True)
     ])  # fmt: skip
     accepted = slacks >= 0
-    assert np.all(truth[accepted] >= CLEARANCE - 1e-9)
-    assert np.all(accepted[truth >= CLEARANCE + np.deg2rad(0.5)])
+    assert_each(truth[accepted], ">=", CLEARANCE - 1e-9)
+    np.testing.assert_array_equal(accepted[truth >= CLEARANCE + np.deg2rad(0.5)], True)
     if name != "no zones":
         assert 0 < accepted.mean() < 1, "the scene decides nothing"
     # onward the bound is coarser: sound, and sharp where there is room
@@ -152,8 +152,8 @@ def test_slack_of_the_straight_motion_is_sound_and_sharp_on_each_interval(name):
     )
     margins = sampled_margin(scene, *along)
     lowest = np.array([margins[40 * k : 40 * k + 41].min() for k in range(STRAIGHT_INTERVALS)])
-    assert np.all(lowest[straight >= 0] >= CLEARANCE - 1e-9)
-    assert np.all(straight[lowest >= CLEARANCE + np.deg2rad(0.5)] >= 0)
+    assert_each(lowest[straight >= 0], ">=", CLEARANCE - 1e-9)
+    assert_each(straight[lowest >= CLEARANCE + np.deg2rad(0.5)], ">=", 0)
 
 
 def test_without_edges_the_slack_speaks_of_the_node_alone():
@@ -162,7 +162,7 @@ def test_without_edges_the_slack_speaks_of_the_node_alone():
     joints = node.joints + chosen(moves.options[0], moves.choice)
     for attitude, row in zip(ends_of(scene, found).as_matrix(), found.slacks, strict=True):
         margin = sampled_margin(scene, np.broadcast_to(attitude, (len(joints), 3, 3)), joints)
-        assert np.array_equal(row >= 0, margin >= 0)
+        np.testing.assert_array_equal(row >= 0, margin >= 0)
 
 
 def test_without_edges_what_lies_between_is_not_looked_at():
@@ -181,11 +181,11 @@ def test_without_devices_nothing_is_in_the_way():
     zone = KeepOut(name="Sun", direction=np.array([1.0, 0, 0]), half_angle=0.5)
     scene = scene_of(make_scenario(0, 0, keep_out=(zone,)))
     straight = answer(scene, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))
-    assert np.all(straight == np.inf)
+    assert_each(straight, "==", np.inf)
     found = expansion(scene, mha, CLEARANCE, edges=True)[2]
-    assert np.all(found.slacks == np.inf)
-    assert np.all(found.onward == np.inf)
-    assert np.all(found.fields == 0)
+    assert_each(found.slacks, "==", np.inf)
+    assert_each(found.onward, "==", np.inf)
+    assert_each(found.fields, "==", 0)
 
 
 def test_attitude_moves_and_heuristics_are_those_of_the_paper():
@@ -195,8 +195,8 @@ def test_attitude_moves_and_heuristics_are_those_of_the_paper():
     ends = ends_of(scene, found)
     # (10): a whole step on the left of the attitude relative to the start
     relative = start.inv() * ends  # of the root
-    assert np.allclose(relative.magnitude(), scene.attitude_step, atol=1e-12)
-    assert np.allclose(found.places[:, 4:], (ends.inv() * goal).as_rotvec(), atol=1e-12)
+    np.testing.assert_allclose(relative.magnitude(), scene.attitude_step, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.places[:, 4:], (ends.inv() * goal).as_rotvec(), rtol=0, atol=1e-12)
     joints = node.joints + chosen(moves.options[0], moves.choice)
     cost, heuristics = paper.price(scene, found, no_fields(scene))
     left = np.abs(joints - scene.goal_joints)
@@ -206,10 +206,12 @@ def test_attitude_moves_and_heuristics_are_those_of_the_paper():
         np.linalg.norm(difference, axis=1)[:, None] + np.linalg.norm(left, axis=1),
         np.abs(difference).sum(axis=1)[:, None] + left.sum(axis=1),
     ]
-    assert np.allclose(heuristics, expected, atol=1e-12)
+    np.testing.assert_allclose(heuristics, expected, rtol=0, atol=1e-12)
     angles_left = (ends.inv() * goal).magnitude()[:, None]
-    assert np.allclose(found.heuristics[0], steps_between(scene, angles_left, left), atol=1e-12)
-    assert np.allclose(cost, scene.attitude_step + scene.joint_steps.sum())  # (16)
+    np.testing.assert_allclose(
+        found.heuristics[0], steps_between(scene, angles_left, left), rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(cost, scene.attitude_step + scene.joint_steps.sum(), rtol=1e-12)  # (16)
 
 
 def test_printed_moves_are_whole_steps_or_end_on_the_goal():
@@ -222,8 +224,8 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
     ends = near + chosen(moves.options[0], moves.choice)
     whole = np.isclose(np.abs(ends - near), scene.joint_steps)
     on_goal = np.isclose(ends, scene.goal_joints) & (np.abs(near - scene.goal_joints) <= scene.joint_steps)
-    assert np.all(whole | on_goal)
-    assert np.all(np.abs(ends[moves.allowed[0]]) <= scene.joint_limits + 1e-12)
+    np.testing.assert_array_equal(whole | on_goal, True)
+    assert_each(np.abs(ends[moves.allowed[0]]), "<=", scene.joint_limits + 1e-12)
     assert not np.any(moves.allowed[1:]), "on the goal attitude there is one attitude move"
     states = ends[moves.allowed[0]]
     assert len(np.unique(np.round(states, 9), axis=0)) == len(states) or len(states) <= paper.JOINT_MOVES
@@ -236,11 +238,13 @@ def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
     node = Node(np.concatenate([make_root(scene).packed[:7], at_limit]), 0.0, 1.0, None)
     moves: Moves = mha.propose(scene, node, rng, make_scenario().search, 1)
     ends = at_limit + chosen(moves.options[0], moves.choice)
-    assert np.all(np.abs(ends) <= scene.joint_limits + 1e-12)
+    assert_each(np.abs(ends), "<=", scene.joint_limits + 1e-12)
     cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], ends - at_limit)
-    assert np.all(cost <= mha.SCALES[1] + 1e-12)
+    assert_each(cost, "<=", mha.SCALES[1] + 1e-12)
     longest = 0.1 * mha.SCALES[1]
-    assert np.allclose(ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -longest, longest))
+    np.testing.assert_allclose(
+        ends[0] - at_limit, np.clip(scene.goal_joints - at_limit, -longest, longest), rtol=1e-12
+    )
 
 
 def test_fields_lead_around_zones():
@@ -256,8 +260,10 @@ def test_fields_lead_around_zones():
     for row, attitude in zip(found.fields[0], ends_of(scene, found).as_matrix(), strict=True):
         seen = boresights(scene, np.broadcast_to(attitude, (len(joints), 3, 3)), joints)[:, 0]
         straight = np.arccos(np.clip(seen @ goal, -1, 1))
-        assert np.all(row >= straight - 0.2), "no way is shorter than the straight one, but for the grid"
-    assert np.allclose(found.fields[0], found.fields[1]), "with one device the sum is the largest"
+        assert_each(row, ">=", straight - 0.2, "no way is shorter than the straight one, but for the grid")
+    np.testing.assert_allclose(
+        found.fields[0], found.fields[1], rtol=1e-12
+    )  # with one device the sum is the largest
 
 
 @pytest.mark.parametrize("edges", [True, False])
@@ -276,7 +282,7 @@ def test_every_child_is_told_what_the_fields_say_where_its_move_ends(edges):
         for end, options in zip(ends, every, strict=True)
     ])  # fmt: skip
     told = np.asarray(look_up(table, np.moveaxis(seen, -1, 0)))
-    assert np.allclose(found.fields, [told.sum(axis=-1), told.max(axis=-1)], atol=1e-12)
+    np.testing.assert_allclose(found.fields, [told.sum(axis=-1), told.max(axis=-1)], rtol=0, atol=1e-12)
 
 
 def test_without_zones_fields_are_distances_on_the_sphere():
@@ -285,7 +291,7 @@ def test_without_zones_fields_are_distances_on_the_sphere():
     start = boresights(scene, scene.start_attitude[None], scene.start_joints[None])[0]
     goal = boresights(scene, scene.goal_attitude[None], scene.goal_joints[None])[0]
     angles = np.arccos(np.clip(np.sum(start * goal, axis=1), -1, 1))
-    assert np.all(np.abs(fields.start - angles) <= 0.1 + 0.15 * angles)
+    assert_each(np.abs(fields.start - angles), "<=", 0.1 + 0.15 * angles)
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of, with_search
-from reference import boresights, edge_states, sampled_margin
+from reference import assert_each, assert_leads, boresights, edge_margins, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case, random_scenario
@@ -38,20 +38,6 @@ def needed_steps(scene: Scene) -> float:
     return float(steps_between(scene, turn, scene.goal_joints - scene.start_joints))
 
 
-def edge_margins(scene: Scene, result: SearchResult, samples: int = 201) -> np.ndarray:
-    """(edges,) sampled smallest margins."""
-    path = result.path
-    return np.array([
-        sampled_margin(
-            scene,
-            *edge_states(
-                path.attitudes[k], path.joints[k], path.attitudes[k + 1], path.joints[k + 1], samples
-            ),
-        ).min()
-        for k in range(path.edges)
-    ])  # fmt: skip
-
-
 @pytest.mark.paper
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_both_variants_solve_the_papers_cases(number):
@@ -60,16 +46,8 @@ def test_both_variants_solve_the_papers_cases(number):
         result = solve(scene, number, method)
         assert result.status is Status.OK
         path = result.path
-        assert np.allclose(path.attitudes[0], scene.start_attitude, atol=1e-12)
-        assert np.array_equal(path.attitudes[-1], scene.goal_attitude)
-        assert np.array_equal(path.joints[0], scene.start_joints)
-        assert np.array_equal(path.joints[-1], scene.goal_joints)
-        assert np.all(np.abs(path.joints) <= scene.joint_limits + 1e-12)
-        assert np.all(sampled_margin(scene, path.attitudes, path.joints) >= 0)
-        assert np.all(path.edge_costs <= 1 + 1e-9)
-        turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).magnitude()
-        costs = steps_between(scene, turns, np.diff(path.joints, axis=0))
-        assert np.allclose(path.edge_costs, costs, atol=1e-9)
+        assert_leads(scene, path)
+        assert_each(sampled_margin(scene, path.attitudes, path.joints), ">=", 0)
         assert result.expansions == sum(result.queue_expansions)
 
 
@@ -80,7 +58,7 @@ def test_default_paths_are_clear_along_every_edge_and_near_the_shortest(number):
     extra = []
     for seed in range(5):
         result = solve(scene, number, "mha", seed=seed)
-        assert np.all(edge_margins(scene, result) >= 0)
+        assert_each(edge_margins(scene, result.path), ">=", 0)
         extra.append(result.path.length - needed_steps(scene))
     assert min(extra) >= -1e-9
     assert extra[0] <= 2 + 1e-9, "the case file's own seed"
@@ -90,18 +68,18 @@ def test_default_paths_are_clear_along_every_edge_and_near_the_shortest(number):
 def test_edges_keep_the_wanted_clearance_away_from_start_and_goal():
     scene = published_scene(3)
     wanted = np.deg2rad(0.5)
-    margins = edge_margins(scene, solve(scene, 3, "mha", clearance=wanted))
-    assert np.all(margins[4:-4] >= wanted - 1e-9)
-    bare = edge_margins(scene, solve(scene, 3, "mha", clearance=0.0))
-    assert np.all(bare >= 0)
+    margins = edge_margins(scene, solve(scene, 3, "mha", clearance=wanted).path)
+    assert_each(margins[4:-4], ">=", wanted - 1e-9)
+    bare = edge_margins(scene, solve(scene, 3, "mha", clearance=0.0).path)
+    assert_each(bare, ">=", 0)
 
 
 def test_the_same_seed_gives_the_same_path_and_another_seed_another():
     scene = published_scene(3)
     for method in ("mha", "mha-paper"):
         first, again, other = (solve(scene, 3, method, seed=seed) for seed in (4, 4, 5))
-        assert np.array_equal(first.path.attitudes, again.path.attitudes)
-        assert np.array_equal(first.path.joints, again.path.joints)
+        np.testing.assert_array_equal(first.path.attitudes, again.path.attitudes)
+        np.testing.assert_array_equal(first.path.joints, again.path.joints)
         assert first.queue_expansions == again.queue_expansions
     assert first.path.joints.shape != other.path.joints.shape or not np.array_equal(
         first.path.joints, other.path.joints
@@ -125,7 +103,7 @@ def test_any_number_of_devices_finds_a_way_round_a_zone_on_the_straight_motion(t
     assert sampled_margin(scene, attitudes, joints).min() < 0, "the straight motion must be blocked"
     result = PLANNERS["mha"](scene, scenario.search)
     assert result.status is Status.OK
-    assert np.all(edge_margins(scene, result, 51) >= 0)
+    assert_each(edge_margins(scene, result.path, 51), ">=", 0)
 
 
 def device_names(scene: Scene) -> list[str]:
@@ -178,8 +156,8 @@ def test_further_searches_shorten_the_path_and_stay_within_the_effort():
         assert once.expansions <= more.expansions
         assert sum(more.queue_expansions) == more.expansions
         assert more.path.length <= once.path.length
-        assert np.all(edge_margins(scene, more, 21) >= 0)
-        assert np.array_equal(more.path.joints, again.path.joints)
+        assert_each(edge_margins(scene, more.path, 21), ">=", 0)
+        np.testing.assert_array_equal(more.path.joints, again.path.joints)
         shorter += more.path.length < once.path.length - 1e-6
         for most in (1, once.expansions, once.expansions + 30):
             limited = PLANNERS["mha"](scene, replace(settings, improvements=50, max_expansions=most))
@@ -201,7 +179,7 @@ def test_instead_of_a_detour_others_are_looked_for(monkeypatch):
         detour = before.path.length > mha.DETOUR * scene.straight_steps
         assert after.path.length <= before.path.length
         assert (after.expansions > before.expansions) == detour
-        assert np.all(edge_margins(scene, after, 21) >= 0)
+        assert_each(edge_margins(scene, after.path, 21), ">=", 0)
     # Which of them begin with a detour is a matter of last digits.
     assert sum(one.path.length for one in looked) < 0.9 * sum(one.path.length for one in first)
 
@@ -213,7 +191,7 @@ def test_a_bent_straight_motion_is_kept_where_no_search_finds_a_better_path():
     assert (bent.status, bent.expansions) == (Status.OK, 0)
     tried = PLANNERS["mha"](scene, replace(scenario.search, improvements=3, max_expansions=1))
     assert (tried.status, tried.expansions) == (Status.OK, 1)
-    assert np.array_equal(tried.path.joints, bent.path.joints)
+    np.testing.assert_array_equal(tried.path.joints, bent.path.joints)
 
 
 def test_a_search_that_cannot_succeed_ends_at_its_limits():

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of, with_search
-from reference import boresights, edge_states, sampled_margin
+from reference import assert_each, boresights, edge_margins, edge_states, sampled_margin, step_costs
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
@@ -61,19 +61,6 @@ def found_path(scenario: Scenario, scene: Scene, **changes: object) -> Path:
     return multi_heuristic.search_by(mha.rules(scene), Scenes([scene]), [settings])[0].path
 
 
-def sampled_margins(scene: Scene, path: Path, samples: int = 17) -> np.ndarray:
-    """(edges,) sampled smallest margins, by scipy and numpy alone."""
-    return np.array([
-        sampled_margin(
-            scene,
-            *edge_states(
-                path.attitudes[k], path.joints[k], path.attitudes[k + 1], path.joints[k + 1], samples
-            ),
-        ).min()
-        for k in range(path.edges)
-    ])  # fmt: skip
-
-
 def wanted_margins(scene: Scene, path: Path, clearance: float) -> np.ndarray:
     """(edges,) clearance wanted by the steps behind an edge, and straight ahead of it without its own."""
     turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ scene.goal_attitude).magnitude()
@@ -87,23 +74,22 @@ def assert_sound(scene: Scene, settings: SearchSettings, given: Path, smoothed: 
     """All that is promised of a smoothed path, checked without the code that made it."""
     assert smoothed.length <= LENGTHENING * given.length + 1e-9
     for end in (0, -1):
-        assert np.array_equal(smoothed.attitudes[end], given.attitudes[end])
-        assert np.array_equal(smoothed.joints[end], given.joints[end])
-    between = np.swapaxes(smoothed.attitudes[:-1], 1, 2) @ smoothed.attitudes[1:]
-    costs = steps_between(scene, Rotation.from_matrix(between).magnitude(), np.diff(smoothed.joints, axis=0))
-    assert np.allclose(smoothed.edge_costs, costs, atol=1e-9)
-    assert np.all(costs <= 1 + 1e-9)
+        np.testing.assert_array_equal(smoothed.attitudes[end], given.attitudes[end])
+        np.testing.assert_array_equal(smoothed.joints[end], given.joints[end])
+    costs = step_costs(scene, smoothed)
+    np.testing.assert_allclose(smoothed.edge_costs, costs, rtol=0, atol=1e-9)
+    assert_each(costs, "<=", 1 + 1e-9)
     products = np.swapaxes(smoothed.attitudes, 1, 2) @ smoothed.attitudes
-    assert np.allclose(products, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), atol=1e-12)
     ends = np.maximum(np.abs(scene.start_joints), np.abs(scene.goal_joints))
     reserved = scene.joint_limits - JOINT_RESERVE * scene.joint_steps
     most = np.max(np.abs(np.concatenate([given.joints, [reserved, ends]])), axis=0)
-    assert np.all(np.abs(smoothed.joints) <= most + 1e-12)
-    margins, had = sampled_margins(scene, smoothed), sampled_margins(scene, given).min()
-    assert np.all(margins >= 0)
+    assert_each(np.abs(smoothed.joints), "<=", most + 1e-12)
+    margins, had = edge_margins(scene, smoothed, 17), edge_margins(scene, given, 17).min()
+    assert_each(margins, ">=", 0)
     # the bound that judges what the path given had may be a hair below its sampled margins
     wanted = wanted_margins(scene, smoothed, settings.clearance)
-    assert np.all(margins >= np.minimum(wanted, had - 1e-3) - 1e-9)
+    assert_each(margins, ">=", np.minimum(wanted, had - 1e-3) - 1e-9)
 
 
 @pytest.mark.parametrize(("terminals", "instruments"), [(0, 1), (4, 0)])
@@ -162,8 +148,8 @@ def test_a_path_with_long_edges_comes_back_with_edges_of_at_most_a_step():
     )
     smoothed = smooth(scene, scenario.search, with_long_edges)
     assert smoothed is not with_long_edges
-    assert np.all(smoothed.edge_costs <= 1 + 1e-9)
-    assert np.all(sampled_margins(scene, smoothed) >= 0)
+    assert_each(smoothed.edge_costs, "<=", 1 + 1e-9)
+    assert_each(edge_margins(scene, smoothed, 17), ">=", 0)
 
 
 def test_a_straight_path_comes_back_as_it_is():
@@ -187,8 +173,8 @@ def test_a_node_that_is_no_number_is_never_clear(lost):
     (attitudes if lost == "attitude" else joints)[5] = np.nan
     call = Call(edge_table, (attitudes, joints, scenario.search.clearance))
     margins, slacks = Scenes([scene]).answers([call])[0][:2]
-    assert not np.any(margins[4:6] >= 0)
-    assert not np.any(slacks[4:6] >= 0)
+    np.testing.assert_array_equal(margins[4:6] >= 0, False)
+    np.testing.assert_array_equal(slacks[4:6] >= 0, False)
 
 
 def test_start_equal_to_goal_comes_back_as_it_is():
@@ -228,7 +214,7 @@ def test_a_group_may_change_hands_but_holds_at_every_instant():
     assert_sound(scene, scenario.search, path, smoothed)
     assert smoothed.length < path.length
     alone = replace(scenario, keep_in=tuple(replace(zone, any_of=None) for zone in scenario.keep_in))
-    assert sampled_margins(scene_of(alone), smoothed).min() < 0, "no camera holds all the way"
+    assert edge_margins(scene_of(alone), smoothed, 17).min() < 0, "no camera holds all the way"
 
 
 def test_a_path_without_the_wanted_clearance_keeps_what_it_has():
@@ -236,7 +222,7 @@ def test_a_path_without_the_wanted_clearance_keeps_what_it_has():
     scene = scene_of(scenario)
     settings = replace(scenario.search, clearance=np.deg2rad(8.0))  # more than there is room for
     path = found_path(scenario, scene, clearance=0.0)
-    assert np.any(sampled_margins(scene, path) < wanted_margins(scene, path, settings.clearance))
+    assert np.any(edge_margins(scene, path, 17) < wanted_margins(scene, path, settings.clearance))
     assert_sound(scene, settings, path, smooth(scene, settings, path))
     bare = smooth(scene, replace(settings, clearance=0.0), path)
     assert_sound(scene, replace(settings, clearance=0.0), path, bare)
@@ -248,8 +234,8 @@ def test_the_same_path_gives_the_same_answer():
     scene = scene_of(scenario)
     path = found_path(scenario, scene)
     first, again = (smooth(scene, scenario.search, path) for _ in range(2))
-    assert np.array_equal(first.attitudes, again.attitudes)
-    assert np.array_equal(first.joints, again.joints)
+    np.testing.assert_array_equal(first.attitudes, again.attitudes)
+    np.testing.assert_array_equal(first.joints, again.joints)
 
 
 def test_a_second_scene_of_the_same_padded_sizes_compiles_nothing(compilations):

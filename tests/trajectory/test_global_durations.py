@@ -10,6 +10,7 @@ from builders import avoids, look, make_relay, make_spacecraft, sees
 from dense import assert_kept, end_states, jumps, node_errors, shares
 from manoeuvres import judge
 from node_paths import NAMES, fit_global, fit_paper, load, wandering
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -55,10 +56,10 @@ def test_the_shortest_plans_of_the_paper_are_near_the_strict_bound(number, ends,
     bound = bound_of(trajectory, craft)
     assert bound <= trajectory.duration <= (1 + above) * bound
     states = end_states(trajectory)
-    assert np.all(np.abs(states[0]) <= 1e-9)
-    assert np.all(jumps(trajectory, 3) <= 1e-9)
+    assert_each(np.abs(states[0]), "<=", 1e-9)
+    assert_each(jumps(trajectory, 3), "<=", 1e-9)
     if ends == "zero":
-        assert np.all(np.abs(states[1]) <= 1e-8)
+        assert_each(np.abs(states[1]), "<=", 1e-8)
     else:
         assert np.any(np.abs(states[1]) > 1e-3)
 
@@ -191,11 +192,11 @@ def test_rates_at_the_ends_are_met_among_zones(seed, duration):
     )
     assert fit.status is Status.OK, fit.message
     np.testing.assert_allclose(end_states(fit.trajectory)[0], rates, atol=1e-9)
-    assert np.all(np.abs(end_states(fit.trajectory)[1]) <= 1e-8)
+    assert_each(np.abs(end_states(fit.trajectory)[1]), "<=", 1e-8)
     ends = fit.trajectory.sample(fit.trajectory.duration * np.array([0.0, 1.0]))
     np.testing.assert_allclose(ends.angular_velocity, rates[:, :3], atol=1e-9)
     np.testing.assert_allclose(ends.joint_rates, rates[:, 3:], atol=1e-9)
-    assert np.all(node_errors(fit.trajectory, path)[[0, -1]] <= 1e-9)
+    assert_each(node_errors(fit.trajectory, path)[[0, -1]], "<=", 1e-9)
     assert_kept(fit.trajectory, craft, (zone,))
     assert certified(path, fit.trajectory, craft, (zone,))
     assert fit.trajectory.duration >= bound_of(fit.trajectory, craft, rates)

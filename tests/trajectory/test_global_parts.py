@@ -8,6 +8,7 @@ import pytest
 from builders import make_spacecraft
 from fits import problem_of, stack_at
 from node_paths import load, turning, wandering
+from reference import assert_each
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
@@ -80,8 +81,8 @@ def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
         hull = basis.differences[d] @ coefficients
         values = scipy_curve(basis, coefficients, d)(DENSE)
         room = 1e-10 * np.abs(hull).max()
-        assert np.all(values <= hull.max(axis=0) + room)
-        assert np.all(values >= hull.min(axis=0) - room)
+        assert_each(values, "<=", hull.max(axis=0) + room)
+        assert_each(values, ">=", hull.min(axis=0) - room)
 
 
 @BREAKS
@@ -220,7 +221,8 @@ def test_box_programs_are_solved_as_by_active_sets(rank, loose):
     programs = [random_program(rng, rows, rank, loose) for _ in range(20)]
     for factor, target, top in programs:
         y = solved(factor.T @ factor, factor.T @ target, top).multipliers
-        assert np.all((y >= 0) & (y <= top))
+        assert_each(y, ">=", 0)
+        assert_each(y, "<=", top)
         best = lsq_linear(factor, target, (0, top), method="bvls", tol=1e-15)
         cost = np.sum((factor @ y - target) ** 2) / 2
         assert cost <= best.cost + 1e-6 * (1 + best.cost)
@@ -300,9 +302,9 @@ def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
 def test_a_pace_is_gone_and_inverted(length, rise):
     for profile in (TrapezoidalProfile.quickest(length, rise), TrapezoidalProfile.within(80.0, length, rise)):
         gone = profile.progress(DENSE)
-        assert np.all(np.diff(gone) >= 0)
+        assert_each(np.diff(gone), ">=", 0)
         np.testing.assert_allclose(gone[[0, -1]], [0, 1], atol=1e-12)
         np.testing.assert_allclose(profile.places(gone), DENSE, atol=1e-7)
         breaks = profile.breaks(32)
         assert breaks.shape == (33,)
-        assert np.all(np.diff(breaks) > 0)
+        assert_each(np.diff(breaks), ">", 0)

@@ -8,7 +8,7 @@ import pytest
 from builders import make_spacecraft
 from dense import assert_kept, end_states, instants, jumps, node_errors
 from node_paths import NAMES, ZIG_ZAG, fit_global, fit_stored, load, turning, wandering
-from reference import attitudes_of, spin_of
+from reference import assert_each, attitudes_of, spin_of
 from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case
@@ -46,18 +46,18 @@ def test_nodes_are_passed_exactly_from_rest_to_rest(name):
     path, trajectory = load(name), exact(name)
     assert trajectory.duration == 80.0
     np.testing.assert_allclose(trajectory.node_times, 80 * split(path), atol=1e-12)
-    assert np.all(node_errors(trajectory, path) <= 1e-9)
-    assert np.all(np.abs(end_states(trajectory)) <= 1e-9)
+    assert_each(node_errors(trajectory, path), "<=", 1e-9)
+    assert_each(np.abs(end_states(trajectory)), "<=", 1e-9)
     samples = trajectory.sample(np.array([0.0, 80.0]))
     for still in (samples.angular_velocity, samples.angular_acceleration, samples.joint_rates):
-        assert np.all(np.abs(still) <= 1e-9)
+        assert_each(np.abs(still), "<=", 1e-9)
 
 
 @names
 def test_four_derivatives_are_continuous(name):
     for trajectory in (exact(name), quickest(name)):
         assert trajectory.smoothness == 4
-        assert np.all(jumps(trajectory, 5) <= np.array([1e-12, 1e-11, 1e-10, 1e-9, 1e-7]))
+        assert_each(jumps(trajectory, 5), "<=", np.array([1e-12, 1e-11, 1e-10, 1e-9, 1e-7]))
 
 
 @names
@@ -123,10 +123,10 @@ def test_limits_and_zones_are_kept_at_all_times(name, duration):
     fit = fit_global(load(name), CRAFT, TrajectorySettings(duration=duration), cones=cones)
     assert fit.status is Status.OK, fit.message
     assert_kept(fit.trajectory, CRAFT, zones)
-    assert np.all(jumps(fit.trajectory, 3) <= 1e-9)
+    assert_each(jumps(fit.trajectory, 3), "<=", 1e-9)
     if duration != "minimum":
         errors = node_errors(fit.trajectory, load(name))
-        assert np.all(errors <= np.deg2rad(1.0) + 1e-6)
+        assert_each(errors, "<=", np.deg2rad(1.0) + 1e-6)
 
 
 @pytest.mark.slow
@@ -136,7 +136,7 @@ def test_nodes_are_passed_within_the_tube_and_a_wider_one_is_calmer(name, tube):
     settings = TrajectorySettings(duration=80.0, node_tube=np.deg2rad(tube))
     fit = fit_global(load(name), CRAFT, settings, node_fractions=split(load(name)))
     assert fit.status is Status.OK
-    assert np.all(node_errors(fit.trajectory, load(name)) <= np.deg2rad(tube) * (1 + 1e-6))
+    assert_each(node_errors(fit.trajectory, load(name)), "<=", np.deg2rad(tube) * (1 + 1e-6))
     assert jerk_peak(fit.trajectory) < jerk_peak(exact(name))
 
 
@@ -150,8 +150,8 @@ def test_paths_of_any_length_are_fitted(edges, tube):
         fit = fit_global(path, CRAFT, settings)
         assert fit.status is Status.OK, fit.message
         errors = node_errors(fit.trajectory, path)
-        assert np.all(errors[[0, -1]] <= 1e-9)
-        assert np.all(errors <= max(1e-9, np.deg2rad(tube) + 1e-6))
+        assert_each(errors[[0, -1]], "<=", 1e-9)
+        assert_each(errors, "<=", max(1e-9, np.deg2rad(tube) + 1e-6))
         assert_kept(fit.trajectory, CRAFT, count=1001)
 
 
@@ -176,7 +176,7 @@ def test_half_turns_and_more_and_rests_are_fitted(angles):
             settings = TrajectorySettings(duration=duration, node_tube=np.deg2rad(tube))
             fit = fit_global(path, craft, settings)
             assert fit.status is Status.OK, fit.message
-            assert np.all(node_errors(fit.trajectory, path) <= max(1e-9, np.deg2rad(tube) + 1e-6))
+            assert_each(node_errors(fit.trajectory, path), "<=", max(1e-9, np.deg2rad(tube) + 1e-6))
             assert_kept(fit.trajectory, craft, count=1001)
 
 
@@ -194,7 +194,7 @@ def test_a_platform_at_rest_for_part_of_the_path_and_joints_alone():
             craft = make_spacecraft(2)
             fit = fit_global(path, craft, TrajectorySettings(duration="stretched", node_tube=tube))
             assert fit.status is Status.OK, fit.message
-            assert np.all(node_errors(fit.trajectory, path) <= max(1e-9, tube + 1e-6))
+            assert_each(node_errors(fit.trajectory, path), "<=", max(1e-9, tube + 1e-6))
             assert_kept(fit.trajectory, craft)
 
 

@@ -9,6 +9,7 @@ import pytest
 from builders import make_spacecraft
 from node_paths import NAMES, ZIG_ZAG, fit_paper, fit_stored, load, turning, wandering
 from quick import quick_jit
+from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.scenario import TrajectorySettings
@@ -59,7 +60,7 @@ def largest_jumps(trajectory: Trajectory) -> np.ndarray:
 
 @STORED
 def test_curve_and_two_derivatives_are_continuous(name, segments):
-    assert np.all(largest_jumps(stored(name, segments)) <= 1e-9)
+    assert_each(largest_jumps(stored(name, segments)), "<=", 1e-9)
 
 
 @pytest.mark.parametrize(("name", "jump_deg_s"), zip(ZIG_ZAG, [0.31, 0.11, 0.54, 0.20], strict=True))
@@ -81,8 +82,8 @@ def test_nodes_are_passed(name, segments):
     trajectory, path = stored(name, segments), load(name)
     samples = trajectory.sample(np.resize(trajectory.node_times, 1000))  # as many as other tests compile for
     nodes = len(path.attitudes)
-    assert np.all(np.abs(samples.attitude[:nodes] - path.attitudes) <= 1e-9)
-    assert np.all(np.abs(samples.joints[:nodes] - path.joints) <= 1e-9)
+    assert_each(np.abs(samples.attitude[:nodes] - path.attitudes), "<=", 1e-9)
+    assert_each(np.abs(samples.joints[:nodes] - path.joints), "<=", 1e-9)
     np.testing.assert_allclose(trajectory.node_times, np.linspace(0, 80, len(path.attitudes)), rtol=1e-15)
 
 
@@ -90,14 +91,14 @@ def test_nodes_are_passed(name, segments):
 def test_both_ends_are_at_rest(name, segments):
     ends = stored(name, segments).sample([0.0, 80.0])
     for field in ("angular_velocity", "angular_acceleration", "joint_rates", "joint_accelerations"):
-        assert np.all(np.abs(getattr(ends, field)) <= 1e-9), field
+        assert_each(np.abs(getattr(ends, field)), "<=", 1e-9, field)
 
 
 @ZIG_ZAGS
 def test_attitudes_are_rotations(name, segments):
     attitude = stored(name, segments).sample(np.linspace(0, 80, 1000)).attitude
-    assert np.all(np.abs(np.swapaxes(attitude, -1, -2) @ attitude - np.eye(3)) <= 1e-12)
-    assert np.all(np.linalg.det(attitude) > 0)
+    assert_each(np.abs(np.swapaxes(attitude, -1, -2) @ attitude - np.eye(3)), "<=", 1e-12)
+    assert_each(np.linalg.det(attitude), ">", 0)
 
 
 @ZIG_ZAGS
@@ -133,7 +134,7 @@ def test_rates_are_the_differences_of_what_they_belong_to(name, segments):
         (difference(s.joint_accelerations, EIGHTH, 1), s.joint_jerks),
     ]
     for expected, given in checks:
-        assert np.all(np.abs(expected - middle(given)) <= 1e-8)
+        assert_each(np.abs(expected - middle(given)), "<=", 1e-8)
         assert np.abs(expected).max() > 1e-4  # the comparison is not of zeros
 
 
@@ -152,7 +153,7 @@ def test_integrated_angular_velocity_gives_the_attitude(segments):
     attitude = load("astar_c3").attitudes[0]
     for step in steps:
         attitude = attitude @ step
-    assert np.all(np.abs(attitude - load("astar_c3").attitudes[-1]) <= 1e-8)
+    assert_each(np.abs(attitude - load("astar_c3").attitudes[-1]), "<=", 1e-8)
 
 
 def test_a_break_belongs_to_the_piece_that_begins_and_the_end_to_the_last():
@@ -270,7 +271,8 @@ def test_values_and_gradients_are_finite_at_rest(dtype):
     samples, gradients = both(trajectory, times)
     assert {array.dtype for array in jax.tree.leaves(samples)} == {np.dtype(dtype)}
     np.testing.assert_array_equal(samples.attitude, np.broadcast_to(np.eye(3), (4, 3, 3)))
-    assert all(np.all(np.isfinite(gradient)) for gradient in gradients)
+    for gradient in gradients:
+        np.testing.assert_array_equal(np.isfinite(gradient), True)
     assert np.abs(gradients[1]).max() > 0
 
 
@@ -315,18 +317,19 @@ def test_long_rotations_go_the_way_of_their_edges(angles_deg, axis):
     middles = (trajectory.node_times[1:] + trajectory.node_times[:-1]) / 2
     samples = trajectory.sample(np.concatenate([trajectory.node_times, middles]))
     at_nodes, between = samples.attitude[: len(angles_deg)], samples.attitude[len(angles_deg) :]
-    assert np.all(np.abs(at_nodes - path.attitudes) <= 1e-9)
+    assert_each(np.abs(at_nodes - path.attitudes), "<=", 1e-9)
     unit = np.array(axis) / np.linalg.norm(axis)
     turned = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], -1, -2) @ between).as_rotvec()
     steps = np.deg2rad(np.diff(angles_deg))
-    assert np.all(np.abs(turned - (turned @ unit)[:, None] * unit) <= 1e-9)  # about the axis alone
-    assert np.all((turned @ unit > 0.1 * steps) & (turned @ unit < 0.9 * steps))
+    assert_each(np.abs(turned - (turned @ unit)[:, None] * unit), "<=", 1e-9)  # about the axis alone
+    assert_each(turned @ unit, ">", 0.1 * steps)
+    assert_each(turned @ unit, "<", 0.9 * steps)
 
 
 def test_half_a_turn_in_one_edge_is_passed():
     path = turning([0, 180])
     trajectory = fit_paper(path, make_spacecraft(0), TrajectorySettings()).trajectory
-    assert np.all(np.abs(trajectory.sample(trajectory.duration).attitude - path.attitudes[1]) <= 1e-9)
+    assert_each(np.abs(trajectory.sample(trajectory.duration).attitude - path.attitudes[1]), "<=", 1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -335,6 +338,6 @@ def test_quaternions_of_samples_are_those_of_scipy_without_jumps(name):
     times = np.linspace(0, curve.duration, 200)
     found = curve.sample(times)
     np.testing.assert_allclose(Rotation.from_quat(found.quaternion).as_matrix(), found.attitude, atol=1e-12)
-    assert np.all(np.sum(found.quaternion[1:] * found.quaternion[:-1], axis=1) > 0.9)
+    assert_each(np.sum(found.quaternion[1:] * found.quaternion[:-1], axis=1), ">", 0.9)
     np.testing.assert_array_equal(curve.sample(times[7]).quaternion.shape, (4,))
     assert found.quaternion[0, 3] >= 0

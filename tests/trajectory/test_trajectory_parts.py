@@ -8,6 +8,7 @@ import pytest
 from builders import make_spacecraft
 from node_paths import fit_global, fit_stored, load, turning
 from numpy.polynomial import legendre as reference
+from reference import assert_each
 from scipy.linalg import null_space
 from scipy.optimize import minimize, minimize_scalar
 
@@ -99,7 +100,7 @@ def optimum(program: qp.SegmentQP, column: int) -> np.ndarray:
         constraints={"type": "ineq", "fun": slack, "jac": lambda z: both},
         options={"maxiter": 500, "ftol": 1e-16},
     )
-    assert np.all(slack(result.x) >= -1e-8)
+    assert_each(slack(result.x), ">=", -1e-8)
     return start + free @ result.x
 
 
@@ -108,8 +109,8 @@ def test_optimum_is_that_of_an_independent_solver(limit):
     program, free = join_program(limit)
     x = solve(program)
     assert np.any(free > program.limits) == (limit < 1)  # a limit binds, or none does
-    assert np.all(np.abs(program.equalities @ x - program.values) <= 1e-12)
-    assert np.all(np.abs(program.limited @ x) <= program.limits * (1 + 1e-12))
+    assert_each(np.abs(program.equalities @ x - program.values), "<=", 1e-12)
+    assert_each(np.abs(program.limited @ x), "<=", program.limits * (1 + 1e-12))
     cost = [0.5 * x[:, k] @ program.objective @ x[:, k] for k in range(6)]
     for k in range(6):
         other = optimum(program, k)
@@ -246,7 +247,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
         seen = [np.abs(samples.angular_velocity), np.abs(samples.angular_acceleration)]
         limits = np.repeat([craft.rate_limit, craft.acceleration_limit], 3)
         least = np.concatenate([own.max(axis=0) for own in seen]) / limits
-        assert np.all(found >= least * (1 - 1e-9))
+        assert_each(found, ">=", least * (1 - 1e-9))
         np.testing.assert_allclose(found, least, rtol=1e-4)
 
 
@@ -254,7 +255,7 @@ def test_peaks_are_those_at_many_points_where_pieces_turn_far():
 def test_a_peak_that_is_no_number_stays_none(value):
     values = np.ones((1000, 17, 4))
     values[700, 3, 1] = value
-    assert np.all(np.isnan(largest(values)))
+    np.testing.assert_array_equal(largest(values), np.nan)
 
 
 def test_a_joint_beyond_its_range_between_nodes_is_told():

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from builders import make_scenario
+from tables import put
 
 import jaxplan as jp
 
@@ -41,12 +42,7 @@ def plans() -> dict[str, tuple[Make, str]]:
     good = good_plan()
 
     def changed(*keys: object, value: object) -> bytes:
-        content = json.loads(good)
-        inner = content
-        for key in keys[:-1]:
-            inner = inner[key]
-        inner[keys[-1]] = value
-        return json.dumps(content).encode()
+        return json.dumps(put(json.loads(good), keys, value)).encode()
 
     bomb = io.BytesIO()
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -1,89 +1,126 @@
-"""Scenario files that are to be refused: what is changed in a good one, and what the refusal must say.
+"""Scenario files that are to be refused, and what the refusal must say: key, value and range.
 
-Grouped by what is wrong. Each line is an edit of the paper's case 4 and the complaint, which names key, value
-and range.
+Most are the example that has every key, with one wrong value.
 """
 
+import json
 import pickle
+import re
+import tomllib
 from collections.abc import Callable
+from functools import reduce
 from importlib.util import find_spec
 from pathlib import Path
+
+from tables import put
 
 from jaxplan.cases import case_path
 
 Command = tuple[str, ...]
 Make = Callable[[Path], Command]
 
-EDITS = {
-    "not finite": """\
-half_angle_deg = 28.0 | half_angle_deg = nan | keep_out[2].half_angle_deg = nan: must be finite
-[-0.1504, -0.8529, | [inf, -0.8529, | keep_out[2].direction[0] = inf: must be finite
-rate_limit_deg_s = 3.0 | rate_limit_deg_s = inf | spacecraft.rate_limit_deg_s = inf: must be finite
-attitude = [-0.3050, | attitude = [nan, | start.attitude[0] = nan: must be finite
-yaw_rad = [1.1601, | yaw_rad = [-inf, | start.yaw_rad[0] = -inf: must be finite
-duration_s = 80.0 | duration_s = nan | trajectory.duration_s = nan: must be finite
-heuristic_weight = 8.0 | heuristic_weight = inf | search.heuristic_weight = inf: must be finite
-[0.4212, -0.9032, | [0.4212, nan, | goal.targets[1][1] = nan: must be finite
-mount_deg = 120.0 | mount_deg = -inf | spacecraft.terminal[1].mount_deg = -inf: must be finite""",
-    "no direction": """\
-[-0.1504, -0.8529, -0.5000] | [0.0, 0.0, 0.0] | keep_out[2].direction = [0.0, 0.0, 0.0]: must be a unit vector
-[-0.1504, -0.8529, -0.5000] | [0.0, 0.0, 2.0] | must be a unit vector, its norm is 2
-[-0.1504, -0.8529, -0.5000] | [0.0, 1.0] | must be a unit vector of 3 numbers, not of 2
-[-0.1504, -0.8529, -0.5000] | "north" | keep_out[2].direction = "north": must be
-[0.4212, -0.9032, -0.0832] | [0.4212, -0.9032, 0.9] | goal.targets[1] = [0.4212, -0.9032, 0.9]: must be a unit
-[0.4212, -0.9032, -0.0832], | # | goal.targets""",
-    "no cone": """\
-half_angle_deg = 28.0 | half_angle_deg = 0 | keep_out[2].half_angle_deg = 0: must lie in (0, 180)
-half_angle_deg = 28.0 | half_angle_deg = 180 | keep_out[2].half_angle_deg = 180: must lie in (0, 180)
-half_angle_deg = 28.0 | half_angle_deg = -3.5 | keep_out[2].half_angle_deg = -3.5: must lie in (0, 180)
-half_angle_deg = 15.0 | half_angle_deg = 1e300 | keep_in[0].half_angle_deg = 1e+300: must lie in (0, 180)""",
-    "no attitude": """\
-attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [0.6, 0.2, 0.3, 0.4] | order w x y z, its norm is
-attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [1, 0, 0] | quaternion_wxyz = [1, 0, 0]: must be
-attitude = [-0.3050, 2.2751, 0.9203] | quaternion_wxyz = [0, 0, 0, 0] | quaternion_wxyz = [0, 0, 0, 0]: must
-attitude = [-0.3050, 2.2751, 0.9203] | attitude = [1, 0, 0, 0] | start.attitude = [1, 0, 0, 0]: must be a
-attitude = [-0.3050, 2.2751, 0.9203] | attitude = [1e9, 0, 0] | start.attitude[0] = 1000000000.0:""",
-    "keys": """\
-schema_version = 1 | schema_version = 2 | schema_version = 2: must be 1
-name = "case 4" | name = 4 | name = 4: must be a line of text
-name = "case 4" | nmae = "case 4" | nmae: unknown key, perhaps name is meant
-name = "case 4" | colour = "red" | colour: unknown key, the keys are schema_version, name
-rate_limit_deg_s = 3.0 | rate_limit_deg_s = true | spacecraft.rate_limit_deg_s = true: must be a number
-rate_limit_deg_s = 3.0 | rate_limit_deg_s = "3" | spacecraft.rate_limit_deg_s = "3": must be a number
-rate_limit_deg_s = 3.0 | # | spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6]
-name = "CZ3" | name = "CZ2" | keep_out[1].name = "CZ2": the same as keep_out[0].name
-name = "terminal-2" | name = "terminal-1" | spacecraft.terminal[1].name = "terminal-1": the same as
-order = 12 | order = 12.5 | trajectory.order = 12.5: must be an integer in [5, 24]
-order = 12 | order = 25 | trajectory.order = 25: must lie in [5, 24]
-[trajectory] | [[trajectory]] | trajectory = (an array of 1): must be a table
-order = 12 | order = 12\\norder = 12 | not TOML, cannot overwrite a value
-[search] | [search | not TOML""",
-    "zones and devices": """\
-devices = ["terminal-1"] | devices = ["terminal-4"] | no such device, perhaps terminal-3 is meant
-devices = ["terminal-1"] | devices = [] | keep_in[0].devices = []: must be an array of names of devices
-devices = ["terminal-1"] | # | keep_in[0].devices: missing (or vector), must be an array of names of devices
-devices = ["terminal-1"] | devices = "terminal-1" | keep_in[0].devices = "terminal-1": must be an array
-devices = ["terminal-1"] | devices = ["terminal-1", "terminal-1"] | is named twice""",
-    "limits": """\
-yaw_limit_deg = 90.0 | yaw_limit_deg = 0 | spacecraft.terminal[0].yaw_limit_deg = 0: must lie in (0, 180]
-yaw_limit_deg = 90.0 | yaw_limit_deg = 181 | spacecraft.terminal[0].yaw_limit_deg = 181: must lie in (0, 180]
-pitch_limit_deg = 15.0 | pitch_limit_deg = 90 | pitch_limit_deg = 90: must lie in (0, 90)
-yaw_limit_deg = 88.0 | yaw_limit_deg = 91.0 | goal.yaw_limit_deg = 91.0: must not exceed
-yaw_rad = [1.1601, -0.0852, 1.3184] | yaw_rad = [1.1601] | start.yaw_rad = [1.1601]: must be
-acceleration_limit_deg_s2 = 2.0 | acceleration_limit_deg_s2 = -2 | = -2: must lie in [1e-9, 1e9]
-acceleration_limit_deg_s2 = 2.0 | acceleration_limit_deg_s2 = 2\\ntorque_limit_nm = 1 | needs space
-rate_limit_deg_s = 3.0 | rate_limit_deg_s = 3\\ninertia_kg_m2 = [[1,2,0],[2,1,0],[0,0,1]] | positive def
-duration_s = 80.0 | duration_s = 0 | trajectory.duration_s = 0: must lie in [1e-3, 1e7]
-duration_s = 80.0 | duration_s = "minimum" | only trajectory.method = "global" has it""",
-    "settings": """\
-method = "mha" | method = "dijkstra" | search.method = "dijkstra": must be "mha"
-heuristic_weight = 8.0 | heuristic_weight = 0.5 | search.heuristic_weight = 0.5: must lie in [1, 1e6]
-anchor_weight = 2.0 | seed = -1 | search.seed = -1: must be at least 0
-anchor_weight = 2.0 | max_expansions = 0 | search.max_expansions = 0: must be at least 1
-anchor_weight = 2.0 | time_limit_s = -1 | search.time_limit_s = -1: must be greater than 0
-{ "terminal-1" = 0.5 } | { "terminal-9" = 0.5 } | search.terminal_step_scale.terminal-9: no such terminal
-attitude_step_rad = 0.12 | attitude_step_rad = 0 | search.attitude_step_rad = 0: must lie in [1e-3, 3.14]""",
-}
+EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
+TABLES = tomllib.loads(EVERY_KEY.read_text())
+
+# Each line is the fault that its value causes at its place, and the only one.
+WRONG_VALUES = """\
+keep_out[1].half_angle_deg = 210: must lie in (0, 180)
+keep_in[0].half_angle_deg = 0: must lie in (0, 180)
+keep_in[0].half_angle_deg = 180.0: must lie in (0, 180)
+spacecraft.terminal[0].yaw_limit_deg = 180.1: must lie in (0, 180]
+spacecraft.terminal[0].yaw_limit_deg = 0: must lie in (0, 180]
+spacecraft.terminal[0].pitch_limit_deg = 90: must lie in (0, 90)
+spacecraft.terminal[1].rate_limit_deg_s = 0.0: must lie in [1e-6, 1e6]
+spacecraft.terminal[1].acceleration_limit_deg_s2 = -3: must lie in [1e-9, 1e9]
+spacecraft.rate_limit_deg_s = -1.0: must lie in [1e-6, 1e6]
+spacecraft.acceleration_limit_deg_s2 = 0: must lie in [1e-9, 1e9]
+spacecraft.jerk_limit_deg_s3 = 0: must lie in [1e-12, 1e12]
+spacecraft.torque_limit_nm = 0: must lie in [1e-12, 1e12]
+spacecraft.torque_limit_nm[1] = -0.3: must lie in [1e-12, 1e12]
+spacecraft.torque_limit_nm = "much": must be a number, or 3, one a body axis
+spacecraft.wheel_momentum_limit_nms = [1, 2]: must be a number, or 3, one a body axis, not of 2
+spacecraft.inertia_kg_m2 = 12.0: must be an array of 3 rows of 3 numbers
+keep_out[0].name = "": must not be empty
+keep_in[0].any_of = "  ": must not be empty
+spacecraft.terminal[0].name = 7: must be a line of text
+spacecraft.instrument[0].boresight = [0.0, 0.0, 0.0]: must be a unit vector, not zero
+spacecraft.instrument[0].boresight = [0, 1]: must be a unit vector of 3 numbers, not of 2
+keep_in[0].name = "earth": the same as keep_out[1].name
+keep_out[0].direction = [0.0, 0.0, 1.0011]: must be a unit vector, its norm is 1.0011
+keep_out[0].direction[1] = "north": must be a number
+keep_out[0].devices = []: must be an array of names of devices, at least one
+keep_in[0].devices = "fore": must be an array of names of devices, at least one
+keep_in[0].devices[0] = "for": no such device, perhaps fore is meant
+keep_in[0].devices[0] = "camera": no such device, the devices are fore, aft, star-tracker
+keep_out[0].devices[1] = "star-tracker": is named twice
+keep_out[0].devices[1] = 3: must be the name of a device
+keep_in[0].any_of = false: must be a line of text
+start.attitude = [0.0, 0.0]: must be a rotation vector of 3 numbers, not of 2
+start.yaw_rad = [0.1]: must be an array of 2 numbers, one a terminal, not of 1
+start.pitch_rad = 0.1: must be an array of 2 numbers, one a terminal
+goal.targets = [[0.0, 0.0, 1.0]]: must be an array of 2 directions, one a terminal, not of 1
+goal.targets[1] = [0.0, 0.0, 2.0]: must be a unit vector, its norm is 2
+goal.yaw_limit_deg = 90.5: must not exceed spacecraft.terminal[1].yaw_limit_deg = 90.0
+goal.pitch_limit_deg = 16.0: must not exceed spacecraft.terminal[0].pitch_limit_deg = 15.5
+search.method = "dijkstra": must be "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect"
+search.method = 1: must be "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect"
+search.attitude_step_rad = 0: must lie in [1e-3, 3.14]
+search.joint_step_rad = 3.2: must lie in [1e-3, 3.14]
+search.terminal_step_scale = 0.5: must be a table from names of terminals to numbers
+search.terminal_step_scale.fore = 0: must lie in [1e-3, 1e3]
+search.heuristic_weight = 0.99: must lie in [1, 1e6]
+search.clearance_deg = 5e-324: too small to tell from zero
+search.anchor_weight = 0: must lie in [1, 1e6]
+search.attitude_moves = 0: must lie in [1, 256]
+search.attitude_moves = 6.0: must be an integer in [1, 256]
+search.clearance_deg = -0.1: must lie in [0, 90)
+search.max_expansions = 0: must be at least 1
+search.time_limit_s = 0: must be greater than 0
+search.time_limit_s = "none": must be a number in (0, inf) or "off"
+search.max_goals = 101: must lie in [1, 100]
+search.improvements = -1: must lie in [0, 10000]
+search.seed = -1: must be at least 0
+search.seed = true: must be an integer in [0, inf)
+trajectory.method = "spline": must be "global" or "paper"
+trajectory.duration_s = 0: must lie in [1e-3, 1e7]
+trajectory.duration_s = "long": must be a number in [1e-3, 1e7], "stretched" or "minimum"
+trajectory.segments = 0: must lie in [1, 1000]
+trajectory.order = 4: must lie in [5, 24]
+trajectory.order = 25: must lie in [5, 24]
+trajectory.rate_weight = -1: must lie in [0, 1e6]
+trajectory.acceleration_weight = 0: must lie in [1e-6, 1e6]
+trajectory.jerk_weight = -0.1: must lie in [0, 1e6]
+trajectory.node_tube_deg = -0.5: must lie in [0, 180]
+trajectory.node_tube_deg = 180.5: must lie in [0, 180]
+trajectory.node_tube_deg = "wide": must be a number in [0, 180] or "inf"
+trajectory.end_acceleration = "none": must be "zero" or "free"
+trajectory.end_acceleration = 0: must be "zero" or "free"
+schema_version = 2: must be 1
+schema_version = 1.0: must be 1
+name = "two\\nlines": must be a line of text
+spacecraft = 3: must be a table
+spacecraft.terminal[0] = 3: must be a table
+keep_out = (a table): must be an array of tables, each under [[keep_out]]
+trajectory = (an array of 1): must be a table
+name = 4: must be a line of text
+trajectory.order = 12.5: must be an integer in [5, 24]
+keep_in[0].half_angle_deg = 1e+300: must lie in (0, 180)
+keep_out[0].direction = "north": must be a unit vector of 3 numbers
+start.attitude = [1, 0, 0, 0]: must be a rotation vector of 3 numbers, not of 4
+start.attitude[0] = 1e+308: must lie in [-1e3, 1e3]
+start.yaw_rad[1] = -1e+308: must lie in [-1e3, 1e3]
+start.joint_rates_rad_s[3] = 1001.0: must lie in [-1e3, 1e3]
+spacecraft.terminal[0].mount_deg = 60000.0: must lie in [-5e4, 5e4]
+spacecraft.rate_limit_deg_s = nan: must be finite and lie in [1e-6, 1e6]
+search.time_limit_s = inf: must be finite and be greater than 0
+spacecraft.inertia_kg_m2[0][0] = 1e+300: must lie in [-1e12, 1e12]
+spacecraft.wheel_momentum_limit_nms = 1e-300: must lie in [1e-12, 1e12]
+search.terminal_step_scale.fore = 1e-300: must lie in [1e-3, 1e3]
+trajectory.duration_s = 1e-300: must lie in [1e-3, 1e7]
+trajectory.duration_s = 1e+308: must lie in [1e-3, 1e7]
+""".splitlines()
+SHORTENED = {"(a table)": {}, "(an array of 1)": [{}]}
+
 # A sky without a fault, but for what is changed in it; and two lines of an orbit.
 SKY = """
 [sky]
@@ -100,14 +137,35 @@ TLE = {
 }
 
 
-def edits() -> dict[str, tuple[str, str, str]]:
-    """Old text, new text and complaint, by a name that tells what is wrong."""
-    found = {}
-    for group, lines in EDITS.items():
-        for line in lines.splitlines():
-            old, new, complaint = (part.replace("\\n", "\n") for part in line.split(" | "))
-            found[f"{group}: {line}"] = (old, "" if new == "#" else new, complaint)
-    return found
+def split(place):
+    """The keys and indices of a place, such as ``keep_out[1].direction``."""
+    return [int(part) if part.isdigit() else part for part in re.findall(r"[\w-]+", place)]
+
+
+def at(tables, place):
+    for key in split(place):
+        tables = tables[key]
+    return tables
+
+
+def changed(changes):
+    """The tables of the example, with the values at some places changed, added or taken out."""
+    return reduce(lambda tables, change: put(tables, split(change[0]), change[1]), changes.items(), TABLES)
+
+
+def with_fault(line):
+    """The tables of the example, with the fault that a line of `WRONG_VALUES` tells of."""
+    place, shown = re.match(r"(\S+) = (.*?): ", line).groups()
+    return changed({place: SHORTENED[shown] if shown in SHORTENED else tomllib.loads(f"x = {shown}")["x"]})
+
+
+def toml(value):
+    """A value as TOML has it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml(own)}" for key, own in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, bool | str) else str(value)
 
 
 def scenarios() -> dict[str, tuple[Make, str]]:
@@ -123,15 +181,17 @@ def scenarios() -> dict[str, tuple[Make, str]]:
         return make
 
     found = {}
-    for name, (old, new, complaint) in edits().items():
-        assert old in text, name
-        found[name] = (written(text.replace(old, new, 1)), complaint)
+    for line in WRONG_VALUES:
+        tables = [f"{key} = {toml(value)}" for key, value in with_fault(line).items()]
+        found[f"values: {line}"] = (written("\n".join(tables)), line)
     for name, (one, two, complaint) in TLE.items() if find_spec("erfa") and find_spec("sgp4") else ():
         found[f"two lines: {name}"] = (written(text + SKY % (one, two)), complaint)
     zone = '\n[[keep_out]]\nname = "z{}"\ndirection = [0, 0, 1]\nhalf_angle_deg = 1\n'
     zones = text + "".join(zone.format(k) for k in range(1000))
     for name, content, complaint in [
         ("nothing", "", "schema_version: missing, must be 1"),
+        ("a key twice", "x = 1\nx = 2", "not TOML, cannot overwrite a value"),
+        ("half a heading", "[search", "not TOML"),
         ("text", "once upon a time", "line 1, column"),
         ("no UTF-8", b'name = "\xff\xfe"', "not UTF-8 text, byte 8"),
         ("zeros", b"\x00" * 1000, "not TOML"),

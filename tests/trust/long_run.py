@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from dense import assert_kept, end_states
-from reference import attitudes_of, boresights_of, joints_of
+from reference import assert_each, attitudes_of, boresights_of, joints_of
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -82,7 +82,7 @@ def assert_ends(plan: jp.Plan) -> None:
     if len(wanted) == 1:
         targets = scenario.goal.directions
         across = np.linalg.norm(np.cross(seen[: len(targets)], targets), axis=1)
-        assert np.all(across <= ENDS)
+        assert_each(across, "<=", ENDS)
         np.testing.assert_array_less(0, np.sum(seen[: len(targets)] * targets, axis=1))
 
 

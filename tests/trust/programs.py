@@ -8,6 +8,7 @@ three unknowns of the decomposition:      likewise, and it tells which have no s
 import jax
 import numpy as np
 import osqp
+from reference import assert_each
 from scipy import sparse
 from scipy.linalg import null_space
 from scipy.optimize import nnls
@@ -52,7 +53,8 @@ def box(seed: int) -> str:
     matrix, linear = factor.T @ factor, factor.T @ rng.normal(size=rank)
     top = np.full(ROWS, 1e2) if rng.random() < 0.5 else 10.0 ** rng.uniform(-3, 1, ROWS)
     (answer,) = solve_box_qps([BoxQP(matrix, linear, top)])
-    assert np.all((answer.multipliers >= 0) & (answer.multipliers <= top))
+    assert_each(answer.multipliers, ">=", 0)
+    assert_each(answer.multipliers, "<=", top)
     engine = osqp.OSQP()
     engine.setup(
         sparse.csc_matrix(np.triu(matrix)),
@@ -103,7 +105,7 @@ def limited(seed: int) -> str:
         return "without solution"
     for column, other in enumerate(expected):
         own = found[:, column]
-        assert np.all(np.abs(limits @ own) <= program.limits[:, column] + 1e-9)
+        assert_each(np.abs(limits @ own), "<=", program.limits[:, column] + 1e-9)
         np.testing.assert_allclose(equalities @ own, program.values[:, column], rtol=1e-5, atol=1e-9)
         costs = [x @ program.objective @ x / 2 for x in (own, other)]
         assert abs(costs[0] - costs[1]) <= TOLERANCE * (1 + costs[1]), costs
