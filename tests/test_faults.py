@@ -14,7 +14,8 @@ from jaxplan.planner import goals
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
 from jaxplan.search.multi_heuristic import make_root, trace
-from jaxplan.trajectory import box_qp, program
+from jaxplan.trajectory import program
+from jaxplan.trajectory import qp as box_qp
 
 RNG = np.random.default_rng(21)
 SETTINGS = {"search.max_goals": 1, "search.time_limit_s": "off"}

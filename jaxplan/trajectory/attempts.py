@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.trajectory import options, sqp
+from jaxplan.trajectory import sqp
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.motion import TUBE
 from jaxplan.trajectory.peaks import Peaks, all_peaks
@@ -14,6 +14,15 @@ from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, Timing
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
+
+_TUBE_BROKEN = 1e-6  # rad beyond the tube, up to which nodes count as passed
+_DEEP = float(np.deg2rad(0.3))  # rad; a zone broken by more is not so for want of intervals
+_ROUNDING = 1e-9  # rad of a margin that is rounding alone
+_KEPT_MARGIN = 0.3  # of the wanted margins, which a sound curve has
+_MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
+_NEARLY = 1.01  # on time; a curve that keeps limits with so much more of it is nearly there
+_HOPELESS = 1.05  # on time; a curve that needs more of it is not mended by more intervals
+_WIDER = 3.0  # times the tube's radius, before there is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +54,7 @@ class Attempt:
     @cached_property
     def clear(self) -> bool:
         """Whether zones are kept at the places, with some of the clearance."""
-        return bool(np.all(self.solution.margins >= options.ACCEPTANCE.kept_margin * self.problem.wanted))
+        return bool(np.all(self.solution.margins >= _KEPT_MARGIN * self.problem.wanted))
 
     @cached_property
     def breach(self) -> tuple[str, float] | None:
@@ -54,7 +63,7 @@ class Attempt:
         Axes of the body go by the name of the body, what terminals carry by theirs.
         """
         margins = self.solution.margins
-        if np.all(margins >= -options.ACCEPTANCE.rounding):
+        if np.all(margins >= -_ROUNDING):
             return None
         _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
         names, cones = self.problem.spacecraft.device_names, self.problem.cones
@@ -64,7 +73,7 @@ class Attempt:
     @property
     def in_tube(self) -> bool:
         """Whether nodes are passed within the tube that was tried."""
-        return bool(self.solution.violations[TUBE] <= options.ACCEPTANCE.tube_broken)
+        return bool(self.solution.violations[TUBE] <= _TUBE_BROKEN)
 
     @property
     def sound(self) -> bool:
@@ -84,13 +93,13 @@ class Attempt:
     @property
     def too_deep(self) -> bool:
         """Whether a zone is broken so deep that it is not for want of intervals."""
-        return self.breach is not None and self.breach[1] > options.ACCEPTANCE.deep
+        return self.breach is not None and self.breach[1] > _DEEP
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
         """Attempts are compared by it; the larger the better."""
         stretch = self.peaks.stretch
-        inside, nearly = self.clear and self.peaks.in_range, stretch <= options.ACCEPTANCE.nearly
+        inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
 
 
@@ -156,7 +165,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     first = [
         begin
         if begin.discrete.free_time or begin.discrete.problem.at_speed
-        else replace(begin, max_violation=0.0 if begin.discrete.limited else options.ACCEPTANCE.mended)
+        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MENDED)
         for begin in begins
     ]
     solutions = sqp.improve(first)
@@ -179,7 +188,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         ]
     )
     slow = [
-        replace(first[number], coefficients=solution.coefficients, max_violation=options.ACCEPTANCE.mended)
+        replace(first[number], coefficients=solution.coefficients, max_violation=_MENDED)
         for number, solution in zip(hasty, slower, strict=True)
     ]
     for number, solution in zip(hasty, sqp.improve(slow), strict=True):
@@ -265,7 +274,7 @@ class Ladder:
         timed = self.timing == "given"
         if last.sound and (last.kept or not timed):
             self.rungs.clear()
-        if last.too_deep or (timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
+        if last.too_deep or (timed and last.peaks.stretch > _HOPELESS):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]
 
@@ -278,6 +287,6 @@ def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
         in_time: whether there is time enough to go along the nodes.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
-    wider = [(1, options.STRATEGY.wider * radius)] if 0 < radius < np.inf and in_time else []
+    wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
     free = [(1, np.inf), (2, np.inf)] if radius > 0 else []
     return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

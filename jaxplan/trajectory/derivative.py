@@ -28,12 +28,16 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
-from jaxplan.trajectory import options, schedule
+from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.optimality import ActiveSet, FitInputs, Traced, curve_of, flat, matrix, residual
-from jaxplan.trajectory.schedule import TrapezoidalProfile
+from jaxplan.trajectory.problem import CLEARANCE, SHARE_OF_ENDS, TUBE_RADIUS
+from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
+
+_STEPS = 5  # of Newton's method when inputs have changed, before the last one
+_RESIDUAL = 1e-9  # at which these end earlier
 
 
 def gather_inputs(
@@ -59,7 +63,7 @@ def gather_inputs(
     weights = jnp.stack(
         [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
     )
-    radius = held.widened * (options.ROWS.tube_radius if settings.node_tube is None else settings.node_tube)
+    radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     platform, of_joints = timed_limits(craft)
     scales = [(limit.bound, limit.quantity.power) for limit in of_joints]
@@ -68,9 +72,7 @@ def gather_inputs(
     times: Any = jnp.stack([jnp.zeros_like(duration), duration]) if cones.paths else None
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
-    wanted = jnp.minimum(
-        jnp.minimum(options.ROWS.clearance, room(cones)), options.ROWS.share_of_ends * jnp.maximum(left, 0)
-    )
+    wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), SHARE_OF_ENDS * jnp.maximum(left, 0))
     number = jnp.arange(len(held.zones.on))
     inputs = FitInputs(
         attitude=first,
@@ -107,7 +109,7 @@ def _paced(
     along = jnp.maximum(jnp.sum(times), held.least_length)
     profile = TrapezoidalProfile.quickest(along, rise)
     if held.stretched:
-        duration = options.STRATEGY.begin * profile.duration
+        duration = FIRST_GUESS * profile.duration
     else:
         duration = jnp.asarray(held.duration if held.free_time else settings.duration)
         if not held.free_time:
@@ -190,6 +192,6 @@ _OPTIMALITY = Equations(
     residual=_residual,
     factor=_factor,
     solve=lu_solve,
-    steps=options.ACTIVE_SET.refit_steps,
-    tolerance=options.ACTIVE_SET.refit_residual,
+    steps=_STEPS,
+    tolerance=_RESIDUAL,
 )

@@ -24,8 +24,10 @@ from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, m
 from jaxplan.model.directions import Sights
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory import options
 from jaxplan.trajectory.motion import loads_at
+from jaxplan.trajectory.sqp import ENERGY_WEIGHT
+
+_REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
 
 Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 
@@ -268,7 +270,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 
     def little(time: Traced, c: Traced) -> Traced:
         energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
-        return options.SQP.energy_weight * jnp.log(energy)
+        return ENERGY_WEIGHT * jnp.log(energy)
 
     slopes: tuple[Traced, Traced] = jax.grad(little, (0, 1))(time, c)
     return slopes
@@ -369,7 +371,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     if held.free_time:  # of the energy's logarithm
         least = jnp.sum(c * (energy @ c)) / 2
         pull = free.T @ (energy @ c) / least
-        curved = options.SQP.energy_weight * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
+        curved = ENERGY_WEIGHT * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
     if len(loads.on):
         basis = loads.rows @ free
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
@@ -381,7 +383,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         bend = _zone_bends(inputs, zones, inputs.axes, zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
     jacobian = _slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
-    corner = jnp.diag(jnp.where(on, -options.ACTIVE_SET.regularisation, 1.0))
+    corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
     if not held.free_time:
         return at_time

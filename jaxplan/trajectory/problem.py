@@ -16,10 +16,22 @@ from jaxplan.model.limits import Limit, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
-from jaxplan.trajectory import options, schedule
-from jaxplan.trajectory.chart import Chart, farthest, fitting
+from jaxplan.trajectory import schedule
+from jaxplan.trajectory.curve import CHART_REACH, Chart, farthest, fitting
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along, duration_bound
 from jaxplan.trajectory.splines import Basis, CurveSpace
+
+_INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
+_PER_NODE = 1.5  # for a node that is passed exactly; fewer leave no freedom between nodes
+_PER_TUBE = 2 / 3  # for a node in a tube, which asks for less
+_POINTS = 8  # places on each interval; more leave less unseen between them
+_FEW_POINTS = 4  # the same on each of many intervals
+_MANY = 128  # intervals from which on there are few points on each
+_FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
+_SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, at the start
+TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
+CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
+SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
 
 Timing = Literal["given", "stretched", "shortest"]
 """How the duration of a curve comes about: it is given; or stretched to the limits, which are not looked at
@@ -96,7 +108,7 @@ class FitProblem:
     def width(self) -> float:
         """Radius of a tube about the nodes where there is to be one, rad."""
         given = self.settings.node_tube
-        return float(options.ROWS.tube_radius if given is None else given)
+        return TUBE_RADIUS if given is None else given
 
     @property
     def radius(self) -> float:
@@ -150,8 +162,8 @@ class FitProblem:
         """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
         least = np.maximum(np.min(self.end_margins, axis=0), 0)
         # The room is for rows of an entry beside which another one holds at both ends.
-        most = np.minimum(options.ROWS.clearance, room(self.cones))
-        return np.minimum(most, options.ROWS.share_of_ends * least)
+        most = np.minimum(CLEARANCE, room(self.cones))
+        return np.minimum(most, SHARE_OF_ENDS * least)
 
     @cached_property
     def bound(self) -> float:
@@ -190,16 +202,16 @@ class FitProblem:
             finer: factor on the number of intervals.
             graded: whether breaks lie close about the flanks, not as the nodes do.
         """
-        mesh, count = options.MESH, len(self.attitudes) - 1
+        count = len(self.attitudes) - 1
         if self.fractions is not None:
             places = self.fractions
         else:
             shares = schedule.node_fractions(self.times)
             places = shares if self.at_speed else profile.places(shares)
-        each = mesh.intervals_per_tube if np.isfinite(radius) else 0.0
+        each = _PER_TUBE if np.isfinite(radius) else 0.0
         if radius == 0:
-            each = mesh.intervals_per_node
-        intervals = finer * mesh.intervals * max(1, int(np.ceil(each * count / mesh.intervals)))
+            each = _PER_NODE
+        intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
         flank = np.nan
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
@@ -207,7 +219,7 @@ class FitProblem:
             basis, flank = Basis.on(profile.breaks(intervals)), float(profile.flank_share)
         else:
             basis = Basis.even(intervals)
-        points = mesh.points if intervals < mesh.many else mesh.few_points
+        points = _POINTS if intervals < _MANY else _FEW_POINTS
         return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
 
 
@@ -279,7 +291,7 @@ class DiscreteProblem:
         start = space.fixed + duration * space.by_time
         design = rows @ space.free
         bending = space.free.T @ space.energies[3] @ space.free
-        weight = options.MESH.smoothing * len(bending) / np.trace(bending)
+        weight = _SMOOTHING * len(bending) / np.trace(bending)
         pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
         return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
@@ -307,7 +319,7 @@ def discretise(
     """
     if chart is None:
         chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
-        if not farthest(chart, b, mesh.places) <= options.CHART.reach:
+        if not farthest(chart, b, mesh.places) <= CHART_REACH:
             return None
     else:
         b = chart.coordinates(problem.attitudes, problem.turns, mesh.places)
@@ -322,7 +334,7 @@ def discretise(
     radius[:3] /= np.sqrt(3.0)  # what b is off bounds what the attitude is
     count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
     tube_rows, tube_values = (
-        np.zeros((padded_count(count, options.MESH.tube_nodes), width)) for width in (size, axes)
+        np.zeros((padded_count(count, _FEWEST_TUBE_NODES), width)) for width in (size, axes)
     )
     if count:
         tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]
