@@ -35,7 +35,7 @@ from jaxplan.trajectory.optimality import (
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
 from jaxplan.trajectory.qp import least_change
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
-from jaxplan.trajectory.splines import Basis
+from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
 _FTOL = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
@@ -213,15 +213,9 @@ class FitRecord:
 
     def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
         """What lies on the breaks, by the names of the attributes of what is held."""
-        space = discrete.space
         linear, loads, zones = _gathered(discrete, self.attempt.discrete.mesh, rows)
         return {
-            "free": space.free,
-            "of_values": space.of_values,
-            "of_rates": space.of_rates,
-            "energies": space.energies[1:],
-            "pieces": space.basis.pieces(np.eye(space.basis.size)),
-            "breaks": space.basis.breaks,
+            **_of_curves(discrete.space),
             "linear.rows": linear.rows,
             "loads.place": loads.place,
             "loads.rows": loads.rows,
@@ -243,20 +237,15 @@ class FitRecord:
     def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float) -> ActiveSet:
         """All that is held with some rows, their multipliers, and a curve."""
         problem, discrete = self.problem, self.attempt.discrete
-        space, chart = discrete.space, discrete.chart
+        chart, of_curves = discrete.chart, _of_curves(discrete.space)
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
-        mesh = self.attempt.discrete.mesh
+        mesh = discrete.mesh
         linear, loads, zones = _gathered(discrete, mesh, rows)
         on = np.concatenate([linear.on, loads.on, zones.on])
         pushes = np.zeros(len(on))
         pushes[on] = np.concatenate([multipliers[name][0][index] for name, index in rows.items()])
         return ActiveSet(
-            free=space.free,
-            of_values=space.of_values,
-            of_rates=space.of_rates,
-            energies=space.energies[1:] / share,
-            pieces=space.basis.pieces(np.eye(space.basis.size)),
-            breaks=space.basis.breaks,
+            **(of_curves | {"energies": of_curves["energies"] / share}),
             places=padded(mesh.places, FEWEST_NODES),
             flank=np.array(self._flank),
             least_length=np.array(problem.least_length),
@@ -277,6 +266,18 @@ class FitRecord:
             stretched=self.stretched and not discrete.free_time,
             free_time=discrete.free_time,
         )
+
+
+def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
+    """What `ActiveSet` has of a space of curves, by the names of its attributes."""
+    return {
+        "free": space.free,
+        "of_values": space.of_values,
+        "of_rates": space.of_rates,
+        "energies": space.energies[1:],
+        "pieces": space.basis.pieces(np.eye(space.basis.size)),
+        "breaks": space.basis.breaks,
+    }
 
 
 def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:

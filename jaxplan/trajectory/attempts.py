@@ -131,13 +131,9 @@ def first_curve(
 
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
     """Attempts from first curves; None of one that is None, or whose numbers overflow."""
-    given = {number: begin for number, begin in enumerate(begins) if begin is not None}
-    solutions = _improved(list(given.values()))
-    made = finished([(own.discrete, found) for own, found in zip(given.values(), solutions, strict=True)])
-    attempts: list[Attempt | None] = [None] * len(begins)
-    for number, attempt in zip(given, made, strict=True):
-        attempts[number] = attempt
-    return attempts
+    given = [begin for begin in begins if begin is not None]
+    made = iter(finished([(own.discrete, found) for own, found in zip(given, _improved(given), strict=True)]))
+    return [None if begin is None else next(made) for begin in begins]
 
 
 def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
@@ -148,12 +144,12 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
         if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
     }
     peaks = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
-    attempts: list[Attempt | None] = [None] * len(made)
-    for (number, curve), own in zip(curves.items(), peaks, strict=True):
-        discrete, solution = made[number]
-        if np.isfinite(own.stretch):
-            attempts[number] = Attempt(discrete=discrete, solution=solution, trajectory=curve, peaks=own)
-    return attempts
+    attempts = {
+        number: Attempt(discrete=made[number][0], solution=made[number][1], trajectory=curve, peaks=own)
+        for (number, curve), own in zip(curves.items(), peaks, strict=True)
+        if np.isfinite(own.stretch)
+    }
+    return [attempts.get(number) for number in range(len(made))]
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
@@ -176,15 +172,11 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     ]
     if not hasty:
         return solutions
+    freed = [replace(first[number].discrete, timing="shortest") for number in hasty]
     slower = sqp.improve(
         [
-            replace(
-                own,
-                discrete=replace(own.discrete, timing="shortest"),
-                target_duration=own.duration,
-                max_violation=np.inf,
-            )
-            for own in (first[number] for number in hasty)
+            replace(own, discrete=discrete, target_duration=own.duration, max_violation=np.inf)
+            for discrete, own in zip(freed, (first[number] for number in hasty), strict=True)
         ]
     )
     slow = [

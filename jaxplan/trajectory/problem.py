@@ -297,13 +297,14 @@ class DiscreteProblem:
 
     def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
         """The same problem on a mesh with as many breaks a little elsewhere."""
-        found = discretise(self.problem, mesh, self.timing, share=self.share, chart=self.chart)
-        assert found is not None  # the chart is given
-        return found
+        nodes = self.problem.attitudes, self.problem.turns, mesh.places
+        return _in_chart(
+            self.problem, mesh, self.timing, self.share, self.chart, self.chart.coordinates(*nodes)
+        )
 
 
 def discretise(
-    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0, chart: Chart | None = None
+    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0
 ) -> DiscreteProblem | None:
     """The problem that an attempt works on.
 
@@ -312,17 +313,20 @@ def discretise(
         mesh: breaks of the spline, times of the nodes, and the tube about them.
         timing: of the curve.
         share: of the limits on the platform's loads that may be taken.
-        chart: of the platform; None for the one in which the nodes lie nearest to a steady turn.
 
     Returns:
-        None if the nodes leave every chart.
+        It in the chart in which the nodes lie nearest to a steady turn; None if they leave every chart.
     """
-    if chart is None:
-        chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
-        if not farthest(chart, b, mesh.places) <= CHART_REACH:
-            return None
-    else:
-        b = chart.coordinates(problem.attitudes, problem.turns, mesh.places)
+    chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
+    if not farthest(chart, b, mesh.places) <= CHART_REACH:
+        return None
+    return _in_chart(problem, mesh, timing, share, chart, b)
+
+
+def _in_chart(
+    problem: FitProblem, mesh: Mesh, timing: Timing, share: float, chart: Chart, b: np.ndarray
+) -> DiscreteProblem:
+    """The discrete problem in a chart in which the nodes are at ``b`` (m + 1, 3)."""
     nodes, rates = np.column_stack([b, problem.joints]), problem.rates
     if np.any(rates[1, :3]):  # at the goal the chart has turned
         rates = rates.copy()

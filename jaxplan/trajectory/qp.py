@@ -56,12 +56,10 @@ class BoxQPSolution(NamedTuple):
 
     Attributes:
         multipliers: (R,) ``y``; NaN where the iteration broke down.
-        iterations: how many it took.
         residual: the largest of what is left of the conditions of an optimum, in their scaled form.
     """
 
     multipliers: np.ndarray
-    iterations: int
     residual: float
 
 
@@ -71,14 +69,14 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     scaled, scales = {}, {}
     for number, (matrix, linear, penalty) in enumerate(programs):
         if not len(linear):
-            solutions[number] = BoxQPSolution(np.zeros(0), iterations=0, residual=0.0)
+            solutions[number] = BoxQPSolution(np.zeros(0), residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
         own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
         if all(np.isfinite(part).all() for part in own):
             scaled[number], scales[number] = own, scale
         else:
-            solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
+            solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), residual=np.nan)
     for part in parts(list(scaled), TOGETHER):
         for number, found in zip(part, _solve([scaled[number] for number in part]), strict=True):
             y = found.multipliers if found.residual <= _USABLE else np.nan
@@ -162,7 +160,7 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
             if over.any():
                 for own in np.flatnonzero(over).tolist():
                     y = values[0, stack.parts[own]]
-                    solutions[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
+                    solutions[int(number[own])] = BoxQPSolution(y, float(residual[own]))
                 if over.all():
                     break
                 ahead, left, number = ahead[:, stack.spread(~over)], left[~over], number[~over]

@@ -25,7 +25,7 @@ from jaxplan.trajectory import schedule
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
 from jaxplan.trajectory.curve import CHART_REACH
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, needed_words, too_tight
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, checked, fit_each, needed_words, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile, excess
@@ -80,25 +80,13 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    begun = dict(enumerate(map(_begin, queries)))
-    fits = {n: one for n, one in begun.items() if isinstance(one, Fit)}
-    moving = {n: one for n, one in begun.items() if not isinstance(one, Fit)}
-    strategy = Strategy(Seconds(len(queries)) if seconds is None else seconds)
-    for n, found in strategy.fits({n: problem for n, (problem, _) in moving.items()}).items():
-        fits[n] = found.at_given_nodes(moving[n][1])
-    return [fits[n] for n in begun]
+    return fit_each(queries, _begin, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
 
 
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
-    spacecraft, settings, fractions = query.spacecraft, query.settings, query.node_fractions
-    path = checked(query.path, spacecraft, settings, fractions)
-    joints = path.joints.shape[1]
-    ends = (
-        (query.start_angular_velocity, query.start_joint_rates),
-        (query.end_angular_velocity, query.end_joint_rates),
-    )
-    rates = np.stack([np.append(boundary(own, 3)[0], boundary(other, joints)[0]) for own, other in ends])
+    spacecraft, fractions = query.spacecraft, query.node_fractions
+    path, rates = checked(query)
     limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
     worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
     if not np.abs(rates[worst]) <= (1 + _RATE_ROUNDING) * limits[worst[1]]:
@@ -111,8 +99,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
     path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=fractions is not None)
     if len(path.attitudes) == 1:
-        still = replace(at_rest(query, path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
-        return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
+        return at_rest(query, path, DEGREE, SMOOTHNESS, len(own))
     problem = FitProblem(
         attitudes=path.attitudes,
         joints=path.joints,
@@ -121,7 +108,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         rates=rates,
         spacecraft=spacecraft,
         cones=tabulate((), (), spacecraft.device_names) if query.cones is None else query.cones,
-        settings=settings,
+        settings=query.settings,
         horizon=query.horizon,
     )
     return problem, own
