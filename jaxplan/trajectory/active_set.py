@@ -39,8 +39,8 @@ from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
 _FTOL = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
-_STEPS = 40  # from there to the optimum, at most
-_SETTLED = 1e-8  # rad, a step that changes less is the last
+_STEPS = 40  # at most, from where that ends to the optimum
+_SETTLED = 1e-8  # rad; a step that changes less is the last
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
 
@@ -292,7 +292,7 @@ def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
 def _gathered(
     discrete: DiscreteProblem, mesh: Mesh, rows: Rows
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins]:
-    """Some rows, padded."""
+    """Gather the rows that bind, by their numbers, padded to a few sizes."""
     problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
     quantities = [limit.quantity for limit in problem.joint_limits]
@@ -350,7 +350,7 @@ def _gathered(
 
 
 def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays with zeros added to their first axes, and which of that are no padding."""
+    """Pad arrays with zeros along their first axes; under "on", which entries are no padding."""
     found = {}
     for name, own in arrays.items():
         found[name] = np.concatenate([own, np.zeros((size - len(own), *own.shape[1:]), own.dtype)])
@@ -359,7 +359,7 @@ def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _broken(block: ConstraintBlock) -> np.ndarray:
-    """The rows of one curve that are broken; of those at places next to each other the worst."""
+    """Which rows of one curve are broken; at neighbouring places only the worst of them."""
     slack = block.slack
     broken: np.ndarray = slack < -_BROKEN
     if not block.linear:

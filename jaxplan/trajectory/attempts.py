@@ -27,7 +27,7 @@ _WIDER = 3.0  # times the tube's radius, before there is none
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A curve, and what it breaks.
+    """A curve that was fitted, with its peaks: from them and its margins follows what it breaks.
 
     Attributes:
         discrete: the problem that was solved.
@@ -97,7 +97,7 @@ class Attempt:
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
-        """Attempts are compared by it; the larger the better."""
+        """Key by which attempts are compared: the larger, the better."""
         stretch = self.peaks.stretch
         inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
@@ -153,7 +153,7 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """The best curves near the first ones.
+    """Improve first curves to the best ones near them.
 
     In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
     So one is made that is slow enough, and that is improved.
@@ -189,7 +189,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
 
 
 def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
-    """The curve of a solution in time."""
+    """The trajectory that a solution stands for."""
     basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
@@ -272,7 +272,7 @@ class Ladder:
 
 
 def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
-    """Factors on the number of intervals and radii of the tube, one attempt after the other.
+    """The rungs of a ladder: factors on the number of intervals and radii of the tube, in their order.
 
     Args:
         radius: rad, asked for.

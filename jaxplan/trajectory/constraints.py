@@ -101,7 +101,7 @@ class LinearBlock:
 
     @property
     def may_bind(self) -> np.ndarray:
-        """(G,) whether a step may break any of the rows: always."""
+        """Whether a step may break any of a curve's rows, (G,) bool: always."""
         return np.ones(len(self.coefficients), dtype=bool)
 
     def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
@@ -160,11 +160,11 @@ class LoadBlock:
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """(S, 3, 4, 3) slopes of the shares."""
+        """Derivatives (S, 3, 4, 3) of a curve's shares of the limit in ``b`` and its derivatives."""
         return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How a step changes the slack of every row, see `LinearBlock.change`."""
+        """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
             shares = np.einsum("sida,dsa->si", self._local(curve), curves[own, :, :, :3])
@@ -211,7 +211,7 @@ class MarginBlock:
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How a step changes the slack of every row, zero of rows that stay far; see `LinearBlock.change`."""
+        """By how much a step lessens slacks, zero where they stay large; see `LinearBlock.change`."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = margin_slopes(self.at, which[own], *rest)
@@ -233,7 +233,7 @@ ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
 def _telling(slack: np.ndarray) -> np.ndarray:
-    """Along the places, the second axis, each fourth one and the local minima of the slack."""
+    """Rows at every fourth place (the second axis), and at those where the slack has a local minimum."""
     kept = np.zeros(slack.shape, dtype=bool)
     kept[:, ::_STRIDE] = True
     with np.errstate(invalid="ignore"):
@@ -242,7 +242,7 @@ def _telling(slack: np.ndarray) -> np.ndarray:
 
 
 def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
-    """All blocks of a stack of problems, at curves of theirs."""
+    """All constraints of a stack of problems at some curves, block by block."""
     stack = at.stack
     kind, c = stack.members[0], at.coefficients
     differences = [own.space.basis.differences for own in stack.members]

@@ -352,7 +352,7 @@ _platform_kernel, _joint_kernel = quick_jit(_platform_at), quick_jit(_joints_at)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chart:
-    """A moving chart.
+    """A chart of SO(3) that turns steadily from the first attitude of a manoeuvre to the last.
 
     Attributes:
         attitude: (3, 3) ``R_a``, body to inertial.
@@ -368,7 +368,7 @@ class Chart:
         return np.asarray(so3.exp(self.turn / 2))
 
     def coordinates(self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """``b`` at nodes.
+        """Coordinates ``b`` of nodes in the chart.
 
         The logarithm of each is taken on the branch that the edge from the one before leads to, from the
         first on that is not there already.
@@ -394,7 +394,7 @@ class Chart:
     def departures(
         self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``eta`` at nodes, short of half a turn, and about what each edge adds to it."""
+        """Departures ``eta`` of nodes, each shorter than half a turn, and about what each edge adds."""
         back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
         eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
         turned = np.einsum("mji,mj->mi", back[:-1], turns)

@@ -36,8 +36,8 @@ from jaxplan.trajectory.problem import CLEARANCE, SHARE_OF_ENDS, TUBE_RADIUS
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
-_STEPS = 5  # of Newton's method when inputs have changed, before the last one
-_RESIDUAL = 1e-9  # at which these end earlier
+_STEPS = 5  # of Newton's method, at most, before the last one, from which derivatives are taken
+_RESIDUAL = 1e-9  # of the conditions, at which the steps end earlier
 
 
 def gather_inputs(

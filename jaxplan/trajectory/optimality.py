@@ -36,7 +36,7 @@ Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingLinear:
-    """``sign * (row . c[:, axis] - centre) / scale <= 1``.
+    """Linear rows that bind: ``sign * (row . c[:, axis] - centre) / scale <= 1``.
 
     Attributes:
         on: (R,) bool, the others are padding.
@@ -59,7 +59,7 @@ class BindingLinear:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingLoads:
-    """``sign * load / limit <= 1`` at places.
+    """Rows of the platform's loads that bind: ``sign * load / limit <= 1`` at places.
 
     Attributes:
         on: (R,) bool.
@@ -82,7 +82,7 @@ class BindingLoads:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingMargins:
-    """``margin >= wanted`` at places.
+    """Rows of margins that bind: ``margin >= wanted`` at places.
 
     Attributes:
         on: (R,) bool.
@@ -208,7 +208,7 @@ class FitInputs:
 
 @quick_jit
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
+    """The conditions ``F`` and their derivative at ``z``, free coefficients and multipliers in one vector."""
     z = jnp.asarray(z)
     return residual(held, inputs, z), matrix(held, inputs, z)
 
@@ -221,7 +221,7 @@ def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, 
 
 
 def flat(held: ActiveSet) -> Traced:
-    """``z``: free coefficients, multipliers, and of a shortest motion the logarithm of its duration."""
+    """The ``z`` that is held: free coefficients, multipliers, and where time is free ``log(duration)``."""
     parts = [held.x.ravel(), held.multipliers]
     if held.free_time:
         parts.append(array_module(held.duration).log(held.duration)[None])
@@ -284,7 +284,7 @@ def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(R,) signs over scales."""
+    """Factors (R,) of the linear rows: their signs over their scales."""
     scale = inputs.scales[held.linear.scale] * duration ** inputs.powers[held.linear.scale]
     return held.linear.sign / jnp.where(held.linear.on, scale, 1)
 

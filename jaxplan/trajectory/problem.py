@@ -22,13 +22,13 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile, along, duration_boun
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
-_PER_NODE = 1.5  # for a node that is passed exactly; fewer leave no freedom between nodes
-_PER_TUBE = 2 / 3  # for a node in a tube, which asks for less
+_PER_NODE = 1.5  # intervals for a node that is passed exactly; fewer leave no freedom between nodes
+_PER_TUBE = 2 / 3  # intervals for a node in a tube, which asks for less
 _POINTS = 8  # places on each interval; more leave less unseen between them
-_FEW_POINTS = 4  # the same on each of many intervals
+_FEW_POINTS = 4  # places on each interval where there are many of them, so short
 _MANY = 128  # intervals from which on there are few points on each
 _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
-_SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, at the start
+_SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
 TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
 CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
 SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere

@@ -21,7 +21,7 @@ from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbe
 from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
-_ROUNDS = 6  # of solving again with rows that were missed
+_ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
 _WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
 _BROKEN = 1e-3  # of a row's tolerance; a row that a step breaks by more is added
 _KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again

@@ -187,7 +187,7 @@ class TrapezoidalProfile:
 
     @classmethod
     def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """With full speed, which is reached in ``rise`` seconds, or with as much as there is room for."""
+        """The quickest profile: to full speed in ``rise`` seconds, or to as much as the path has room for."""
         xp, length, rise = arrays(length, rise)
         full, least = length >= rise, 2 * _root(length * rise)
         duration = xp.where(full, length + rise, least)
@@ -195,7 +195,7 @@ class TrapezoidalProfile:
 
     @classmethod
     def within(cls, duration: AnyArray, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
+        """The profile of a given duration: where there is time, half the speed at most and calm flanks."""
         xp, duration, length, rise = arrays(duration, length, rise)
         calm = _CALM_FLANK * duration
         steepest = xp.maximum(_STEEP_RISES * rise, _STEEP_FLANK * duration)

@@ -21,18 +21,18 @@ from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_b
 from jaxplan.trajectory.splines import weighted
 
 TOGETHER = 16  # problems of a stack; with more, memory is what takes the time
-_ENOUGH_STEPS = 16  # after which only searches go on whose duration still falls
-_MOST_STEPS = 64  # after which every search ends
-_FALLING = 0.05  # of the duration, in a step: it still falls
+_ENOUGH_STEPS = 16  # steps after which only searches go on whose duration still falls
+_MOST_STEPS = 64  # steps after which every search ends
+_FALLING = 0.05  # of the duration: by so much in a step, and it still falls
 _PENALTY_UPDATES = 1  # how often penalties grow where something stays broken
-_PENALTY_GROWTH = 30.0  # by what factor
+_PENALTY_GROWTH = 30.0  # factor by which they grow
 ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
 _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: alone it falls by 1 / 12 in a step
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
 _FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first failed step
-_NO_DAMPING = 1e-6  # below which it is dropped
+_NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
 _MOST_FAILED = 2  # failed steps in a row, once penalties have grown: nothing better is near
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
@@ -171,7 +171,7 @@ class SQPState:
         return self.stack.members[0].free_time
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """(G, n, n), `weighted` as shares of the first curves'."""
+        """Matrices (G, n, n) of the energies of one axis, as shares of the first curves' energies."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:

@@ -236,7 +236,7 @@ class Strategy:
         return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
-        """Motions without limits, to be stretched to them."""
+        """The best motions that look at no limits and are to be stretched to them."""
         best = self._along(problems, "stretched")
         slow = {
             n: one
@@ -329,7 +329,7 @@ class Strategy:
         return {n: own.best for n, own in ladders.items()}
 
     def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
-        """Attempts of some fits, from what tells the first curve of each."""
+        """Attempts of some fits, made together from the first curves that a function tells."""
         numbers = list(which)
         if not numbers:
             return {}
@@ -430,7 +430,7 @@ def _limits_too_tight(closest: Attempt, duration: float, needed: float | None) -
 
 
 def _beyond_charts() -> Fit:
-    """The fit of a path that no chart holds."""
+    """The answer to a path whose nodes leave every chart."""
     message = (
         f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
         'from start to goal: set trajectory.method to "paper"'
