@@ -22,7 +22,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import length
-from jaxplan.model.constraints import Constraints, room, state_margins
+from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
@@ -32,7 +32,7 @@ from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.optimality import ActiveSet, FitInputs, Traced, curve_of, flat, matrix, residual
-from jaxplan.trajectory.problem import CLEARANCE, SHARE_OF_ENDS, TUBE_RADIUS
+from jaxplan.trajectory.problem import tube_radius, wanted_margins
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
@@ -63,7 +63,7 @@ def gather_inputs(
     weights = jnp.stack(
         [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
     )
-    radius = held.widened * (TUBE_RADIUS if settings.node_tube is None else settings.node_tube)
+    radius = held.widened * tube_radius(settings)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     platform, of_joints = timed_limits(craft)
     scales = [(limit.bound, limit.quantity.power) for limit in of_joints]
@@ -72,7 +72,6 @@ def gather_inputs(
     times: Any = jnp.stack([jnp.zeros_like(duration), duration]) if cones.paths else None
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
-    wanted = jnp.minimum(jnp.minimum(CLEARANCE, room(cones)), SHARE_OF_ENDS * jnp.maximum(left, 0))
     number = jnp.arange(len(held.zones.on))
     inputs = FitInputs(
         attitude=first,
@@ -84,7 +83,7 @@ def gather_inputs(
         scales=jnp.concatenate([jnp.asarray(scale) for scale, _ in scales]),
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
         limits=held.share * jnp.stack([jnp.asarray(limit.bound) for limit in platform]),
-        wanted=wanted,
+        wanted=wanted_margins(cones, left),
         axes=jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone],
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
         duration=duration,

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, pair_margins, room
 from jaxplan.model.directions import Sights
 from jaxplan.model.limits import Limit, highest_derivative, timed_limits
@@ -29,9 +30,9 @@ _FEW_POINTS = 4  # places on each interval where there are many of them, so shor
 _MANY = 128  # intervals from which on there are few points on each
 _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
 _SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
-TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
-CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
-SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
+_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
+_CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
+_SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
 
 Timing = Literal["given", "stretched", "shortest"]
 """How the duration of a curve comes about: it is given; or stretched to the limits, which are not looked at
@@ -107,8 +108,7 @@ class FitProblem:
     @property
     def width(self) -> float:
         """Radius of a tube about the nodes where there is to be one, rad."""
-        given = self.settings.node_tube
-        return TUBE_RADIUS if given is None else given
+        return tube_radius(self.settings)
 
     @property
     def radius(self) -> float:
@@ -160,10 +160,7 @@ class FitProblem:
     @cached_property
     def wanted(self) -> np.ndarray:
         """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
-        least = np.maximum(np.min(self.end_margins, axis=0), 0)
-        # The room is for rows of an entry beside which another one holds at both ends.
-        most = np.minimum(CLEARANCE, room(self.cones))
-        return np.minimum(most, SHARE_OF_ENDS * least)
+        return np.asarray(wanted_margins(self.cones, np.min(self.end_margins, axis=0)))
 
     @cached_property
     def bound(self) -> float:
@@ -221,6 +218,23 @@ class FitProblem:
             basis = Basis.even(intervals)
         points = _POINTS if intervals < _MANY else _FEW_POINTS
         return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
+
+
+def tube_radius(settings: TrajectorySettings) -> Any:
+    """Radius of the tube about the nodes that settings ask for where there is to be one, rad."""
+    return _TUBE_RADIUS if settings.node_tube is None else settings.node_tube
+
+
+def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
+    """Margins to keep (D, Z), rad: no more than half of what the ends, and the row itself, leave.
+
+    Args:
+        cones: the pointing constraints.
+        left: (D, Z) rad, the smaller of the margins at the two ends.
+    """
+    xp, least, most = arrays(left, room(cones))
+    # The room is for rows of an entry beside which another one holds at both ends.
+    return xp.minimum(xp.minimum(_CLEARANCE, most), _SHARE_OF_ENDS * xp.maximum(least, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
