@@ -1,7 +1,8 @@
 """The programs inside the method "global", solved by its own engine and by others, in one run.
 
 Takes the duals that fits of random scenes ask for, some at 80 s and some at the shortest duration, and solves
-each by `box_qp`, PIQP, OSQP and qpax. Prints how long that takes, and how many answers cost least.
+each by `jaxplan.trajectory.qp`, PIQP, OSQP and qpax. Prints how long that takes, and how many answers cost
+least.
 
     pip install -e '.[bench]'
     python bench/engines.py [-n 8]
@@ -23,7 +24,7 @@ from scipy import sparse
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, random_scenario
 from jaxplan.trajectory import program
-from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 try:
     import piqp

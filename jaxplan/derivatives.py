@@ -94,26 +94,24 @@ def hold(plan: Plan) -> Held:
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     expect_known_time(plan.scenario)
-    return _held(plan, fit(plan.scenario, plan.path, plan.goal))
+    return _held(plan, plan.path, plan.goal, fit(plan.scenario, plan.path, plan.goal))
 
 
-def _held(plan: Plan, fitted: Fit) -> Held:
-    """What is held fixed of an OK plan with the given fit."""
-    path, origin = plan.path, fitted.origin
-    assert plan.goal is not None  # it is OK
-    assert path is not None
+def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
+    """What is held fixed of an OK plan with the given path, goal and fit."""
+    origin = fitted.origin
     if origin is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
-    if not _goal_is_optimal(plan.scenario, plan.goal):
+    if not _goal_is_optimal(plan.scenario, goal):
         raise ValueError(
             f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
             "turn, and how it moves with that is not known"
         )
-    ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, plan.goal))
+    ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     return Held(
-        goal=plan.goal,
+        goal=goal,
         attitudes=padded(path.attitudes, FEWEST_NODES),
         joints=padded(path.joints, FEWEST_NODES),
         last=np.array(len(path.attitudes) - 1),
@@ -228,10 +226,11 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
     """Follow a plan and hold the result, with one fit; None for what is held where `hold` raises."""
     followed, fitted = _followed(plan, scenario)
-    if not followed.ok or fitted is None:
+    path, goal = followed.path, followed.goal
+    if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, _held(followed, fitted)
+        return followed, _held(followed, path, goal, fitted)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 
@@ -350,8 +349,7 @@ class Differentiable:
         those of the optimum; with ``trajectory.optimal`` the plan is at it already. It touches limits at the
         places that a fit looks at, so what lies between may break one by a little; then it is UNCERTIFIED.
         """
-        plan, goal = self.plan, self.plan.goal
-        assert goal is not None, "only a plan with a goal is held"
+        plan, goal = self.plan, self.held.goal
         trajectory = self(plan.scenario)
         return judged(
             replace(plan, trajectory=trajectory, status=Status.OK), prove(plan.scenario, goal, trajectory)

@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from jaxplan.certificate import EndState, certify
+from jaxplan.certificate import Claim, EndState, certify
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.curve import Trajectory
@@ -119,12 +119,16 @@ def ends(trajectory, spacecraft):
     }
 
 
+def claimed(trajectory, spacecraft, cones, **asked):
+    """The claim that a trajectory keeps what is asked."""
+    return Claim(trajectory=trajectory, spacecraft=spacecraft, cones=cones, **asked)
+
+
 def judge(trajectory, spacecraft, zones=(), **changes):
     """The certificate's report, with the trajectory's own ends unless others are given."""
     keep_out = [z for z in zones if isinstance(z, KeepOut)]
     keep_in = [z for z in zones if isinstance(z, KeepIn)]
     cones = tabulate(keep_out, keep_in, spacecraft.device_names)
     names = [z.name for z in (*keep_out, *keep_in)]
-    return certify(
-        trajectory, spacecraft, cones, zone_names=names, **(ends(trajectory, spacecraft) | changes)
-    )
+    asked = ends(trajectory, spacecraft) | changes
+    return certify(claimed(trajectory, spacecraft, cones, zone_names=names, **asked))

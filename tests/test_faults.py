@@ -15,7 +15,8 @@ from jaxplan.planner import steps
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
 from jaxplan.search.multi_heuristic import make_root, trace
-from jaxplan.trajectory import box_qp, program
+from jaxplan.trajectory import program
+from jaxplan.trajectory import qp as box_qp
 
 RNG = np.random.default_rng(21)
 SETTINGS = {"search.max_goals": 1, "search.time_limit_s": "off"}
@@ -42,7 +43,7 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
 
     def garbage(programs):
         asked.extend(len(linear) for _, linear, _ in programs)
-        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own), iterations=1, residual=0.0) for own in programs]
+        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own), residual=0.0) for own in programs]
 
     monkeypatch.setattr(program, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):

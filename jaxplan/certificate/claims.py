@@ -49,8 +49,8 @@ class Claim:
     spacecraft: Spacecraft
     cones: Constraints
     zone_names: Sequence[str]
-    start: EndState | None
-    goal: EndState | None
+    start: EndState | None = None
+    goal: EndState | None = None
     sight_names: Sequence[str] | None = None
 
     @property

@@ -13,10 +13,9 @@ import numpy as np
 
 from jaxplan.certificate import bounds, form, limits, series
 from jaxplan.certificate.bounds import Errors, Evidence, Minima
-from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin
+from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
 from jaxplan.certificate.motion import Motion, Trajectory
-from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
 from jaxplan.model.spacecraft import Spacecraft
@@ -28,43 +27,16 @@ _TOGETHER = 16  # trajectories that are proved at once, so that their samples st
 _PIECES = 64  # of a trajectory: longer ones are proved one by one
 
 
-def certify(
-    trajectory: Trajectory,
-    spacecraft: Spacecraft,
-    cones: Constraints,
-    *,
-    zone_names: Sequence[str],
-    start: EndState | None,
-    goal: EndState | None,
-    sight_names: Sequence[str] | None = None,
-) -> Certificate:
+def certify(claim: Claim) -> Certificate:
     """Prove, or refuse to, that a trajectory is safe and does what it should.
 
     Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
     joints and their rates are continuous, with as many more derivatives as it claims, and which starts and
     ends in the wanted states.
 
-    Args:
-        trajectory: the manoeuvre.
-        spacecraft: its devices and limits.
-        cones: all zones, padded or not.
-        zone_names: of the cones' rows, in their order.
-        start: the state it must start from; None for any.
-        goal: the state it must end in; None for any.
-        sight_names: of all that the constraints bind, see `Claim`.
-
     Returns:
         The certificate. Whatever the numbers are, nothing is raised.
     """
-    claim = Claim(
-        trajectory=trajectory,
-        spacecraft=spacecraft,
-        cones=cones,
-        zone_names=zone_names,
-        start=start,
-        goal=goal,
-        sight_names=sight_names,
-    )
     return certify_batch([claim])[0]
 
 
@@ -77,38 +49,15 @@ def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
     return [case if isinstance(case, Certificate) else next(proved) for case in cases]
 
 
-def prove_margins(
-    trajectory: Trajectory,
-    spacecraft: Spacecraft,
-    cones: Constraints,
-    *,
-    zone_names: Sequence[str],
-    sight_names: Sequence[str] | None = None,
-) -> tuple[ProvedMargin, ...]:
+def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
     """Bound the margin of every device to every zone that binds it, each as closely as the smallest of all.
 
     `certify` bounds the larger margins only as far as its answer needs; this takes more work.
-
-    Args:
-        trajectory: the manoeuvre.
-        spacecraft: its devices and limits.
-        cones: all zones, padded or not.
-        zone_names: of the cones' rows, in their order.
-        sight_names: of all that the constraints bind, see `Claim`.
 
     Returns:
         One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
         groups last. None of a trajectory that cannot be evaluated.
     """
-    claim = Claim(
-        trajectory=trajectory,
-        spacecraft=spacecraft,
-        cones=cones,
-        zone_names=zone_names,
-        start=None,
-        goal=None,
-        sight_names=sight_names,
-    )
     with np.errstate(all="ignore"):
         case = Case.of(claim)
         if isinstance(case, Certificate):

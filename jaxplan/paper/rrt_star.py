@@ -127,7 +127,8 @@ class Star:
     def result(self) -> SearchResult:
         """OK with the path, not smoothed; or the limit that was reached before there was one."""
         if self.best == np.inf:
-            assert self._limit is not None, "the tree is growing"
+            if self._limit is None:
+                raise RuntimeError("the tree is growing: there is no result yet")
             return self.space.result(self._limit)
         branch = self.tree.states[self.tree.branch(self.last)]
         return self.space.found(np.concatenate([branch, self.space.goal[None]]))

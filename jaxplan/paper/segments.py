@@ -258,16 +258,14 @@ class PathNodes:
         joints: (m + 1, 2n) rad.
         fractions: (m + 1,) of the duration, strictly increasing from 0 to 1.
         turns: (m, 3) rad, rotation of each edge in the axes of its first node.
-        start: of the platform (2, 3) and of the joints (2, 2n): rate and acceleration per s and s^2.
-        end: likewise.
+        rates: (2, 3 + 2n) rad/s at start and end, where accelerations are zero.
     """
 
     attitudes: np.ndarray
     joints: np.ndarray
     fractions: np.ndarray
     turns: np.ndarray
-    start: tuple[np.ndarray, np.ndarray]
-    end: tuple[np.ndarray, np.ndarray]
+    rates: np.ndarray
 
     @property
     def moves(self) -> np.ndarray:
@@ -318,10 +316,11 @@ def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
         acceleration_weight=settings.acceleration_weight,
     )
     platform_limits, joint_limits = (None, None) if request.limits is None else request.limits
+    start, end = np.stack([nodes.rates, np.zeros_like(nodes.rates)], axis=1)  # rates and accelerations
     return (
         charts,
-        Chain(platform, nodes.end[0], nodes.start[0], platform_limits, end_turns=charts.end_turn),
-        Chain(joints, nodes.start[1], nodes.end[1], joint_limits),
+        Chain(platform, end[:, :3], start[:, :3], platform_limits, end_turns=charts.end_turn),
+        Chain(joints, start[:, 3:], end[:, 3:], joint_limits),
     )
 
 

@@ -30,8 +30,8 @@ from jaxplan.trajectory.fit import (
     Fit,
     FitQuery,
     at_rest,
-    boundary,
     checked,
+    fit_each,
     needed_words,
     too_tight,
     within_limits,
@@ -73,39 +73,26 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    strategy = _Strategy(Seconds(len(queries)) if seconds is None else seconds)
-    begun = [_begin(query) for query in queries]
-    problems = {number: one[0] for number, one in enumerate(begun) if not isinstance(one, Fit)}
-    numbers = {number: one[1] for number, one in enumerate(begun) if not isinstance(one, Fit)}
-    found = {number: one for number, one in enumerate(begun) if isinstance(one, Fit)}
-    for number, own in strategy.fits(problems).items():
-        found[number] = own.at_given_nodes(numbers[number])
-    return [found[number] for number in range(len(queries))]
+    return fit_each(queries, _begin, _Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
 
 
 def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
-    spacecraft, settings, node_fractions = query.spacecraft, query.settings, query.node_fractions
-    path = checked(query.path, spacecraft, settings, node_fractions)
-    joints = path.joints.shape[1]
-    start = boundary(query.start_angular_velocity, 3), boundary(query.start_joint_rates, joints)
-    end = boundary(query.end_angular_velocity, 3), boundary(query.end_joint_rates, joints)
-    at_speed = any(np.any(rate != 0) for rate in (*start, *end))
-    path, own = schedule.passed_nodes(path, at_speed=at_speed, every=node_fractions is not None)
+    node_fractions = query.node_fractions
+    path, rates = checked(query)
+    path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
     if len(path.attitudes) == 1:
-        trajectory = at_rest(query, path, settings.order, "paper", len(own))
-        return Fit(trajectory=trajectory, status=Status.OK, message="the path has no motion")
+        return at_rest(query, path, query.settings.order, 2, len(own))
     fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
     nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.asarray(fractions, float),
         turns=schedule.edge_turns(path.attitudes),
-        start=start,
-        end=end,
+        rates=rates,
     )
     problem = PaperProblem(
-        nodes=nodes, spacecraft=spacecraft, settings=settings, at_speed=at_speed, moving=query.horizon > 0
+        nodes=nodes, spacecraft=query.spacecraft, settings=query.settings, moving=query.horizon > 0
     )
     return problem, own
 
@@ -118,15 +105,18 @@ class PaperProblem:
         nodes: of the path.
         spacecraft: its limits.
         settings: of step 3.
-        at_speed: whether the motion starts or ends with a rate.
         moving: whether goal or zones are others after another time.
     """
 
     nodes: PathNodes
     spacecraft: Spacecraft
     settings: TrajectorySettings
-    at_speed: bool
     moving: bool
+
+    @property
+    def at_speed(self) -> bool:
+        """Whether the motion starts or ends with a rate."""
+        return bool(np.any(self.nodes.rates))
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +140,7 @@ class PaperProblem:
     def nominal_duration(self) -> float:
         """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
         rates, accelerations = np.hstack(self.limits)
-        ends = np.abs(np.hstack(self.nodes.start)[0]) + np.abs(np.hstack(self.nodes.end)[0])
+        ends = np.sum(np.abs(self.nodes.rates), axis=0)
         moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
         return float(moves + np.max(ends / accelerations))
 

@@ -140,11 +140,13 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
         return ()
     scenario = plan.scenario
     return prove_margins(
-        plan.trajectory,
-        scenario.spacecraft,
-        scenario.constraints,
-        zone_names=_zone_names(scenario),
-        sight_names=sight_names(scenario.spacecraft.device_names, scenario.constraints),
+        Claim(
+            trajectory=plan.trajectory,
+            spacecraft=scenario.spacecraft,
+            cones=scenario.constraints,
+            zone_names=_zone_names(scenario),
+            sight_names=sight_names(scenario.spacecraft.device_names, scenario.constraints),
+        )
     )
 
 

@@ -8,7 +8,6 @@ broken.
 """
 
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import jax
@@ -18,10 +17,10 @@ from jaxplan.model.path import Path
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory import options, program, sqp
+from jaxplan.trajectory import program, sqp
 from jaxplan.trajectory.attempts import Attempt, finished
-from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
+from jaxplan.trajectory.curve import Chart
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.optimality import (
@@ -34,8 +33,16 @@ from jaxplan.trajectory.optimality import (
     linearised,
 )
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
+from jaxplan.trajectory.qp import least_change
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
-from jaxplan.trajectory.splines import Basis
+from jaxplan.trajectory.splines import Basis, CurveSpace
+
+_PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
+_FTOL = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
+_STEPS = 40  # at most, from where that ends to the optimum
+_SETTLED = 1e-8  # rad; a step that changes less is the last
+_BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
+_FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
 
 Masks = dict[str, np.ndarray]  # by block of constraints, of every row
 Rows = dict[str, Index]  # numbers of rows by block, in the order of `ActiveSet`
@@ -71,7 +78,7 @@ class FitRecord:
             discrete=discrete,
             coefficients=solution.coefficients,
             duration=solution.duration,
-            ftol=options.ACTIVE_SET.ftol,
+            ftol=_FTOL,
         )
         (solution,) = sqp.improve([first])
         first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
@@ -85,9 +92,9 @@ class FitRecord:
             at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
             quadratic = state.program(at, np.zeros(1))
         length = np.inf
-        for _ in range(options.ACTIVE_SET.steps):
+        for _ in range(_STEPS):
             broken = {block.name: _broken(block) & ~near[block.name] for block in quadratic.blocks}
-            if length <= options.ACTIVE_SET.settled and not any(map(np.any, broken.values())):
+            if length <= _SETTLED and not any(map(np.any, broken.values())):
                 rows = _listed(quadratic.blocks, {name: own > 0 for name, own in multipliers.items()})
                 held = self._held(at, rows, multipliers, share)
                 by_flank = self._by_flank(rows)
@@ -180,7 +187,7 @@ class FitRecord:
         if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
             return {}
         here = self._flank
-        step = options.ACTIVE_SET.flank_step * here
+        step = _FLANK_STEP * here
         after, before = (self._on_mesh(self._at_flank(flank), rows) for flank in (here + step, here - step))
         return {name: (after[name] - before[name]) / (2 * step) for name in after}
 
@@ -206,15 +213,9 @@ class FitRecord:
 
     def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
         """What lies on the breaks, by the names of the attributes of what is held."""
-        space = discrete.space
         linear, loads, zones = _gathered(discrete, self.attempt.discrete.mesh, rows)
         return {
-            "free": space.free,
-            "of_values": space.of_values,
-            "of_rates": space.of_rates,
-            "energies": space.energies[1:],
-            "pieces": space.basis.pieces(np.eye(space.basis.size)),
-            "breaks": space.basis.breaks,
+            **_of_curves(discrete.space),
             "linear.rows": linear.rows,
             "loads.place": loads.place,
             "loads.rows": loads.rows,
@@ -236,20 +237,15 @@ class FitRecord:
     def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float) -> ActiveSet:
         """All that is held with some rows, their multipliers, and a curve."""
         problem, discrete = self.problem, self.attempt.discrete
-        space, chart = discrete.space, discrete.chart
+        chart, of_curves = discrete.chart, _of_curves(discrete.space)
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
-        mesh = self.attempt.discrete.mesh
+        mesh = discrete.mesh
         linear, loads, zones = _gathered(discrete, mesh, rows)
         on = np.concatenate([linear.on, loads.on, zones.on])
         pushes = np.zeros(len(on))
         pushes[on] = np.concatenate([multipliers[name][0][index] for name, index in rows.items()])
         return ActiveSet(
-            free=space.free,
-            of_values=space.of_values,
-            of_rates=space.of_rates,
-            energies=space.energies[1:] / share,
-            pieces=space.basis.pieces(np.eye(space.basis.size)),
-            breaks=space.basis.breaks,
+            **(of_curves | {"energies": of_curves["energies"] / share}),
             places=padded(mesh.places, FEWEST_NODES),
             flank=np.array(self._flank),
             least_length=np.array(problem.least_length),
@@ -272,6 +268,18 @@ class FitRecord:
         )
 
 
+def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
+    """What `ActiveSet` has of a space of curves, by the names of its attributes."""
+    return {
+        "free": space.free,
+        "of_values": space.of_values,
+        "of_rates": space.of_rates,
+        "energies": space.energies[1:],
+        "pieces": space.basis.pieces(np.eye(space.basis.size)),
+        "breaks": space.basis.breaks,
+    }
+
+
 def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
     """Numbers of the rows that are wanted of one curve: of joints and nodes, of loads, of zones."""
     named = {block.name: block for block in blocks}
@@ -284,7 +292,7 @@ def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
 def _gathered(
     discrete: DiscreteProblem, mesh: Mesh, rows: Rows
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins]:
-    """Some rows, padded."""
+    """Gather the rows that bind, by their numbers, padded to a few sizes."""
     problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
     quantities = [limit.quantity for limit in problem.joint_limits]
@@ -310,9 +318,8 @@ def _gathered(
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     at, load_sign, load, load_axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
     # Where none binds there is padding, too, so that what is held of several plans can be stacked.
-    least = options.ACTIVE_SET.padding
     sizes = [
-        padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), least, strict=True)
+        padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), _PADDING, strict=True)
     ]
     if not len(at):
         sizes[1] = 0  # loads are seldom near, and their slopes are dear
@@ -343,7 +350,7 @@ def _gathered(
 
 
 def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays with zeros added to their first axes, and which of that are no padding."""
+    """Pad arrays with zeros along their first axes; under "on", which entries are no padding."""
     found = {}
     for name, own in arrays.items():
         found[name] = np.concatenate([own, np.zeros((size - len(own), *own.shape[1:]), own.dtype)])
@@ -352,64 +359,13 @@ def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _broken(block: ConstraintBlock) -> np.ndarray:
-    """The rows of one curve that are broken; of those at places next to each other the worst."""
+    """Which rows of one curve are broken; at neighbouring places only the worst of them."""
     slack = block.slack
-    broken: np.ndarray = slack < -options.ACTIVE_SET.broken
+    broken: np.ndarray = slack < -_BROKEN
     if not block.linear:
         around = np.pad(slack, [(0, 0), (1, 1), *[(0, 0)] * (slack.ndim - 2)], constant_values=np.inf)
         broken &= (slack <= around[:, :-2]) & (slack <= around[:, 2:])
     return broken
-
-
-def least_change(
-    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimises ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
-
-    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
-    nonnegative least squares do (Lawson and Hanson, chapter 23).
-
-    Args:
-        hessian: (n, n) ``H``. One that is not positive is made so: by squares of rows that are taken to bind,
-            which change nothing where these do, or else by the size of its eigenvalues.
-        gradient: (n,).
-        slopes: (r, n).
-        excess: (r,).
-        binding: (r,) bool, which rows are taken to bind.
-
-    Returns:
-        The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
-        from the others. Where no change meets all rows, or they cannot be told, without rows.
-    """
-    from scipy.linalg import solve_triangular
-    from scipy.optimize import nnls
-
-    factor, gradient = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
-    normals = solve_triangular(factor, slopes.T, lower=True)
-    down = solve_triangular(factor, gradient, lower=True)
-    depth = excess - normals.T @ down
-    size = max(1.0, float(np.linalg.norm(down)))
-    pushes = np.zeros(len(excess))
-    if len(excess):  # on none it crashes
-        with suppress(RuntimeError):  # of too many iterations
-            found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
-            left = 1 - depth / size @ found  # zero where no change meets all rows
-            pushes = size * found / left if left > np.finfo(float).eps else pushes
-    return solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1), pushes
-
-
-def _convex_factor(
-    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The lower factor of a positive Hessian, and the gradient that goes with it."""
-    squares = slopes.T @ slopes
-    unit = np.trace(hessian) / (np.trace(squares) or 1.0)
-    for weight in unit * np.array([0.0, *options.ACTIVE_SET.squares]):
-        with suppress(np.linalg.LinAlgError):
-            return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
-    sizes, vectors = np.linalg.eigh(hessian)
-    sizes = np.abs(sizes).clip(options.ACTIVE_SET.flattest * np.max(np.abs(sizes)))
-    return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient
 
 
 def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.trajectory import options, sqp
+from jaxplan.trajectory import sqp
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.motion import TUBE
 from jaxplan.trajectory.peaks import Peaks, all_peaks
@@ -15,10 +15,19 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
+_TUBE_BROKEN = 1e-6  # rad beyond the tube, up to which nodes count as passed
+_DEEP = float(np.deg2rad(0.3))  # rad; a zone broken by more is not so for want of intervals
+_ROUNDING = 1e-9  # rad of a margin that is rounding alone
+_KEPT_MARGIN = 0.3  # of the wanted margins, which a sound curve has
+_MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
+_NEARLY = 1.01  # on time; a curve that keeps limits with so much more of it is nearly there
+_HOPELESS = 1.05  # on time; a curve that needs more of it is not mended by more intervals
+_WIDER = 3.0  # times the tube's radius, before there is none
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A curve, and what it breaks.
+    """A curve that was fitted, with its peaks: from them and its margins follows what it breaks.
 
     Attributes:
         discrete: the problem that was solved.
@@ -45,7 +54,7 @@ class Attempt:
     @cached_property
     def clear(self) -> bool:
         """Whether zones are kept at the places, with some of the clearance."""
-        return bool(np.all(self.solution.margins >= options.ACCEPTANCE.kept_margin * self.problem.wanted))
+        return bool(np.all(self.solution.margins >= _KEPT_MARGIN * self.problem.wanted))
 
     @cached_property
     def breach(self) -> tuple[str, float] | None:
@@ -54,7 +63,7 @@ class Attempt:
         Axes of the body go by the name of the body, what terminals carry by theirs.
         """
         margins = self.solution.margins
-        if np.all(margins >= -options.ACCEPTANCE.rounding):
+        if np.all(margins >= -_ROUNDING):
             return None
         _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
         names, cones = self.problem.spacecraft.device_names, self.problem.cones
@@ -64,7 +73,7 @@ class Attempt:
     @property
     def in_tube(self) -> bool:
         """Whether nodes are passed within the tube that was tried."""
-        return bool(self.solution.violations[TUBE] <= options.ACCEPTANCE.tube_broken)
+        return bool(self.solution.violations[TUBE] <= _TUBE_BROKEN)
 
     @property
     def sound(self) -> bool:
@@ -84,13 +93,13 @@ class Attempt:
     @property
     def too_deep(self) -> bool:
         """Whether a zone is broken so deep that it is not for want of intervals."""
-        return self.breach is not None and self.breach[1] > options.ACCEPTANCE.deep
+        return self.breach is not None and self.breach[1] > _DEEP
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
-        """Attempts are compared by it; the larger the better."""
+        """Key by which attempts are compared: the larger, the better."""
         stretch = self.peaks.stretch
-        inside, nearly = self.clear and self.peaks.in_range, stretch <= options.ACCEPTANCE.nearly
+        inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
 
 
@@ -122,13 +131,9 @@ def first_curve(
 
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
     """Attempts from first curves; None of one that is None, or whose numbers overflow."""
-    given = {number: begin for number, begin in enumerate(begins) if begin is not None}
-    solutions = _improved(list(given.values()))
-    made = finished([(own.discrete, found) for own, found in zip(given.values(), solutions, strict=True)])
-    attempts: list[Attempt | None] = [None] * len(begins)
-    for number, attempt in zip(given, made, strict=True):
-        attempts[number] = attempt
-    return attempts
+    given = [begin for begin in begins if begin is not None]
+    made = iter(finished([(own.discrete, found) for own, found in zip(given, _improved(given), strict=True)]))
+    return [None if begin is None else next(made) for begin in begins]
 
 
 def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
@@ -139,16 +144,16 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
         if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
     }
     peaks = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
-    attempts: list[Attempt | None] = [None] * len(made)
-    for (number, curve), own in zip(curves.items(), peaks, strict=True):
-        discrete, solution = made[number]
-        if np.isfinite(own.stretch):
-            attempts[number] = Attempt(discrete=discrete, solution=solution, trajectory=curve, peaks=own)
-    return attempts
+    attempts = {
+        number: Attempt(discrete=made[number][0], solution=made[number][1], trajectory=curve, peaks=own)
+        for (number, curve), own in zip(curves.items(), peaks, strict=True)
+        if np.isfinite(own.stretch)
+    }
+    return [attempts.get(number) for number in range(len(made))]
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """The best curves near the first ones.
+    """Improve first curves to the best ones near them.
 
     In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
     So one is made that is slow enough, and that is improved.
@@ -156,7 +161,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     first = [
         begin
         if begin.discrete.free_time or begin.discrete.problem.at_speed
-        else replace(begin, max_violation=0.0 if begin.discrete.limited else options.ACCEPTANCE.mended)
+        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MENDED)
         for begin in begins
     ]
     solutions = sqp.improve(first)
@@ -167,19 +172,15 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     ]
     if not hasty:
         return solutions
+    freed = [replace(first[number].discrete, timing="shortest") for number in hasty]
     slower = sqp.improve(
         [
-            replace(
-                own,
-                discrete=replace(own.discrete, timing="shortest"),
-                target_duration=own.duration,
-                max_violation=np.inf,
-            )
-            for own in (first[number] for number in hasty)
+            replace(own, discrete=discrete, target_duration=own.duration, max_violation=np.inf)
+            for discrete, own in zip(freed, (first[number] for number in hasty), strict=True)
         ]
     )
     slow = [
-        replace(first[number], coefficients=solution.coefficients, max_violation=options.ACCEPTANCE.mended)
+        replace(first[number], coefficients=solution.coefficients, max_violation=_MENDED)
         for number, solution in zip(hasty, slower, strict=True)
     ]
     for number, solution in zip(hasty, sqp.improve(slow), strict=True):
@@ -188,7 +189,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
 
 
 def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
-    """The curve of a solution in time."""
+    """The trajectory that a solution stands for."""
     basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
@@ -265,19 +266,19 @@ class Ladder:
         timed = self.timing == "given"
         if last.sound and (last.kept or not timed):
             self.rungs.clear()
-        if last.too_deep or (timed and last.peaks.stretch > options.ACCEPTANCE.hopeless):
+        if last.too_deep or (timed and last.peaks.stretch > _HOPELESS):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]
 
 
 def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
-    """Factors on the number of intervals and radii of the tube, one attempt after the other.
+    """The rungs of a ladder: factors on the number of intervals and radii of the tube, in their order.
 
     Args:
         radius: rad, asked for.
         in_time: whether there is time enough to go along the nodes.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
-    wider = [(1, options.STRATEGY.wider * radius)] if 0 < radius < np.inf and in_time else []
+    wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
     free = [(1, np.inf), (2, np.inf)] if radius > 0 else []
     return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

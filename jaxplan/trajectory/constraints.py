@@ -13,23 +13,29 @@ close to each other.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from jaxplan.trajectory import options
+from jaxplan.geometry import vectors
+from jaxplan.geometry.vectors import cross, dot
+from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
 from jaxplan.trajectory.motion import (
     LIMIT,
     TUBE,
     ZONE,
     Iterates,
     load_slopes,
-    margin_reach,
-    margin_slopes,
     stacked,
     taken,
 )
+
+_NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a program from the start
+_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
+_FAR_SHARE = 0.5  # of a limit; with more slack at every place no step is taken to reach it
+_STRIDE = 4  # of places next to each other one in so many is held, and those that are extreme
+_NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
@@ -75,7 +81,7 @@ class LinearBlock:
     name: str
     kind: int = LIMIT
     power: int = 0
-    tolerance: float = field(default_factory=lambda: 2 * options.ROWS.near_share)
+    tolerance: float = 2 * _NEAR_SHARE
     coefficients: np.ndarray
     matrix: np.ndarray
     scale: np.ndarray
@@ -95,7 +101,7 @@ class LinearBlock:
 
     @property
     def may_bind(self) -> np.ndarray:
-        """(G,) whether a step may break any of the rows: always."""
+        """Whether a step may break any of a curve's rows, (G,) bool: always."""
         return np.ones(len(self.coefficients), dtype=bool)
 
     def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
@@ -140,12 +146,8 @@ class LoadBlock:
     at: Iterates
     scale: np.ndarray
     kind = LIMIT
+    tolerance = _NEAR_SHARE
     linear = False
-
-    @property
-    def tolerance(self) -> float:
-        """Rows with less slack are in a program from the start."""
-        return float(options.ROWS.near_share)
 
     @cached_property
     def slack(self) -> np.ndarray:
@@ -155,14 +157,14 @@ class LoadBlock:
     @cached_property
     def may_bind(self) -> np.ndarray:
         """(G,) whether a step may take a curve to a row's bound."""
-        return ~np.all(self.slack > options.ROWS.far_share, axis=(1, 2, 3))
+        return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """(S, 3, 4, 3) slopes of the shares."""
+        """Derivatives (S, 3, 4, 3) of a curve's shares of the limit in ``b`` and its derivatives."""
         return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How a step changes the slack of every row, see `LinearBlock.change`."""
+        """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
             shares = np.einsum("sida,dsa->si", self._local(curve), curves[own, :, :, :3])
@@ -200,12 +202,8 @@ class MarginBlock:
     name = "zone"
     kind = ZONE
     power = 0
+    tolerance = _NEAR_ANGLE
     linear = False
-
-    @property
-    def tolerance(self) -> float:
-        """Rows with less slack are in a program from the start."""
-        return float(options.ROWS.near_angle)
 
     @cached_property
     def may_bind(self) -> np.ndarray:
@@ -213,7 +211,7 @@ class MarginBlock:
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How a step changes the slack of every row, zero of rows that stay far; see `LinearBlock.change`."""
+        """By how much a step lessens slacks, zero where they stay large; see `LinearBlock.change`."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = margin_slopes(self.at, which[own], *rest)
@@ -235,16 +233,16 @@ ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
 def _telling(slack: np.ndarray) -> np.ndarray:
-    """Along the places, the second axis, each fourth one and the local minima of the slack."""
+    """Rows at every fourth place (the second axis), and at those where the slack has a local minimum."""
     kept = np.zeros(slack.shape, dtype=bool)
-    kept[:, :: options.ROWS.stride] = True
+    kept[:, ::_STRIDE] = True
     with np.errstate(invalid="ignore"):
         kept[:, 1:-1] |= (slack[:, 1:-1] <= slack[:, :-2]) & (slack[:, 1:-1] <= slack[:, 2:])
     return kept
 
 
 def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
-    """All blocks of a stack of problems, at curves of theirs."""
+    """All constraints of a stack of problems at some curves, block by block."""
     stack = at.stack
     kind, c = stack.members[0], at.coefficients
     differences = [own.space.basis.differences for own in stack.members]
@@ -253,7 +251,7 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     if stack.ranges.shape[1]:
         yield LinearBlock(
             name="range",
-            tolerance=options.ROWS.near_angle,
+            tolerance=_NEAR_ANGLE,
             coefficients=c,
             matrix=stacked([own[0] for own in differences]),
             scale=np.ones_like(stack.ranges),
@@ -271,3 +269,101 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     if stack.tube_rows.shape[1]:
         rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
         yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)
+
+
+def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
+
+    Args:
+        at: the curves.
+        which: (g,) numbers of the curves.
+        step: (g, S, A) change of ``b`` and joints.
+
+    Returns:
+        (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
+    """
+    stack, moved, count = at.stack, np.abs(step), _terminals(at)
+    x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
+    platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
+    joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
+    np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
+    own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
+    if not stack.has_inner:
+        return (platform + own)[..., None]
+    frame, partner = (stack.columns[name][which][:, None] for name in ("frame", "partner"))
+    axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
+    return own[..., None] + np.where(frame == INERTIAL, platform, axes)[:, :, None]
+
+
+def margin_slopes(
+    at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
+) -> np.ndarray:
+    """Derivatives of some margins in ``b`` and the joints.
+
+    Args:
+        at: the curves.
+        curve: (R,) number.
+        place: (R,) index of a place.
+        sight: (R,) index.
+        row: (R,) index of a row of the constraints.
+
+    Returns:
+        (R, A) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of joints
+        ``f``.
+    """
+    stack = at.stack
+    cones, moves = stack.columns, stack.members[0].problem.cones.paths
+    given = stack.moving_axes[curve, place, row] if moves else cones["axis"][curve, row]
+    seen, axis = at.body[curve, place, sight], np.einsum("ri,rij->rj", given, at.attitude[curve, place])
+    if stack.has_inner:
+        frame, partner = cones["frame"][curve, row], cones["partner"][curve, row]
+        partners = at.body[curve, place, partner]
+        own = np.where((frame == SIGHT)[:, None], partners, given)
+        axis = np.where((frame == INERTIAL)[:, None], axis, own)
+    cosine, side = at.cosines[curve, place, sight, row], cones["side"][curve, row]
+    factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
+    slopes = np.zeros((len(place), at.curves.shape[3]))
+    # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
+    turned = np.stack(cross(seen.T, axis.T), axis=1)
+    slopes[:, :3] = np.einsum("rk,rka->ra", turned, at.tangent[curve, place])
+    _add_turns(slopes, at, curve, place, sight, seen, axis)
+    if not stack.has_inner:
+        return slopes * factor[:, None]
+    slopes[frame != INERTIAL, :3] = 0.0
+    of = np.flatnonzero(frame == SIGHT)
+    both = slopes[of]
+    _add_turns(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
+    slopes[of] = both
+    slopes *= factor[:, None]
+    of = np.flatnonzero(frame == JOINTS)
+    slopes[of] = 0.0
+    for part in range(2):
+        slopes[of, 3 + part * (at.curves.shape[3] - 3) // 2 + sight[of]] = cones["axis"][
+            curve[of], row[of], part
+        ]
+    return slopes
+
+
+def _terminals(at: Iterates) -> int:
+    return (at.curves.shape[3] - 3) // 2
+
+
+def _add_turns(
+    slopes: np.ndarray,
+    at: Iterates,
+    curve: np.ndarray,
+    place: np.ndarray,
+    sight: np.ndarray,
+    seen: np.ndarray,
+    other: np.ndarray,
+) -> None:
+    """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
+    columns = at.stack.columns
+    carrier = columns["carriers"][curve, sight]
+    row = np.flatnonzero(carrier >= 0)
+    yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
+    azimuth = at.curves[curve, 0, place, yaw] + columns["mounts"][curve, yaw - 3]
+    turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
+    for part, change in enumerate(turns):
+        weight = columns["turning"][curve, part, sight]
+        slopes[row, yaw + part * _terminals(at)] += weight * dot(change, other[row].T)

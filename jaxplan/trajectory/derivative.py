@@ -22,18 +22,22 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import length
-from jaxplan.model.constraints import Constraints, room, state_margins
+from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
-from jaxplan.trajectory import options, schedule
+from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.optimality import ActiveSet, FitInputs, Traced, curve_of, flat, matrix, residual
-from jaxplan.trajectory.schedule import TrapezoidalProfile
+from jaxplan.trajectory.problem import tube_radius, wanted_margins
+from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
+
+_STEPS = 5  # of Newton's method, at most, before the last one, from which derivatives are taken
+_RESIDUAL = 1e-9  # of the conditions, at which the steps end earlier
 
 
 def gather_inputs(
@@ -59,7 +63,7 @@ def gather_inputs(
     weights = jnp.stack(
         [jnp.asarray(w) for w in (settings.rate_weight, settings.acceleration_weight, settings.jerk_weight)]
     )
-    radius = held.widened * (options.ROWS.tube_radius if settings.node_tube is None else settings.node_tube)
+    radius = held.widened * tube_radius(settings)
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     platform, of_joints = timed_limits(craft)
     scales = [(limit.bound, limit.quantity.power) for limit in of_joints]
@@ -68,9 +72,6 @@ def gather_inputs(
     times: Any = jnp.stack([jnp.zeros_like(duration), duration]) if cones.paths else None
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
-    wanted = jnp.minimum(
-        jnp.minimum(options.ROWS.clearance, room(cones)), options.ROWS.share_of_ends * jnp.maximum(left, 0)
-    )
     number = jnp.arange(len(held.zones.on))
     inputs = FitInputs(
         attitude=first,
@@ -82,7 +83,7 @@ def gather_inputs(
         scales=jnp.concatenate([jnp.asarray(scale) for scale, _ in scales]),
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
         limits=held.share * jnp.stack([jnp.asarray(limit.bound) for limit in platform]),
-        wanted=wanted,
+        wanted=wanted_margins(cones, left),
         axes=jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone],
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
         duration=duration,
@@ -107,7 +108,7 @@ def _paced(
     along = jnp.maximum(jnp.sum(times), held.least_length)
     profile = TrapezoidalProfile.quickest(along, rise)
     if held.stretched:
-        duration = options.STRATEGY.begin * profile.duration
+        duration = FIRST_GUESS * profile.duration
     else:
         duration = jnp.asarray(held.duration if held.free_time else settings.duration)
         if not held.free_time:
@@ -190,6 +191,6 @@ _OPTIMALITY = Equations(
     residual=_residual,
     factor=_factor,
     solve=lu_solve,
-    steps=options.ACTIVE_SET.refit_steps,
-    tolerance=options.ACTIVE_SET.refit_residual,
+    steps=_STEPS,
+    tolerance=_RESIDUAL,
 )

@@ -1,9 +1,10 @@
 """The result of step 3, and what its methods share: checks, the trajectory that rests, words for limits."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from jaxplan.model.status import Status
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.peaks import Peaks
+
+Problem = TypeVar("Problem")  # of a method
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
@@ -100,37 +103,14 @@ class FitQuery:
     horizon: float = 0.0
 
 
-def boundary(given: np.ndarray | None, size: int) -> np.ndarray:
-    """Rate and acceleration at an end of the motion.
-
-    Args:
-        given: (size,) per s; None for rest.
-        size: number of axes.
+def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
+    """Check a query; raises ValueError, by the settings' names in a file, for what makes no sense.
 
     Returns:
-        (2, size), the acceleration being zero.
-
-    Raises:
-        ValueError: if the rate has another shape or is not finite.
+        The path in float64, and rates (2, 3 + 2n) rad/s at start and end, of body axes and joints.
     """
-    rate = np.zeros(size) if given is None else np.asarray(given, float)
-    if rate.shape != (size,) or not np.all(np.isfinite(rate)):
-        raise ValueError(f"a rate at the start or end must be {size} finite numbers")
-    return np.stack([rate, np.zeros(size)])
-
-
-def checked(
-    path: Path, spacecraft: Spacecraft, settings: TrajectorySettings, fractions: np.ndarray | None
-) -> Path:
-    """The path in float64; raises ValueError, by the settings' names in a file, for what makes no sense.
-
-    Args:
-        path: m + 1 nodes.
-        spacecraft: whose joints they give.
-        settings: of step 3.
-        fractions: (m + 1,) times of the nodes over the duration, or None.
-    """
-    path = _shaped(path, spacecraft)
+    settings, fractions = query.settings, query.node_fractions
+    path = _shaped(query.path, query.spacecraft)
     duration = settings.duration
     if settings.end_acceleration not in ("zero", "free"):
         raise ValueError(
@@ -166,7 +146,43 @@ def checked(
         and np.all(np.diff(fractions) > 0)
     ):
         raise ValueError("node_fractions must rise strictly from 0 to 1, one a node")
-    return path
+    return path, np.stack(
+        [
+            np.append(_rate(velocity, 3), _rate(rates, path.joints.shape[1]))
+            for velocity, rates in (
+                (query.start_angular_velocity, query.start_joint_rates),
+                (query.end_angular_velocity, query.end_joint_rates),
+            )
+        ]
+    )
+
+
+def _rate(given: np.ndarray | None, size: int) -> np.ndarray:
+    """A rate (size,) at an end of the motion, zero where none is given; ValueError if it is no such."""
+    rate = np.zeros(size) if given is None else np.asarray(given, float)
+    if rate.shape != (size,) or not np.all(np.isfinite(rate)):
+        raise ValueError(f"a rate at the start or end must be {size} finite numbers")
+    return rate
+
+
+def fit_each(
+    queries: Sequence[FitQuery],
+    begin: Callable[[FitQuery], Fit | tuple[Problem, np.ndarray]],
+    fits: Callable[[dict[int, Problem]], dict[int, Fit]],
+) -> list[Fit]:
+    """Fit many trajectories by one method.
+
+    Args:
+        queries: what is asked.
+        begin: makes a problem of a query, with the number of each given node among those that are passed; or
+            the fit itself where that can be told at once, as where nothing moves.
+        fits: solves problems, which go by numbers, all together.
+    """
+    begun = [begin(query) for query in queries]
+    moving = {number: one for number, one in enumerate(begun) if not isinstance(one, Fit)}
+    found = fits({number: problem for number, (problem, _) in moving.items()})
+    given = {number: own.at_given_nodes(moving[number][1]) for number, own in found.items()}
+    return [one if isinstance(one, Fit) else given[number] for number, one in enumerate(begun)]
 
 
 def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
@@ -194,8 +210,8 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
     return Path(**arrays)
 
 
-def at_rest(query: FitQuery, path: Path, order: int, method: str, count: int) -> Trajectory:
-    """The trajectory of a path without motion: of duration 0, it samples at t = 0.
+def at_rest(query: FitQuery, path: Path, order: int, smoothness: int, count: int) -> Fit:
+    """The fit of a path without motion: of duration 0, it samples at t = 0.
 
     Among zones that move, in a duration that is given, it stays where it is for as long.
 
@@ -203,13 +219,13 @@ def at_rest(query: FitQuery, path: Path, order: int, method: str, count: int) ->
         query: that asked for it.
         path: of one node.
         order: of the Legendre basis.
-        method: that was asked for.
+        smoothness: of the method's trajectories.
         count: of nodes that were given.
     """
     duration = 0.0 if isinstance(query.settings.duration, str) else query.horizon
     joint_coefficients = np.zeros((1, order + 1, path.joints.shape[1]))
     joint_coefficients[0, 0] = path.joints[0]
-    return Trajectory(
+    still = Trajectory(
         breaks=np.array([0.0, duration]),
         chart_attitude=np.array(path.attitudes[:1], dtype=float),
         chart_start=np.zeros(1),
@@ -218,9 +234,10 @@ def at_rest(query: FitQuery, path: Path, order: int, method: str, count: int) ->
         joint_breaks=np.array([0.0, duration]),
         joint_coefficients=joint_coefficients,
         node_times=np.linspace(0.0, duration, count),
-        smoothness=2,
-        method=method,
+        smoothness=smoothness,
+        method=query.settings.method,
     )
+    return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
 
 
 def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:

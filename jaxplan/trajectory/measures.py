@@ -197,7 +197,7 @@ def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
 
 
 def _largest_of(magnitudes: Array) -> Array:
-    """Over the last axis, zero where that is empty; unlike that of `jnp.max` it is NaN where one is."""
+    """Maximum over the last axis, zero where that is empty; unlike `jnp.max` it is NaN where an entry is."""
     sound = jnp.all(magnitudes >= 0, axis=-1)
     return jnp.where(sound, jnp.max(magnitudes, axis=-1, initial=0.0), jnp.nan)
 
@@ -208,7 +208,7 @@ def _breaks(trajectory: Trajectory) -> Array:
 
 
 def _times(trajectory: Trajectory) -> Array:
-    """Many times, breaks from both sides among them."""
+    """Times at which a quantity is looked at first: many on every piece, and each break from both sides."""
     breaks = _breaks(trajectory)
     each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
     steps = jnp.arange(each) / each

@@ -15,12 +15,7 @@ import numpy as np
 from jax import Array
 
 from jaxplan import so3
-from jaxplan.geometry import vectors
-from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import (
-    INERTIAL,
-    JOINTS,
-    SIGHT,
     axes_in_body,
     counted,
     joint_values,
@@ -30,13 +25,13 @@ from jaxplan.model.constraints import (
 from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, values
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory import options
 from jaxplan.trajectory.curve import chart_motion
 from jaxplan.trajectory.problem import DiscreteProblem
 
+_BROKEN = 1e-6  # of a row, beyond which its violation counts
+
 LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
 
-_NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 _FEWEST_PLACES = 256  # that a kernel looks at in one call; 8 on each of 32 intervals
 
 T = TypeVar("T")
@@ -215,7 +210,7 @@ class Iterates:
     @property
     def is_sound(self) -> np.ndarray:
         """(G,) whether nothing is broken."""
-        return np.all(self.violations <= options.ROWS.broken, axis=1)
+        return np.all(self.violations <= _BROKEN, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
@@ -306,104 +301,6 @@ def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ..
         from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
         np.copyto(margins, np.inf, where=~(from_to[:-1] | from_to[1:])[:, None])
     return attitude, tangent, loads, body, cosines, margins
-
-
-def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
-
-    Args:
-        at: the curves.
-        which: (g,) numbers of the curves.
-        step: (g, S, A) change of ``b`` and joints.
-
-    Returns:
-        (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
-    """
-    stack, moved, count = at.stack, np.abs(step), _terminals(at)
-    x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
-    platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
-    joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
-    np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
-    own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
-    if not stack.has_inner:
-        return (platform + own)[..., None]
-    frame, partner = (stack.columns[name][which][:, None] for name in ("frame", "partner"))
-    axes = np.where(frame == SIGHT, np.take_along_axis(own, partner, axis=2), 0.0)
-    return own[..., None] + np.where(frame == INERTIAL, platform, axes)[:, :, None]
-
-
-def margin_slopes(
-    at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
-) -> np.ndarray:
-    """Derivatives of some margins in ``b`` and the joints.
-
-    Args:
-        at: the curves.
-        curve: (R,) number.
-        place: (R,) index of a place.
-        sight: (R,) index.
-        row: (R,) index of a row of the constraints.
-
-    Returns:
-        (R, A) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of joints
-        ``f``.
-    """
-    stack = at.stack
-    cones, moves = stack.columns, stack.members[0].problem.cones.paths
-    given = stack.moving_axes[curve, place, row] if moves else cones["axis"][curve, row]
-    seen, axis = at.body[curve, place, sight], np.einsum("ri,rij->rj", given, at.attitude[curve, place])
-    if stack.has_inner:
-        frame, partner = cones["frame"][curve, row], cones["partner"][curve, row]
-        partners = at.body[curve, place, partner]
-        own = np.where((frame == SIGHT)[:, None], partners, given)
-        axis = np.where((frame == INERTIAL)[:, None], axis, own)
-    cosine, side = at.cosines[curve, place, sight, row], cones["side"][curve, row]
-    factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
-    slopes = np.zeros((len(place), at.curves.shape[3]))
-    # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
-    turned = np.stack(cross(seen.T, axis.T), axis=1)
-    slopes[:, :3] = np.einsum("rk,rka->ra", turned, at.tangent[curve, place])
-    _add_turns(slopes, at, curve, place, sight, seen, axis)
-    if not stack.has_inner:
-        return slopes * factor[:, None]
-    slopes[frame != INERTIAL, :3] = 0.0
-    of = np.flatnonzero(frame == SIGHT)
-    both = slopes[of]
-    _add_turns(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
-    slopes[of] = both
-    slopes *= factor[:, None]
-    of = np.flatnonzero(frame == JOINTS)
-    slopes[of] = 0.0
-    for part in range(2):
-        slopes[of, 3 + part * (at.curves.shape[3] - 3) // 2 + sight[of]] = cones["axis"][
-            curve[of], row[of], part
-        ]
-    return slopes
-
-
-def _terminals(at: Iterates) -> int:
-    return (at.curves.shape[3] - 3) // 2
-
-
-def _add_turns(
-    slopes: np.ndarray,
-    at: Iterates,
-    curve: np.ndarray,
-    place: np.ndarray,
-    sight: np.ndarray,
-    seen: np.ndarray,
-    other: np.ndarray,
-) -> None:
-    """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
-    columns = at.stack.columns
-    carrier = columns["carriers"][curve, sight]
-    row = np.flatnonzero(carrier >= 0)
-    yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
-    azimuth = at.curves[curve, 0, place, yaw] + columns["mounts"][curve, yaw - 3]
-    turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
-    for part, change in enumerate(turns):
-        weight = columns["turning"][curve, part, sight]
-        slopes[row, yaw + part * _terminals(at)] += weight * dot(change, other[row].T)
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:

@@ -24,8 +24,10 @@ from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, m
 from jaxplan.model.directions import Sights
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory import options
 from jaxplan.trajectory.motion import loads_at
+from jaxplan.trajectory.sqp import ENERGY_WEIGHT
+
+_REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
 
 Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 
@@ -34,7 +36,7 @@ Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingLinear:
-    """``sign * (row . c[:, axis] - centre) / scale <= 1``.
+    """Linear rows that bind: ``sign * (row . c[:, axis] - centre) / scale <= 1``.
 
     Attributes:
         on: (R,) bool, the others are padding.
@@ -57,7 +59,7 @@ class BindingLinear:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingLoads:
-    """``sign * load / limit <= 1`` at places.
+    """Rows of the platform's loads that bind: ``sign * load / limit <= 1`` at places.
 
     Attributes:
         on: (R,) bool.
@@ -80,7 +82,7 @@ class BindingLoads:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BindingMargins:
-    """``margin >= wanted`` at places.
+    """Rows of margins that bind: ``margin >= wanted`` at places.
 
     Attributes:
         on: (R,) bool.
@@ -206,7 +208,7 @@ class FitInputs:
 
 @quick_jit
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """``F`` and its derivative at ``z``, the free coefficients and the multipliers in one row."""
+    """The conditions ``F`` and their derivative at ``z``, free coefficients and multipliers in one vector."""
     z = jnp.asarray(z)
     return residual(held, inputs, z), matrix(held, inputs, z)
 
@@ -219,7 +221,7 @@ def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, 
 
 
 def flat(held: ActiveSet) -> Traced:
-    """``z``: free coefficients, multipliers, and of a shortest motion the logarithm of its duration."""
+    """The ``z`` that is held: free coefficients, multipliers, and where time is free ``log(duration)``."""
     parts = [held.x.ravel(), held.multipliers]
     if held.free_time:
         parts.append(array_module(held.duration).log(held.duration)[None])
@@ -268,7 +270,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 
     def little(time: Traced, c: Traced) -> Traced:
         energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
-        return options.SQP.energy_weight * jnp.log(energy)
+        return ENERGY_WEIGHT * jnp.log(energy)
 
     slopes: tuple[Traced, Traced] = jax.grad(little, (0, 1))(time, c)
     return slopes
@@ -282,7 +284,7 @@ def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(R,) signs over scales."""
+    """Factors (R,) of the linear rows: their signs over their scales."""
     scale = inputs.scales[held.linear.scale] * duration ** inputs.powers[held.linear.scale]
     return held.linear.sign / jnp.where(held.linear.on, scale, 1)
 
@@ -369,7 +371,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     if held.free_time:  # of the energy's logarithm
         least = jnp.sum(c * (energy @ c)) / 2
         pull = free.T @ (energy @ c) / least
-        curved = options.SQP.energy_weight * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
+        curved = ENERGY_WEIGHT * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
     if len(loads.on):
         basis = loads.rows @ free
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
@@ -381,7 +383,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         bend = _zone_bends(inputs, zones, inputs.axes, zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
     jacobian = _slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
-    corner = jnp.diag(jnp.where(on, -options.ACTIVE_SET.regularisation, 1.0))
+    corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
     if not held.free_time:
         return at_time

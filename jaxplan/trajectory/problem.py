@@ -10,16 +10,29 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, pair_margins, room
 from jaxplan.model.directions import Sights
 from jaxplan.model.limits import Limit, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
-from jaxplan.trajectory import options, schedule
-from jaxplan.trajectory.chart import Chart, farthest, fitting
+from jaxplan.trajectory import schedule
+from jaxplan.trajectory.curve import CHART_REACH, Chart, farthest, fitting
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along, duration_bound
 from jaxplan.trajectory.splines import Basis, CurveSpace
+
+_INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
+_PER_NODE = 1.5  # intervals for a node that is passed exactly; fewer leave no freedom between nodes
+_PER_TUBE = 2 / 3  # intervals for a node in a tube, which asks for less
+_POINTS = 8  # places on each interval; more leave less unseen between them
+_FEW_POINTS = 4  # places on each interval where there are many of them, so short
+_MANY = 128  # intervals from which on there are few points on each
+_FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
+_SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
+_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
+_CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
+_SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
 
 Timing = Literal["given", "stretched", "shortest"]
 """How the duration of a curve comes about: it is given; or stretched to the limits, which are not looked at
@@ -95,8 +108,7 @@ class FitProblem:
     @property
     def width(self) -> float:
         """Radius of a tube about the nodes where there is to be one, rad."""
-        given = self.settings.node_tube
-        return float(options.ROWS.tube_radius if given is None else given)
+        return tube_radius(self.settings)
 
     @property
     def radius(self) -> float:
@@ -148,10 +160,7 @@ class FitProblem:
     @cached_property
     def wanted(self) -> np.ndarray:
         """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
-        least = np.maximum(np.min(self.end_margins, axis=0), 0)
-        # The room is for rows of an entry beside which another one holds at both ends.
-        most = np.minimum(options.ROWS.clearance, room(self.cones))
-        return np.minimum(most, options.ROWS.share_of_ends * least)
+        return np.asarray(wanted_margins(self.cones, np.min(self.end_margins, axis=0)))
 
     @cached_property
     def bound(self) -> float:
@@ -190,16 +199,16 @@ class FitProblem:
             finer: factor on the number of intervals.
             graded: whether breaks lie close about the flanks, not as the nodes do.
         """
-        mesh, count = options.MESH, len(self.attitudes) - 1
+        count = len(self.attitudes) - 1
         if self.fractions is not None:
             places = self.fractions
         else:
             shares = schedule.node_fractions(self.times)
             places = shares if self.at_speed else profile.places(shares)
-        each = mesh.intervals_per_tube if np.isfinite(radius) else 0.0
+        each = _PER_TUBE if np.isfinite(radius) else 0.0
         if radius == 0:
-            each = mesh.intervals_per_node
-        intervals = finer * mesh.intervals * max(1, int(np.ceil(each * count / mesh.intervals)))
+            each = _PER_NODE
+        intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
         flank = np.nan
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
@@ -207,8 +216,25 @@ class FitProblem:
             basis, flank = Basis.on(profile.breaks(intervals)), float(profile.flank_share)
         else:
             basis = Basis.even(intervals)
-        points = mesh.points if intervals < mesh.many else mesh.few_points
+        points = _POINTS if intervals < _MANY else _FEW_POINTS
         return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
+
+
+def tube_radius(settings: TrajectorySettings) -> Any:
+    """Radius of the tube about the nodes that settings ask for where there is to be one, rad."""
+    return _TUBE_RADIUS if settings.node_tube is None else settings.node_tube
+
+
+def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
+    """Margins to keep (D, Z), rad: no more than half of what the ends, and the row itself, leave.
+
+    Args:
+        cones: the pointing constraints.
+        left: (D, Z) rad, the smaller of the margins at the two ends.
+    """
+    xp, least, most = arrays(left, room(cones))
+    # The room is for rows of an entry beside which another one holds at both ends.
+    return xp.minimum(xp.minimum(_CLEARANCE, most), _SHARE_OF_ENDS * xp.maximum(least, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,19 +305,20 @@ class DiscreteProblem:
         start = space.fixed + duration * space.by_time
         design = rows @ space.free
         bending = space.free.T @ space.energies[3] @ space.free
-        weight = options.MESH.smoothing * len(bending) / np.trace(bending)
+        weight = _SMOOTHING * len(bending) / np.trace(bending)
         pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
         return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
     def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
         """The same problem on a mesh with as many breaks a little elsewhere."""
-        found = discretise(self.problem, mesh, self.timing, share=self.share, chart=self.chart)
-        assert found is not None  # the chart is given
-        return found
+        nodes = self.problem.attitudes, self.problem.turns, mesh.places
+        return _in_chart(
+            self.problem, mesh, self.timing, self.share, self.chart, self.chart.coordinates(*nodes)
+        )
 
 
 def discretise(
-    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0, chart: Chart | None = None
+    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0
 ) -> DiscreteProblem | None:
     """The problem that an attempt works on.
 
@@ -300,17 +327,20 @@ def discretise(
         mesh: breaks of the spline, times of the nodes, and the tube about them.
         timing: of the curve.
         share: of the limits on the platform's loads that may be taken.
-        chart: of the platform; None for the one in which the nodes lie nearest to a steady turn.
 
     Returns:
-        None if the nodes leave every chart.
+        It in the chart in which the nodes lie nearest to a steady turn; None if they leave every chart.
     """
-    if chart is None:
-        chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
-        if not farthest(chart, b, mesh.places) <= options.CHART.reach:
-            return None
-    else:
-        b = chart.coordinates(problem.attitudes, problem.turns, mesh.places)
+    chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
+    if not farthest(chart, b, mesh.places) <= CHART_REACH:
+        return None
+    return _in_chart(problem, mesh, timing, share, chart, b)
+
+
+def _in_chart(
+    problem: FitProblem, mesh: Mesh, timing: Timing, share: float, chart: Chart, b: np.ndarray
+) -> DiscreteProblem:
+    """The discrete problem in a chart in which the nodes are at ``b`` (m + 1, 3)."""
     nodes, rates = np.column_stack([b, problem.joints]), problem.rates
     if np.any(rates[1, :3]):  # at the goal the chart has turned
         rates = rates.copy()
@@ -322,7 +352,7 @@ def discretise(
     radius[:3] /= np.sqrt(3.0)  # what b is off bounds what the attitude is
     count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
     tube_rows, tube_values = (
-        np.zeros((padded_count(count, options.MESH.tube_nodes), width)) for width in (size, axes)
+        np.zeros((padded_count(count, _FEWEST_TUBE_NODES), width)) for width in (size, axes)
     )
     if count:
         tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]

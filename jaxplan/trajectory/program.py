@@ -3,7 +3,7 @@
     minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + duration_hessian (dT / T)^2 / 2 ]
 
 over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
-inverse is that of one small matrix, and the dual has one unknown a row (`box_qp`). Few of the rows are near:
+inverse is that of one small matrix, and the dual has one unknown a row (`qp`). Few of the rows are near:
 a program begins with those, and is solved again with rows added that its answer breaks, of those that are
 true of all steps only the worst ones at first, and without those that it leaves far behind.
 
@@ -17,10 +17,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.trajectory import options
-from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
 from jaxplan.trajectory.motion import taken
+from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+
+_ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
+_WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
+_BROKEN = 1e-3  # of a row's tolerance; a row that a step breaks by more is added
+_KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again
+_BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
+_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
+_SHORTEST_STEP = -0.5  # of the duration, the most that is taken off at once: it stays positive
+_NO_SLOPE = 1e-9  # rows with smaller derivatives are beyond what a program may change
 
 Multipliers = dict[str, np.ndarray]  # by block, of every row
 
@@ -107,7 +115,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
         if block.name in multipliers:  # in a group another entry may hold now
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
-    for round_ in range(options.PROGRAM.rounds):
+    for round_ in range(_ROUNDS):
         rows = active_rows(blocks, chosen, which)
         changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows)
         coefficients[which], stretch[which] = changes, stretches
@@ -125,10 +133,10 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             slack = taken(block.slack, own) - change
             if block.power:
                 slack += (block.power * stretches[looked]).reshape(-1, *[1] * (slack.ndim - 1))
-            broken = block.chosen(slack < -options.PROGRAM.broken * block.tolerance, slack, own) & ~mask[own]
-            if block.linear and round_ < options.PROGRAM.all_at_once:
+            broken = block.chosen(slack < -_BROKEN * block.tolerance, slack, own) & ~mask[own]
+            if block.linear and round_ < _WORST_ONLY:
                 broken &= lowest(np.where(broken, slack, np.inf))
-            mask[own] = (mask[own] & (slack < options.PROGRAM.kept * block.tolerance)) | broken
+            mask[own] = (mask[own] & (slack < _KEPT * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own), -1), axis=1)
         which = which[added]
         if not len(which):
@@ -172,7 +180,7 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
     for own in multipliers.values():
         largest = np.maximum(largest, np.max(own.reshape(count, -1), axis=1, initial=0))
     for own in multipliers.values():
-        own[~(own > options.PROGRAM.binding * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
+        own[~(own > _BINDING * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
 
 
 def active_rows(
@@ -252,7 +260,7 @@ def _solve_duals(
         changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ _gradient(y, axes, along))
         if quadratic.duration_hessian is not None:
             stretch = float(-(1 + time @ y) / quadratic.duration_hessian)
-            stretches[own] = max(stretch, options.PROGRAM.shortest_step)
+            stretches[own] = max(stretch, _SHORTEST_STEP)
             changes[own] += stretches[own] * quadratic.by_time[curve]
     return changes, stretches, multipliers
 
@@ -275,10 +283,10 @@ def _dual(
         axes, basis = axes[:, :1], basis[:, :1]
     along = basis @ quadratic.free[curve]
     steep = np.max(np.abs(axes), axis=2) * np.max(np.abs(along), axis=2)
-    stays = np.flatnonzero(np.any(steep > options.PROGRAM.no_slope, axis=1))
-    if len(stays) > options.PROGRAM.most_rows:  # those with the least slack
+    stays = np.flatnonzero(np.any(steep > _NO_SLOPE, axis=1))
+    if len(stays) > _MOST_ROWS:  # those with the least slack
         order = np.argsort(rows.slack[kept[stays]], kind="stable")
-        stays = np.sort(stays[order[: options.PROGRAM.most_rows]])
+        stays = np.sort(stays[order[:_MOST_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
     slack, time, limit = rows.slack[kept], rows.time[kept], quadratic.penalty[curve][rows.kind[kept]]

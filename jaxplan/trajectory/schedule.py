@@ -25,7 +25,13 @@ from jaxplan.model.limits import Kinematics, limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
-from jaxplan.trajectory import options
+
+_CALM_FLANK = 1 / 3  # of the duration, where there is time; near the least acceleration energy
+_STEEP_FLANK = 0.1  # of the duration, where there is not; the least flank
+_STEEP_RISES = 2.0  # times the quickest rise; the least flank, too
+_FLANK_BREAKS = 9  # intervals that cover a flank and a little more
+_FLANK_STEP = 0.25  # of the flank, the length of one such interval
+FIRST_GUESS = 1.01  # times the duration of a trapezoid, whose accelerations jump: the first guess
 
 FEWEST_NODES = 32  # smallest number that nodes are padded to
 
@@ -181,7 +187,7 @@ class TrapezoidalProfile:
 
     @classmethod
     def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """With full speed, which is reached in ``rise`` seconds, or with as much as there is room for."""
+        """The quickest profile: to full speed in ``rise`` seconds, or to as much as the path has room for."""
         xp, length, rise = arrays(length, rise)
         full, least = length >= rise, 2 * _root(length * rise)
         duration = xp.where(full, length + rise, least)
@@ -189,10 +195,10 @@ class TrapezoidalProfile:
 
     @classmethod
     def within(cls, duration: AnyArray, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """In a given duration: at half the speed or less, where there is time, between flanks as calm."""
+        """The profile of a given duration: where there is time, half the speed at most and calm flanks."""
         xp, duration, length, rise = arrays(duration, length, rise)
-        calm = options.MESH.calm_flank * duration
-        steepest = xp.maximum(options.MESH.steep_rises * rise, options.MESH.steep_flank * duration)
+        calm = _CALM_FLANK * duration
+        steepest = xp.maximum(_STEEP_RISES * rise, _STEEP_FLANK * duration)
         flank = xp.clip(duration - 2 * length, xp.minimum(steepest, calm), calm)
         flank = xp.where(duration > length + rise, xp.minimum(flank, duration - length), flank)
         return cls(length=length, duration=duration, flank=flank)
@@ -224,12 +230,10 @@ class TrapezoidalProfile:
         """Breaks (intervals + 1,) in [0, 1], close together about the flanks."""
         flank = self.flank_share
         if 2 * flank < 0.9:
-            near = np.arange(options.MESH.flank_breaks + 1) * min(
-                options.MESH.flank_step * flank, 1 / (3 * options.MESH.flank_breaks)
-            )
+            near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))
         else:  # no cruise: the acceleration changes its sign in the middle
             return np.linspace(0, 1, intervals + 1)
-        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * options.MESH.flank_breaks)
+        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_BREAKS)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
 
 

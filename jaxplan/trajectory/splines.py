@@ -222,7 +222,7 @@ class Basis:
 
     @cached_property
     def _at_nodes(self) -> np.ndarray:
-        """(6 K, n) the curve at the nodes of a Legendre fit on each interval."""
+        """Rows (6 K, n) of the curve at the nodes of a Legendre fit on each interval."""
         half = np.diff(self.breaks)[:, None] / 2
         return self.rows((self.breaks[:-1, None] + half * (_legendre_fit()[0] + 1)).ravel(), 1)[0]
 

@@ -14,12 +14,26 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.runtime.batching import in_groups
-from jaxplan.trajectory import options
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, mixed, some
 from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
+
+TOGETHER = 16  # problems of a stack; with more, memory is what takes the time
+_ENOUGH_STEPS = 16  # steps after which only searches go on whose duration still falls
+_MOST_STEPS = 64  # steps after which every search ends
+_FALLING = 0.05  # of the duration: by so much in a step, and it still falls
+_PENALTY_UPDATES = 1  # how often penalties grow where something stays broken
+_PENALTY_GROWTH = 30.0  # factor by which they grow
+ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
+_DURATION_HESSIAN = 12.0  # in the logarithm of the duration: alone it falls by 1 / 12 in a step
+_SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
+_FTOL = 1e-3  # of the energy: the least decrease for which another step is made
+_DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
+_FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first failed step
+_NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
+_MOST_FAILED = 2  # failed steps in a row, once penalties have grown: nothing better is near
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
 _PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
@@ -45,7 +59,7 @@ class InitialGuess:
     duration: float
     target_duration: float = 0.0
     max_violation: float = np.inf
-    ftol: float = field(default_factory=lambda: options.SQP.ftol)
+    ftol: float = _FTOL
 
 
 class SQPSolution(NamedTuple):
@@ -77,7 +91,7 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     Returns:
         For each the curve of the lowest merit; broken rows show in its violations.
     """
-    return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=options.SQP.together)
+    return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=TOGETHER)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -157,7 +171,7 @@ class SQPState:
         return self.stack.members[0].free_time
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """(G, n, n), `weighted` as shares of the first curves'."""
+        """Matrices (G, n, n) of the energies of one axis, as shares of the first curves' energies."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
@@ -169,19 +183,19 @@ class SQPState:
         """Objectives and penalties (G,) of curves with energies (G,)."""
         value = energy
         if self._free_time:
-            value = options.SQP.energy_weight * energy + at.duration / self.first_duration
+            value = ENERGY_WEIGHT * energy + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
         """The programs at curves, where the duration counts as a share of its own."""
         stack = self.stack
-        form = self._form(at.duration) * (options.SQP.energy_weight if self._free_time else 1.0)
+        form = self._form(at.duration) * (ENERGY_WEIGHT if self._free_time else 1.0)
         return QuadraticProgram(
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=form @ at.coefficients,
-            duration_hessian=options.SQP.duration_hessian if self._free_time else None,
+            duration_hessian=_DURATION_HESSIAN if self._free_time else None,
             rows=stack.rows,
             blocks=self._blocks_at(at),
             penalty=self.penalty,
@@ -195,7 +209,6 @@ class SQPState:
 
     def step(self) -> np.ndarray:
         """Take a step of each; which of them (G,) are done."""
-        own = options.SQP
         proposal = solve(self.program(self.at, self.damping), self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
@@ -203,23 +216,23 @@ class SQPState:
         )
         energy = self.energy(ahead)
         value = self.merit(ahead, energy)
-        close = np.abs(self.value - value) <= np.minimum(own.settled, self.ftol) * self.value
+        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.ftol) * self.value
         little = self.at.is_sound & (self.spent - energy <= self.ftol * self.value)
         better = value < self.value
-        self.falling = better & (ahead.duration <= (1 - own.falling) * self.at.duration)
+        self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
         self.at = mixed(self.at, ahead, better)
         self.spent = np.where(better, energy, self.spent)
         self.value = np.where(better, value, self.value)
-        calmer = np.where(self.damping > own.no_damping, self.damping / own.damping, 0.0)
-        wilder = np.maximum(own.damping * self.damping, own.first_damping)
+        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
+        wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
         self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
         self.failed = np.where(better, 0, self.failed + 1)
-        dearest = self.penalty_updates == own.penalty_updates
+        dearest = self.penalty_updates == _PENALTY_UPDATES
         done = better & (self.at.duration <= self.target_duration)
         done |= close & (self.at.is_sound | dearest)
         if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            done |= (self.failed == own.most_failed) & dearest
+            done |= (self.failed == _MOST_FAILED) & dearest
             self._stop(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done
@@ -237,7 +250,7 @@ class SQPState:
         if not np.any(which):
             return
         self.penalty_updates[which] += 1
-        self.penalty[which] *= options.SQP.penalty_growth
+        self.penalty[which] *= _PENALTY_GROWTH
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
         self.damping[which] = 0.0
 
@@ -259,11 +272,11 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
-    for steps in range(options.SQP.most_steps + 1):
+    for steps in range(_MOST_STEPS + 1):
         if steps > 0:
             done = state.step()
-            if steps >= options.SQP.enough_steps:
-                done |= ~state.falling | (steps == options.SQP.most_steps)
+            if steps >= _ENOUGH_STEPS:
+                done |= ~state.falling | (steps == _MOST_STEPS)
         for member in np.flatnonzero(done).tolist():
             solutions[int(state.number[member])] = solution_at(state.at, member, steps)
         if np.all(done):

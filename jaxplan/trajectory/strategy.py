@@ -21,15 +21,26 @@ from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import options, schedule
+from jaxplan.trajectory import schedule
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, boundary, checked, needed_words, too_tight
+from jaxplan.trajectory.curve import CHART_REACH
+from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, checked, fit_each, needed_words, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
-from jaxplan.trajectory.schedule import TrapezoidalProfile, excess
+from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile, excess
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
+
+_RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may be beyond it
+_TIGHTER = (1e-3, 1e-2)  # shares of the limits left for between places, first and then
+_LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
+_MOST_LONGER = 1.1  # the same for motions with rates at the ends, in one step
+_LOOKS = 8  # at most so many durations are tried
+_SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
+_DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
+_HURRY = 0.97  # of the time along the nodes; with less of it they are only a first guess
+_LEISURE = 1.15  # of the time along the nodes; with less of it breaks lie close about the flanks
 
 NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 
@@ -69,28 +80,16 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    begun = dict(enumerate(map(_begin, queries)))
-    fits = {n: one for n, one in begun.items() if isinstance(one, Fit)}
-    moving = {n: one for n, one in begun.items() if not isinstance(one, Fit)}
-    strategy = Strategy(Seconds(len(queries)) if seconds is None else seconds)
-    for n, found in strategy.fits({n: problem for n, (problem, _) in moving.items()}).items():
-        fits[n] = found.at_given_nodes(moving[n][1])
-    return [fits[n] for n in begun]
+    return fit_each(queries, _begin, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
 
 
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
-    spacecraft, settings, fractions = query.spacecraft, query.settings, query.node_fractions
-    path = checked(query.path, spacecraft, settings, fractions)
-    joints = path.joints.shape[1]
-    ends = (
-        (query.start_angular_velocity, query.start_joint_rates),
-        (query.end_angular_velocity, query.end_joint_rates),
-    )
-    rates = np.stack([np.append(boundary(own, 3)[0], boundary(other, joints)[0]) for own, other in ends])
+    spacecraft, fractions = query.spacecraft, query.node_fractions
+    path, rates = checked(query)
     limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
     worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
-    if not np.abs(rates[worst]) <= (1 + options.ACCEPTANCE.rate_rounding) * limits[worst[1]]:
+    if not np.abs(rates[worst]) <= (1 + _RATE_ROUNDING) * limits[worst[1]]:
         raise ValueError(
             f"a rate at the {('start', 'end')[worst[0]]} is {rates[worst]:g} rad/s: "
             f"must be at most {limits[worst[1]]:g}"
@@ -100,8 +99,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
     path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=fractions is not None)
     if len(path.attitudes) == 1:
-        still = replace(at_rest(query, path, DEGREE, "global", len(own)), smoothness=SMOOTHNESS)
-        return Fit(trajectory=still, status=Status.OK, message="the path has no motion")
+        return at_rest(query, path, DEGREE, SMOOTHNESS, len(own))
     problem = FitProblem(
         attitudes=path.attitudes,
         joints=path.joints,
@@ -110,7 +108,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         rates=rates,
         spacecraft=spacecraft,
         cones=tabulate((), (), spacecraft.device_names) if query.cones is None else query.cones,
-        settings=settings,
+        settings=query.settings,
         horizon=query.horizon,
     )
     return problem, own
@@ -184,14 +182,14 @@ class Strategy:
         open_ = {n: own.problem for n, own in quickest.items() if own.problem.at_speed}
         found |= dict.fromkeys(open_)
         longer = {
-            n: max(options.STRATEGY.begin * own.trajectory.duration, options.STRATEGY.longer * durations[n])
+            n: max(FIRST_GUESS * own.trajectory.duration, _LONGER * durations[n])
             for n, own in quickest.items()
         }
-        for look in range(options.STRATEGY.looks):
+        for look in range(_LOOKS):
             attempts = self._in_time(open_, longer, _no_tube)
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
             open_ = {n: one for n, one in open_.items() if found[n] is None}
-            longer = {n: longer[n] * options.STRATEGY.longer ** (2**look) for n in open_}
+            longer = {n: longer[n] * _LONGER ** (2**look) for n in open_}
         return found
 
     def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
@@ -202,11 +200,11 @@ class Strategy:
             ladders[n] = Ladder(
                 problem=problem,
                 profile=TrapezoidalProfile.within(durations[n], problem.quickest.length, problem.rise),
-                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= options.STRATEGY.hurry),
+                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= _HURRY),
                 duration=durations[n],
                 timing="given",
-                graded=hurry < options.STRATEGY.leisure,
-                tighter=options.STRATEGY.tighter,
+                graded=hurry < _LEISURE,
+                tighter=_TIGHTER,
             )
         return self._climb(ladders)
 
@@ -224,7 +222,7 @@ class Strategy:
                     problem=problem,
                     profile=problem.quickest,
                     rungs=rungs(radius(problem)),
-                    duration=options.STRATEGY.begin * problem.quickest.duration,
+                    duration=FIRST_GUESS * problem.quickest.duration,
                     timing=timing,
                 )
                 for n, problem in problems.items()
@@ -238,14 +236,14 @@ class Strategy:
         return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
-        """Motions without limits, to be stretched to them."""
+        """The best motions that look at no limits and are to be stretched to them."""
         best = self._along(problems, "stretched")
         slow = {
             n: one
             for n, one in problems.items()
             if (own := best[n]) is not None
             and own.sound
-            and own.needed > options.STRATEGY.slow * one.bound
+            and own.needed > _SLOW * one.bound
             and one.settings.node_tube is None
         }
         return best | _quicker(self._along(slow, "stretched", _no_tube), best)
@@ -261,7 +259,7 @@ class Strategy:
             for n, one in problems.items()
             if (own := best[n]) is not None
             and not one.at_speed
-            and not (own.sound and own.needed <= options.STRATEGY.detour * one.bound)
+            and not (own.sound and own.needed <= _DETOUR * one.bound)
         }
         return best | _quicker(self._along(slow, "stretched", lambda one: one.width), best)
 
@@ -302,15 +300,15 @@ class Strategy:
 
         def begin(n: int, look: int) -> InitialGuess | None:
             problem, stretch = best[n].problem, best[n].peaks.stretch
-            least, most = options.STRATEGY.tighter
+            least, most = _TIGHTER
             tighter = min(least + 2 * max(0.0, stretch - 1), most)
             # Tighter limits alone take longer by as much.
-            longer = float(np.clip(stretch, 1 + tighter, options.STRATEGY.most_longer))
+            longer = float(np.clip(stretch, 1 + tighter, _MOST_LONGER))
             durations[n] *= longer ** (2**look)
             mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
             return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
 
-        for look in range(options.STRATEGY.looks):
+        for look in range(_LOOKS):
             open_ = [n for n in open_ if not (best[n].peaks.stretch <= 1 and best[n].sound)]
             made = self._attempts(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
@@ -331,7 +329,7 @@ class Strategy:
         return {n: own.best for n, own in ladders.items()}
 
     def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
-        """Attempts of some fits, from what tells the first curve of each."""
+        """Attempts of some fits, made together from the first curves that a function tells."""
         numbers = list(which)
         if not numbers:
             return {}
@@ -432,9 +430,9 @@ def _limits_too_tight(closest: Attempt, duration: float, needed: float | None) -
 
 
 def _beyond_charts() -> Fit:
-    """The fit of a path that no chart holds."""
+    """The answer to a path whose nodes leave every chart."""
     message = (
-        f"the nodes lie more than {np.rad2deg(options.CHART.reach):.0f} deg off the steady rotation "
+        f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
         'from start to goal: set trajectory.method to "paper"'
     )
     return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres import closest, craft, ends, grid, judge, manoeuvre, polynomial
+from manoeuvres import claimed, closest, craft, ends, grid, judge, manoeuvre, polynomial
 from reference import assert_each, boresights_of, random_units, spin_of, zone_margins
 
 from jaxplan.certificate import certify, prove_margins
@@ -80,7 +80,7 @@ def test_every_margin_is_bound_below_its_samples_and_near_their_least():
         inside = [zone for zone in single if isinstance(zone, KeepIn)] + grouped
         names = [zone.name for zone in (*out, *inside)]
         cones = tabulate(out, inside, spacecraft.device_names)
-        found = prove_margins(trajectory, spacecraft, cones, zone_names=names)
+        found = prove_margins(claimed(trajectory, spacecraft, cones, zone_names=names))
         times = grid(trajectory)
         expected = {
             ((zone.name,), device): zone_margins(
@@ -106,10 +106,12 @@ def test_every_margin_is_bound_below_its_samples_and_near_their_least():
         assert abs(reached - alone[0].bound) < 0.02 * abs(reached) + 1e-4
         assert (
             prove_margins(
-                replace(trajectory, chart_rate=np.nan * trajectory.chart_rate),
-                spacecraft,
-                cones,
-                zone_names=names,
+                claimed(
+                    replace(trajectory, chart_rate=np.nan * trajectory.chart_rate),
+                    spacecraft,
+                    cones,
+                    zone_names=names,
+                )
             )
             == ()
         )
@@ -273,7 +275,9 @@ def test_padding_and_the_order_of_zones_do_not_matter():
             for name in ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group")
         },
     )
-    reports.append(certify(trajectory, spacecraft, bare, zone_names=names, **ends(trajectory, spacecraft)))
+    reports.append(
+        certify(claimed(trajectory, spacecraft, bare, zone_names=names, **ends(trajectory, spacecraft)))
+    )
     for report in reports[1:]:
         assert report.min_margin == pytest.approx(reports[0].min_margin, abs=1e-6)
         assert (report.worst_device, report.worst_zone) == (reports[0].worst_device, reports[0].worst_zone)

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from manoeuvres import claimed
 from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
@@ -73,7 +74,7 @@ def judge(trajectory=None, spacecraft=SPACECRAFT, cones=CONES, **changes):
     }
     names = [z.name for z in ZONES]
     trajectory = turn_in_two_pieces() if trajectory is None else trajectory
-    return certify(trajectory, spacecraft, cones, zone_names=names, **(ends | changes))
+    return certify(claimed(trajectory, spacecraft, cones, zone_names=names, **(ends | changes)))
 
 
 def refused(report, *words):

@@ -7,7 +7,7 @@ import kinds
 import numpy as np
 import pytest
 from builders import turning_direction
-from manoeuvres import craft, ends, grid, least, manoeuvre
+from manoeuvres import claimed, craft, ends, grid, least, manoeuvre
 from reference import assert_each, attitudes_of, joints_of, random_units
 
 from jaxplan.certificate import Claim, bounds, certify, certify_batch, form, prove_margins
@@ -95,7 +95,9 @@ def names_of(table):
 
 def judge(trajectory, craft, table, **changes):
     return certify(
-        trajectory, craft, table, **({"zone_names": names_of(table)} | ends(trajectory, craft) | changes)
+        claimed(
+            trajectory, craft, table, **({"zone_names": names_of(table)} | ends(trajectory, craft) | changes)
+        )
     )
 
 
@@ -139,7 +141,7 @@ def test_margin_bound_is_below_every_sample_and_near_the_least(name, moving):
         row = int(report.worst_zone[1:])
         there = pair_margins(trajectory, spacecraft, table, np.array([report.worst_time]))
         assert np.abs(there[0, row] - lowest).min() <= near
-        found = prove_margins(trajectory, spacecraft, table, zone_names=names_of(table))
+        found = prove_margins(claimed(trajectory, spacecraft, table, zone_names=names_of(table)))
         assert len(found) == len(every)
         expected = {tuple(f"z{row}" for row in rows): [] for rows, _ in every}
         for (rows, _), own in every.items():
@@ -240,7 +242,7 @@ def test_margins_within_the_body_are_exact_while_the_platform_tumbles_and_joints
     ]
     table = table_of(spacecraft, rows, body=random_units(rng, 1), carried=[(1, random_units(rng))])
     exact = pair_margins(trajectory, spacecraft, table, np.array([1.0]))[0]
-    found = prove_margins(trajectory, spacecraft, table, zone_names=names_of(table))
+    found = prove_margins(claimed(trajectory, spacecraft, table, zone_names=names_of(table)))
     np.testing.assert_allclose([one.bound for one in found], exact[exact < np.inf], rtol=0, atol=1e-11)
     calm = replace(trajectory, coefficients=0 * trajectory.coefficients, chart_rate=0 * trajectory.chart_rate)
     reports = [judge(motion, spacecraft, table) for motion in (trajectory, calm)]
@@ -331,10 +333,13 @@ def test_faults_name_what_is_bound_and_the_kind_of_row():
     named = judge(trajectory, spacecraft, table, sight_names=names)
     assert [pattern.match(fault)[1] for fault in named.faults] == ["panel", "b", "edge", "b", "c"]
     assert named.worst_device == "b"
-    proved = prove_margins(trajectory, spacecraft, table, zone_names=names_of(table), sight_names=names)
+    proved = prove_margins(
+        claimed(trajectory, spacecraft, table, zone_names=names_of(table), sight_names=names)
+    )
     assert [one.device for one in proved] == ["panel", "b", "edge", "b", "c"]
     assert [
-        one.device for one in prove_margins(trajectory, spacecraft, table, zone_names=names_of(table))
+        one.device
+        for one in prove_margins(claimed(trajectory, spacecraft, table, zone_names=names_of(table)))
     ] == [words for words, *_ in said]
     (fault,) = judge(trajectory, spacecraft, table, sight_names=names[:3]).faults
     assert fault == "sight_names has 3 names for 5 sights"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import great_circle, turning_direction, wandering_direction
-from manoeuvres import craft, judge, manoeuvre
+from manoeuvres import claimed, craft, judge, manoeuvre
 from reference import boresights_of, random_units, sampled, seen
 
 from jaxplan.certificate import EndState, certify, prove_margins
@@ -54,7 +54,9 @@ def test_every_margin_to_moving_zones_is_bound_below_its_samples_and_near_their_
         grouped = [replace(zone, name=f"g{zone.name}", any_of="g") for zone in inside]
         every = (*out, *inside, *grouped)
         cones = tabulate(out, (*inside, *grouped), spacecraft.device_names)
-        found = prove_margins(trajectory, spacecraft, cones, zone_names=[zone.name for zone in every])
+        found = prove_margins(
+            claimed(trajectory, spacecraft, cones, zone_names=[zone.name for zone in every])
+        )
         by_name = {zone.name: zone for zone in every}
         for one in found:
             if len(one.zones) > 1:
@@ -166,6 +168,6 @@ def test_a_state_without_duration_is_judged_by_zones_as_they_are_at_first():
     zone = KeepIn(name="z", direction=path, half_angle=0.1, devices=("instrument-0",))
     end = EndState(attitude=motion.chart_attitude[0], joints=np.zeros(0))
     cones = tabulate([], [zone], spacecraft.device_names)
-    report = certify(still, spacecraft, cones, zone_names=["z"], start=end, goal=end)
+    report = certify(claimed(still, spacecraft, cones, zone_names=["z"], start=end, goal=end))
     assert report.certified
     assert report.min_margin == pytest.approx(0.1, abs=1e-8)

@@ -15,7 +15,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import FitQuery, fit_batch, options
+from jaxplan.trajectory import FitQuery, fit_batch, qp, sqp
 
 EACH = 5
 AGREE = 1e-6  # rad of coefficients, s of times
@@ -129,8 +129,8 @@ def test_fits_agree_in_stacks_of_few(queries, monkeypatch):
     """Stacks are split where they are large, which here they are not."""
     given = [*asked(queries, "global", 80.0), *asked(queries, "paper", 80.0)]
     expected = fit_batch(given)
-    monkeypatch.setattr(options.SQP, "together", 4)
-    monkeypatch.setattr(options.BOX_QP, "together", 3)
+    monkeypatch.setattr(sqp, "TOGETHER", 4)
+    monkeypatch.setattr(qp, "TOGETHER", 3)
     for one, other in zip(fit_batch(given), expected, strict=True):
         expect_to_agree(one, other)
 

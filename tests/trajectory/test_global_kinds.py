@@ -22,10 +22,9 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
 from jaxplan.trajectory.attempts import Attempt
-from jaxplan.trajectory.constraints import MarginBlock
+from jaxplan.trajectory.constraints import MarginBlock, margin_reach, margin_slopes
 from jaxplan.trajectory.derivative import refit
 from jaxplan.trajectory.measures import least_margin
-from jaxplan.trajectory.motion import margin_reach, margin_slopes
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import Basis
 

@@ -14,9 +14,10 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
-from jaxplan.trajectory.box_qp import BoxQP, solve_box_qps
-from jaxplan.trajectory.chart import farthest, fitting
-from jaxplan.trajectory.motion import load_slopes, margin_slopes
+from jaxplan.trajectory.constraints import margin_slopes
+from jaxplan.trajectory.curve import farthest, fitting
+from jaxplan.trajectory.motion import load_slopes
+from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, edge_turns, shortest_time
 from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, weighted
 

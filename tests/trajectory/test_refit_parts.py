@@ -123,14 +123,12 @@ def test_gradients_of_the_papers_scheme_hold_where_limits_bind_at_joins(derivati
     settings = replace(paper_case(3).trajectory, duration=80.0)
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(2, 9)) * np.array([0.002] * 3 + [0.001] * 6)
-    at_ends = [tuple(np.stack([part, 0 * part]) for part in np.split(end, [3])) for end in ends]
     nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.linspace(0, 1, len(path.attitudes)),
         turns=np.asarray(so3.log(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:])),
-        start=at_ends[0],
-        end=at_ends[1],
+        rates=ends,
     )
 
     def with_limits(limits):

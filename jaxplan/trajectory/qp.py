@@ -1,4 +1,6 @@
-"""Quadratic programs in a box, which is what the dual of a program with elastic rows is.
+"""Two solvers of small dense quadratic programs: in a box, and within half-spaces.
+
+**In a box** (`solve_box_qps`), which is what the dual of a program with elastic rows is:
 
     minimise  y^T M y / 2 - d^T y    subject to    0 <= y <= penalty
 
@@ -6,18 +8,33 @@
 factorisation; the matrix it factors is ``M`` plus a positive diagonal, so rows may depend on each other.
 Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
 for many programs at once, their rows one after the other.
+
+**Within half-spaces** (`least_change`), where it must be told exactly which rows bind, by nonnegative least
+squares.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxplan.runtime.batching import parts
-from jaxplan.trajectory import options
+
+_MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
+_TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
+_USABLE = 1e-4  # such a residual is still an answer, where rounding or the iterations end it
+_INTERIOR = 0.995  # share of the way to the boundary that a step may take
+_INSIDE = 0.5  # of the size of the linear term: how far inside the box it begins
+_REGULARISATION = 1e-14  # added to the diagonal, which is of order one
+TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 _TINY = 1e-12  # least size of d
+
+# Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
+_SQUARES = tuple(10.0**power for power in range(-2, 7))
+_FLATTEST = 1e-6  # of the largest curvature: the least that is left of one that is not positive
 
 
 class BoxQP(NamedTuple):
@@ -39,12 +56,10 @@ class BoxQPSolution(NamedTuple):
 
     Attributes:
         multipliers: (R,) ``y``; NaN where the iteration broke down.
-        iterations: how many it took.
         residual: the largest of what is left of the conditions of an optimum, in their scaled form.
     """
 
     multipliers: np.ndarray
-    iterations: int
     residual: float
 
 
@@ -54,17 +69,17 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     scaled, scales = {}, {}
     for number, (matrix, linear, penalty) in enumerate(programs):
         if not len(linear):
-            solutions[number] = BoxQPSolution(np.zeros(0), iterations=0, residual=0.0)
+            solutions[number] = BoxQPSolution(np.zeros(0), residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
         own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
         if all(np.isfinite(part).all() for part in own):
             scaled[number], scales[number] = own, scale
         else:
-            solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), iterations=0, residual=np.nan)
-    for part in parts(list(scaled), options.BOX_QP.together):
+            solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), residual=np.nan)
+    for part in parts(list(scaled), TOGETHER):
         for number, found in zip(part, _solve([scaled[number] for number in part]), strict=True):
-            y = found.multipliers if found.residual <= options.BOX_QP.usable else np.nan
+            y = found.multipliers if found.residual <= _USABLE else np.nan
             solutions[number] = found._replace(multipliers=y * scales[number])
     return [solutions[number] for number in range(len(programs))]
 
@@ -136,8 +151,8 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     solutions: dict[int, BoxQPSolution] = {}
     values, residual = _first(stack), np.full(len(programs), np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        for iterations in range(options.BOX_QP.most_iterations + 1):
-            done = (residual <= options.BOX_QP.tolerance) | (iterations == options.BOX_QP.most_iterations)
+        for iterations in range(_MOST_ITERATIONS + 1):
+            done = (residual <= _TOLERANCE) | (iterations == _MOST_ITERATIONS)
             ahead, left = values, np.full(len(number), np.nan)
             if not done.all():
                 ahead, left = _iterate(stack, values)
@@ -145,7 +160,7 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
             if over.any():
                 for own in np.flatnonzero(over).tolist():
                     y = values[0, stack.parts[own]]
-                    solutions[int(number[own])] = BoxQPSolution(y, iterations, float(residual[own]))
+                    solutions[int(number[own])] = BoxQPSolution(y, float(residual[own]))
                 if over.all():
                     break
                 ahead, left, number = ahead[:, stack.spread(~over)], left[~over], number[~over]
@@ -159,7 +174,7 @@ def _first(stack: _BoxQPStack) -> np.ndarray:
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
-    inside, d, top = stack.spread(options.BOX_QP.inside * stack.size), stack.d, stack.top
+    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
@@ -172,7 +187,7 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
     first, count = stack.first, stack.count
     gap, gradient = stack.gap(values), stack.gradient(values)
     ratio = multipliers / room
-    diagonal = ratio[0] + ratio[1] + options.BOX_QP.regularisation
+    diagonal = ratio[0] + ratio[1] + _REGULARISATION
     factors, broken = [], np.zeros(len(first), bool)
     for own, (m, rows) in enumerate(zip(stack.matrices, stack.parts, strict=True)):
         bent = m.copy()
@@ -199,10 +214,61 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
     reached = values + length(step, 1.0) * step
     target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    ahead = values + length(step, options.BOX_QP.interior) * step
+    ahead = values + length(step, _INTERIOR) * step
     ahead[1] = stack.top - ahead[0]
     gradient = stack.gradient(ahead)
     steep = np.sqrt(np.add.reduceat(gradient * gradient, first) / count) / stack.size
     left = np.maximum(steep, stack.gap(ahead) / stack.size**2)
     inside = np.logical_and.reduceat((ahead > 0).all(axis=0), first)
     return ahead, np.where(inside & ~broken, left, np.nan)
+
+
+def least_change(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimises ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
+
+    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
+    nonnegative least squares do (Lawson and Hanson, chapter 23).
+
+    Args:
+        hessian: (n, n) ``H``. One that is not positive is made so: by squares of rows that are taken to bind,
+            which change nothing where these do, or else by the size of its eigenvalues.
+        gradient: (n,).
+        slopes: (r, n).
+        excess: (r,).
+        binding: (r,) bool, which rows are taken to bind.
+
+    Returns:
+        The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
+        from the others. Where no change meets all rows, or they cannot be told, without rows.
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
+    factor, gradient = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
+    normals = solve_triangular(factor, slopes.T, lower=True)
+    down = solve_triangular(factor, gradient, lower=True)
+    depth = excess - normals.T @ down
+    size = max(1.0, float(np.linalg.norm(down)))
+    pushes = np.zeros(len(excess))
+    if len(excess):  # on none it crashes
+        with suppress(RuntimeError):  # of too many iterations
+            found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
+            left = 1 - depth / size @ found  # zero where no change meets all rows
+            pushes = size * found / left if left > np.finfo(float).eps else pushes
+    return solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1), pushes
+
+
+def _convex_factor(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The lower factor of a positive Hessian, and the gradient that goes with it."""
+    squares = slopes.T @ slopes
+    unit = np.trace(hessian) / (np.trace(squares) or 1.0)
+    for weight in unit * np.array([0.0, *_SQUARES]):
+        with suppress(np.linalg.LinAlgError):
+            return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
+    sizes, vectors = np.linalg.eigh(hessian)
+    sizes = np.abs(sizes).clip(_FLATTEST * np.max(np.abs(sizes)))
+    return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient
