@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
-    from jaxplan.runtime.jit import compilation_cache
+    from jaxplan.runtime.cache import compilation_cache
     from jaxplan.schema import ScenarioError, load_scenario, save_scenario
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
@@ -62,7 +62,7 @@ _HOMES = {
     "Tuning": "jaxplan.tuning",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
-    "compilation_cache": "jaxplan.runtime.jit",
+    "compilation_cache": "jaxplan.runtime.cache",
     "differentiable": "jaxplan.derivatives",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.derivatives",

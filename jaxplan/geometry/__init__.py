@@ -3,6 +3,6 @@
 Each function computes with numpy or with JAX, whichever its arguments are of (`vectors.array_module`).
 """
 
-from jaxplan.runtime.jit import keep_by_default
+from jaxplan.runtime.cache import keep_by_default
 
 keep_by_default()  # here, since whatever this package has compiled computes with these

@@ -18,6 +18,7 @@ from functools import lru_cache
 
 import jax
 import numpy as np
+from jax import Array
 
 from jaxplan.geometry import quaternion, rotations
 from jaxplan.goal.caps import Caps, GoalProblem, assemble, group_excess
@@ -244,4 +245,11 @@ def _nearest(
     return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
 
 
-_descents = quick_jit(jax.vmap(descent_ends, in_axes=(None, None, 0, None, None, None)))
+@quick_jit
+def _descents(
+    starts: Array, axis: Array, directions: Array, half_angle: Array, member: Array, group: Array
+) -> Array:
+    """`descent_ends` of N satellites (N, 8, K), whose directions (N, m, 3) differ."""
+    return jax.vmap(descent_ends, (None, None, 0, None, None, None))(
+        starts, axis, directions, half_angle, member, group
+    )

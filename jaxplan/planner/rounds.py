@@ -11,10 +11,12 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from jaxplan.model.scenario import Scenario
+from jaxplan.planner.ahead import usual_tasks
 from jaxplan.planner.attempts import Attempts, Clock, SearchQuery
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals
+from jaxplan.runtime.ahead import ahead
 from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.jit import clear_if_full, working_time
 from jaxplan.search import search_batch
@@ -39,16 +41,18 @@ def plan_in_rounds(
         The plans in the same order, failed ones with their status and message.
     """
     every = [Attempts(*one) for one in zip(scenarios, clocks, strict=True)]
-    open_ = every
-    while open_:
-        clear_if_full()
-        _find_goals(open_)
-        _search_paths(open_)
-        _fit_trajectories(open_)
-        _prove_certificates(open_)
-        left = [attempts for attempts in open_ if attempts.need is not None]
-        settled(len(open_) - len(left))
-        open_ = left
+    open_ = [attempts for attempts in every if attempts.need is not None]
+    settled(len(every) - len(open_))
+    with ahead(usual_tasks([attempts.scenario for attempts in open_])):
+        while open_:
+            clear_if_full()
+            _find_goals(open_)
+            _search_paths(open_)
+            _fit_trajectories(open_)
+            _prove_certificates(open_)
+            left = [attempts for attempts in open_ if attempts.need is not None]
+            settled(len(open_) - len(left))
+            open_ = left
     return [attempts.result() for attempts in every]
 
 

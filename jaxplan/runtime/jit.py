@@ -15,48 +15,51 @@ of its own for loops, takes two to three times as long to compile kernels such a
 them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
 otherwise.
 
-**The folder** in which JAX keeps what it compiles, so that only the first process ever waits for it. A first
-plan compiles for ten seconds; read from the folder it takes three. The folder is the user's cache folder,
-``~/.cache/jaxplan`` or that of ``XDG_CACHE_HOME``, with a part for each kind of processor, since code for one
-may not run on another. It is used unless the user has told JAX otherwise, and silently not where it cannot be
-written or may not be trusted: whoever can write there can have us run any code. What JAX compiles for others
-in the same process is kept there, too.
+What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
 
-import hashlib
-import os
-import stat
+import inspect
+import threading
 import time
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
+
+from jaxplan.runtime import executables
 
 _EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
     "/jax/core/compile/backend_compile_duration",
 )
-_compiling = 0.0
+
+
+class _Stopped(threading.local):
+    """How long, in s, the clock of a thread has stood still."""
+
+    seconds = 0.0
+
+
+_stopped = _Stopped()
 
 
 def _listen(event: str, duration_secs: float, **_: str | int) -> None:
-    global _compiling
-    if event in _EVENTS:
-        _compiling += duration_secs
+    if event in _EVENTS:  # which JAX tells in the thread that compiles
+        _stopped.seconds += duration_secs
 
 
 jax.monitoring.register_event_duration_secs_listener(_listen)
 
 
 def working_time() -> float:
-    """Seconds since some instant, without those spent on tracing and compiling."""
-    return time.monotonic() - _compiling
+    """Seconds since some instant, without those in which this thread compiled or waited for one that did."""
+    return time.monotonic() - _stopped.seconds
 
 
 _COMPILED = "/jax/core/compile/backend_compile_duration"  # an event each
@@ -88,6 +91,8 @@ def clear_if_full() -> bool:
         return False
     if full:
         jax.clear_caches()
+        for known in _known_kernels:
+            known.clear()
     return full
 
 
@@ -96,29 +101,93 @@ Answer = TypeVar("Answer")
 _SOON: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 
 
+_known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments
+
+
 def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., Answer]:
-    """Jit a function so that it compiles in about half the time.
+    """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
+
+    Threads take turns at it: one that needs what another is compiling waits for that. What is compiled is
+    read by later processes without tracing the function again (`jaxplan.runtime.executables`).
 
     Args:
         function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
-        options: of `jax.jit`.
+        options: of `jax.jit`, of those that name static arguments.
 
     Returns:
         The same function, jitted.
     """
-    traced = jax.jit(function, **options)
-    jitted: list[Callable[..., Answer]] = []
+    traced, static = jax.jit(function, **options), _static(function, **options)
+    known: dict[Hashable, Callable[..., Answer]] = {}
+    _known_kernels.append(known)
+    turn = threading.RLock()
 
     @wraps(function)
     def kernel(*args: Any, **kwargs: Any) -> Answer:
-        if not jitted:  # at the first call, since asking XLA starts it
-            jitted.append(jax.jit(function, **options, compiler_options=_SOON) if _known() else traced)
-        try:
-            return jitted[0](*args, **kwargs)
-        except ValueError:  # JAX takes such options at the outermost level alone
+        fixed = [args[place] for place in static if isinstance(place, int) and place < len(args)]
+        fixed += [(name, kwargs[name]) for name in static if name in kwargs]
+        args_left = tuple(value for place, value in enumerate(args) if place not in static)
+        given = {name: value for name, value in kwargs.items() if name not in static}
+        leaves, tree = jax.tree.flatten((args_left, given))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or _unusual():
             return traced(*args, **kwargs)
+        kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_kind, leaves))  # type: ignore[attr-defined]
+        compiled = known.get(kinds)
+        if compiled is None:
+            with _clock_stopped(turn):
+                compiled = known.get(kinds)
+                if compiled is None:
+                    compiled = known[kinds] = _compiled(function, options, kinds, args, kwargs)
+        return compiled(*args_left, **given)
 
     return kernel
+
+
+def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
+    """Places and names of the static arguments, each by both."""
+    told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
+    names = list(inspect.signature(function).parameters)
+    places = [*told.get("static_argnums", ()), *map(names.index, told.get("static_argnames", ()))]
+    return {*places, *(names[place] for place in places)}
+
+
+def _kind(leaf: Any) -> Hashable:
+    """What matters of an argument for what is compiled."""
+    if isinstance(leaf, jax.Array):
+        return leaf.shape, leaf.dtype, leaf.weak_type
+    return (leaf.shape, leaf.dtype) if isinstance(leaf, np.ndarray) else cast(Hashable, type(leaf))
+
+
+def _unusual() -> bool:
+    """Tell whether JAX is set to do otherwise than to compile and run on its usual device."""
+    config: Any = jax.config
+    return bool(config.jax_disable_jit or config.jax_debug_nans or config.jax_default_device is not None)
+
+
+@contextmanager
+def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
+    """Take one's turn, while the clock of this thread stands still."""
+    stopped, began = _stopped.seconds, time.monotonic()
+    with turn:
+        try:
+            yield
+        finally:
+            _stopped.seconds = stopped + time.monotonic() - began
+
+
+def _compiled(
+    function: Callable[..., Answer], options: dict[str, Any], kinds: Hashable, args: Any, kwargs: Any
+) -> Callable[..., Answer]:
+    """An executable for arguments of some kinds, as it was kept or compiled now."""
+    global _new
+    name, text = executables.name_of(function), executables.text_of(kinds)
+    kept = executables.load(name, text) if name and text else None
+    if kept is not None:
+        _new += 1
+        return kept
+    quick = _SOON if _known() else None  # which JAX takes at the outermost level alone
+    lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
+    return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
 
 
 def materialise(positive: ArrayLike, values: Any) -> Any:
@@ -148,153 +217,3 @@ def _known() -> bool:
     except jax.errors.JaxRuntimeError:
         return False
     return True
-
-
-# JAX keeps by itself only what took a second to compile, and most kernels here take less.
-_KEEP_ALL = {
-    "jax_persistent_cache_min_compile_time_secs": 0.0,
-    "jax_persistent_cache_min_entry_size_bytes": -1,
-}
-_SETTINGS = ("jax_compilation_cache_dir", *_KEEP_ALL)
-
-_decided = False
-
-
-def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
-    """Keep compiled code in another folder, or in none.
-
-    What JAX compiles is by default kept between processes in the user's cache folder. An environment variable
-    JAX_COMPILATION_CACHE_DIR, or the setting of ``jax.config`` with this name, moves it, too; JAX then keeps
-    only what took a second to compile, unless it is told otherwise.
-
-    Args:
-        folder: made, for this user alone, if it does not exist; None to keep nothing. Whoever can write there
-            can run code in this process.
-
-    Raises:
-        OSError: if it cannot be made.
-        TypeError: if it is no path.
-        ValueError: if it is empty, nothing can be written there, or others than the user may write there or,
-            without the sticky bit, in a folder above it.
-
-    Example:
-        >>> jp.compilation_cache("/scratch/compiled")
-        >>> jp.compilation_cache(None)
-    """
-    if not (folder is None or isinstance(folder, str | os.PathLike)):
-        raise TypeError(f"folder must be a path, or None to keep nothing, not {type(folder).__name__}")
-    if folder is not None and not os.fspath(folder):
-        raise ValueError("folder is empty: name one, or pass None to keep nothing")
-    place = None if folder is None else Path(folder).expanduser().absolute()
-    if place is not None:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        why_not = _fault(place)
-        if why_not:
-            raise ValueError(f"folder = {os.fspath(place)!r}: {why_not}")
-    _use({"jax_compilation_cache_dir": None if place is None else str(place), **_KEEP_ALL})
-
-
-def keep_by_default() -> None:
-    """Keep compiled code in the user's cache folder, unless somebody has decided otherwise."""
-    import jax
-
-    global _decided
-    if _decided or jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
-        return
-    _decided = True
-    try:
-        place = _users_folder()
-        if not place.is_absolute():  # as where HOME is not: each folder would get its own
-            return
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if _fault(place):
-            return
-    except (OSError, RuntimeError):  # the latter where nobody has a home
-        return  # it only saves time
-    _use({"jax_compilation_cache_dir": str(place), **_KEEP_ALL})
-
-
-def settings() -> dict[str, object]:
-    """Where and how this process keeps compiled code, for `adopt` in another one."""
-    import jax
-
-    keep_by_default()
-    return {name: getattr(jax.config, name) for name in _SETTINGS}
-
-
-def adopt(given: dict[str, object]) -> None:
-    """Keep compiled code as another process does."""
-    _use(given)
-
-
-def _use(given: dict[str, object]) -> None:
-    import jax
-    from jax.experimental.compilation_cache import compilation_cache as cache
-
-    global _decided
-    _decided = True
-    moved = given["jax_compilation_cache_dir"] != jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-    for name, value in given.items():
-        jax.config.update(name, value)
-    if moved:
-        cache.reset_cache()  # which looks at the setting only once
-    # Entries that are damaged, or were written by another processor, are compiled again: no more than that.
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
-
-
-def _users_folder() -> Path:
-    """The part of the user's cache folder that is for this kind of processor."""
-    chosen = os.environ.get("XDG_CACHE_HOME", "")
-    root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
-    return root / "jaxplan" / f"compiled-{_processor()}"
-
-
-def _processor() -> str:
-    """A short name for what instructions this processor knows."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
-            known = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    except OSError:  # no Linux: machines that share a folder are rare there
-        known = ""
-    return hashlib.sha256(" ".join(sorted(known.split())).encode()).hexdigest()[:8]
-
-
-def _others_may_swap(found: os.stat_result) -> bool:
-    """Whether others than the user and root may rename what is in a folder, or turn a link elsewhere.
-
-    Where the sticky bit is set, as in /tmp, everybody renames only what is theirs. A group of the user alone,
-    as some systems give to everybody, is no others.
-    """
-    if found.st_uid not in (0, os.geteuid()):
-        return True
-    if stat.S_ISLNK(found.st_mode) or found.st_mode & stat.S_ISVTX:
-        return False
-    group = found.st_mode & stat.S_IWGRP and not _is_the_users_alone(found.st_gid)
-    return bool(group or found.st_mode & stat.S_IWOTH)
-
-
-def _is_the_users_alone(group: int) -> bool:
-    """Whether a group is called like the user, and nobody else has been added to it."""
-    import grp
-    import pwd
-
-    try:
-        user, found = pwd.getpwuid(os.geteuid()), grp.getgrgid(group)
-    except KeyError:
-        return False
-    return found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
-
-
-def _fault(place: Path) -> str:
-    """Why compiled code cannot be kept in a folder; empty if it can."""
-    found = place.stat()
-    if found.st_uid != os.geteuid() or found.st_mode & 0o022:
-        return "others may write there, and so have us run any code: make it the user's own, with mode 700"
-    for way in (place, place.resolve()):
-        for parent in way.parents:
-            if _others_may_swap(parent.lstat()):
-                return (
-                    f"others may write in {parent}, so put one of theirs in the place of this one, and have "
-                    "us run any code: take that right from them, or choose another place"
-                )
-    return "" if os.access(place, os.W_OK | os.X_OK) else "nothing can be written there"

@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.runtime import jit
+from jaxplan.runtime import cache
 
 _NAMES = [
     (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
@@ -168,7 +168,7 @@ class WorkerPool:
 
     def _start(self, workers: int) -> None:
         self.workers = workers
-        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (jit.settings(),))
+        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (cache.settings(),))
         self._executor = self._pool = pool
         try:
             _bring_up_one(pool)
@@ -266,7 +266,7 @@ def _begin(compiled_code: dict[str, object]) -> None:
 
     tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    jit.adopt(compiled_code)
+    cache.adopt(compiled_code)
     # Most kernels take less time than to hand them to another thread.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -39,6 +39,7 @@ class Kernel:
     """A pure function of (scene, arrays ...) that answers with one array, jitted for several calls."""
 
     def __init__(self, function: Callable[..., Array]) -> None:
+        self.__wrapped__ = function
         answers = partial(_answers, function)
         answers.__name__ = _name(function)  # type: ignore[attr-defined]  # by which profiles tell kernels apart
         self.answers = quick_jit(answers, static_argnames="layout")

@@ -9,6 +9,7 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import derivative, strategy
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
+from jaxplan.trajectory.motion import kernel_tasks
 from jaxplan.trajectory.schedule import duration_bound, excess
 
 METHODS: dict[str, Any] = {"global": strategy.fit, "paper": "jaxplan.paper.trajectory:fit"}
@@ -35,6 +36,7 @@ __all__ = [
     "evaluate",
     "excess",
     "fit_batch",
+    "kernel_tasks",
 ]
 
 

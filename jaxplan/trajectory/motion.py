@@ -22,7 +22,10 @@ from jaxplan.model.constraints import (
     margins_of_scores,
     scores,
 )
-from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, values
+from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, timed_limits, values
+from jaxplan.model.scenario import TrajectorySettings
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.ahead import Task
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.curve import chart_motion
@@ -328,6 +331,27 @@ def _padded_call(
     with jax.enable_x64(True):
         found = kernel(places, curves)
         return [np.asarray(array)[:count] for array in (found if isinstance(found, tuple) else (found,))]
+
+
+def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[Task]:
+    """What compiles the kernels of a spline fit ahead of need, for paths of usual length.
+
+    Args:
+        spacecraft: its limits say which loads are told.
+        settings: of the fit.
+
+    Returns:
+        The tasks in the order of need; none for other methods.
+    """
+    if settings.method != "global":
+        return []
+    limits, _ = timed_limits(spacecraft)
+    names, matrix = tuple(limit.quantity.name for limit in limits), np.eye(3)
+    places, curves = np.zeros(_FEWEST_PLACES), np.zeros((4, _FEWEST_PLACES, 3))
+    kernels: list[Callable[..., Any]] = [partial(motion_at, matrix, matrix[0], inertia=matrix, names=names)]
+    if settings.duration != "stretched":
+        kernels.append(partial(load_slopes_at, matrix[0], inertia=matrix, names=names))
+    return [partial(_padded_call, kernel, places, curves) for kernel in kernels]
 
 
 def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:

@@ -1,0 +1,101 @@
+"""Kernels of plans, compiled before they are needed.
+
+A first plan of a kind compiles for seconds, what it computes takes milliseconds. While step 1 compiles its
+own kernel, those of search and fit that nearly every plan of the kind needs are compiled beside it
+(`usual_tasks`). All that any plan of the kind may need is for `jaxplan.warm_up` to compile (`every_task`).
+"""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Scenario, moves
+from jaxplan.planner.moving import swept
+from jaxplan.planner.steps import find_goals
+from jaxplan.runtime.ahead import Task
+from jaxplan.search import Scene, make_scene
+from jaxplan.search.ahead import further_tasks
+from jaxplan.search.ahead import usual_tasks as usual_search
+from jaxplan.trajectory import kernel_tasks
+
+_begun: set[Hashable] = set()  # kinds of scenarios whose kernels have been asked for in this process
+
+
+def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
+    """What compiles the kernels that search and fit will need, of kinds of scenarios that are new here.
+
+    Args:
+        scenarios: to be planned together, which start where they may.
+
+    Returns:
+        The tasks in the order of need; none for kinds that were asked for before.
+    """
+    kinds: dict[Hashable, list[Scenario]] = {}
+    for scenario in scenarios:
+        kinds.setdefault(_kind(scenario), []).append(scenario)
+    tasks: list[Task] = []
+    for kind, alike in kinds.items():
+        many = len(alike) > 1
+        if (kind, many) not in _begun:
+            _begun.add((kind, many))
+            tasks += usual_search_of(alike[0], many)
+            tasks += kernel_tasks(alike[0].spacecraft, alike[0].trajectory)
+    return tasks
+
+
+def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
+    """What compiles all kernels that plans of scenarios like this one may need, in any duration.
+
+    Args:
+        scenario: any of its kind.
+        many: for plans made together; else for those of one scenario at a time.
+    """
+    _begun.add((_kind(scenario), many))
+    tasks: list[Task] = [partial(find_goals, scenario, _end(scenario))]
+    for duration in ("minimum", scenario.trajectory.duration):
+        tasks += kernel_tasks(scenario.spacecraft, replace(scenario.trajectory, duration=duration))
+    tasks += usual_search_of(scenario, many)
+    if scenario.search.method in ("mha", "rrt_connect"):
+        tasks += further_tasks(_scene(scenario), scenario.search, many=many)
+    return tasks
+
+
+def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
+    """`jaxplan.search.ahead.usual_tasks` of a scenario; of other methods than the default one none."""
+    if scenario.search.method != "mha":
+        return []
+    return usual_search(_scene(scenario), scenario.search, many=many)
+
+
+def _kind(scenario: Scenario) -> Hashable:
+    """Scenarios of equal kinds need the same kernels, but for unusual sizes."""
+    craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
+    single = int(np.sum(rows.single))
+    return (
+        len(craft.terminals), len(craft.instruments), rows.bound.shape, single, rows.inner, rows.nested,
+        scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
+        craft.inertia is None, moves(scenario),
+    )  # fmt: skip
+
+
+def _scene(scenario: Scenario) -> Scene:
+    """A search like those of a scenario, from its start to its start."""
+    start = scenario.start
+    goal = Goal(
+        attitude=np.asarray(start.attitude, float),
+        joints=np.asarray(start.joints, float),
+        slew_angle=0.0,
+        time=_end(scenario) or 0.0,
+    )
+    return make_scene(scenario, goal, swept(scenario, goal))
+
+
+def _end(scenario: Scenario) -> float | None:
+    """A time at which a manoeuvre might end, s; None where nothing moves."""
+    if not moves(scenario):
+        return None
+    duration = scenario.trajectory.duration
+    return 1.0 if isinstance(duration, str) else float(duration)

@@ -1,0 +1,72 @@
+"""Work done ahead of need: kernels compiled side by side in threads, while something else goes on.
+
+XLA lets go of Python's lock while it compiles, so on several cores a kernel that will be needed soon can be
+compiled beside the one that is needed now. A task here is a call of one kernel with arguments of the right
+shapes; what it answers does not matter. Whoever needs the kernel meanwhile waits for it and does not compile
+it twice (`jaxplan.runtime.jit.quick_jit`).
+"""
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+
+Task = Callable[[], object]
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on every system
+        return os.cpu_count() or 1
+
+
+@contextmanager
+def ahead(tasks: Sequence[Task]) -> Iterator[None]:
+    """Do tasks in threads of their own while a block runs; those not begun at its end are left out.
+
+    Args:
+        tasks: in the order in which they will be needed. One that fails ends its thread in silence: whoever
+            needs what it would have made meets the same fault, and tells of it.
+    """
+    threads = min(len(tasks), cores() - 1)
+    if threads < 1:
+        yield
+        return
+    left, over = iter(tasks), threading.Event()
+
+    def work() -> None:
+        for task in left:  # each takes the next one, which Python's lock makes safe
+            if over.is_set():
+                return
+            try:
+                task()
+            except Exception:
+                return
+
+    for _ in range(threads):
+        threading.Thread(target=work).start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
+    """Do all tasks, as many at once as there are cores.
+
+    Args:
+        tasks: in any order.
+        done: is called after each, in this thread.
+    """
+    with ThreadPoolExecutor(cores()) as pool:
+        futures = [pool.submit(task) for task in tasks]
+        try:
+            for future in as_completed(futures):
+                future.result()
+                done()
+        except BaseException:  # Ctrl-C among others
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -1,0 +1,178 @@
+"""Compiled kernels of this package, kept between processes as what XLA made of them.
+
+JAX's own cache of compiled code saves XLA's part, but to find an entry there a kernel has to be traced and
+lowered again, which takes longer than reading what was compiled. So executables are kept, too, by what they
+follow from: the function, the kinds of its arguments, all sources of this package, and the versions and flags
+of Python, numpy and JAX. They lie in the folder of compiled code (`jaxplan.runtime.cache`), those of other
+sources in parts of their own. Whatever cannot be kept or read is compiled as ever.
+"""
+
+import hashlib
+import os
+import pickle
+import shutil
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan.runtime.cache import trusted_folder
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_PARTS = 3  # folders of other sources or versions that are left, the newest ones
+
+_refused = 0
+
+
+def refused() -> int:
+    """How many executables that were kept XLA has refused in this process, as it does on some processors."""
+    return _refused
+
+
+def load(name: str, kinds: str) -> Callable[..., Any] | None:
+    """The executable of a kernel, if it has been kept.
+
+    Args:
+        name: of `name_of`.
+        kinds: of the arguments, as a text that tells all they differ in.
+    """
+    global _refused
+    place = _place(name, kinds)
+    if place is None or not place.is_file():
+        return None
+    from jax.experimental.serialize_executable import deserialize_and_load
+
+    _prepare_lapack()
+    try:
+        found: Callable[..., Any] = deserialize_and_load(*pickle.loads(place.read_bytes()))
+    except Exception:  # damaged, or made for another processor
+        _refused += 1
+        return None
+    return found
+
+
+@cache
+def _prepare_lapack() -> None:
+    """Have the functions of LAPACK at hand, which JAX else gets when it lowers a kernel that calls them."""
+    jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
+
+
+class _Hits(threading.local):
+    """How often JAX has found something in its own cache, in a thread."""
+
+    count = 0
+
+
+_hits = _Hits()
+
+
+def _listen(event: str, **_: str | int) -> None:
+    _hits.count += event == "/jax/compilation_cache/cache_hits"
+
+
+jax.monitoring.register_event_listener(_listen)
+
+
+def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
+    """Compile what has been lowered, and keep the executable if there is a folder for it.
+
+    What JAX had in its own cache is not kept: XLA cannot write down again what it has read.
+
+    Args:
+        lowered: by JAX.
+        name: of `name_of`, None for what is not kept.
+        kinds: as of `load`, likewise.
+    """
+    hits = _hits.count
+    compiled = lowered.compile()
+    if name and kinds and _hits.count == hits:
+        _save(name, kinds, compiled)
+    return compiled
+
+
+def _save(name: str, kinds: str, compiled: Any) -> None:
+    place = _place(name, kinds)
+    if place is None:
+        return
+    from jax.experimental.serialize_executable import serialize
+
+    with suppress(Exception):  # it only saves time
+        content = pickle.dumps(serialize(compiled))
+        _make_room(place.parent)
+        with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
+            new.write(content)
+        os.replace(new.name, place)
+
+
+def name_of(function: Any) -> str | None:
+    """What a function is called in files; None for one that follows from more than this package's sources."""
+    if isinstance(function, partial):
+        values = [function.func, *function.args, *(value for _, value in sorted(function.keywords.items()))]
+        parts = [name_of(one) if callable(one) else _plain(one) for one in values]
+        keys = ",".join(sorted(function.keywords))
+        return None if None in parts else f"{', '.join(filter(None, parts))} ({keys})"
+    module, name = getattr(function, "__module__", ""), getattr(function, "__qualname__", "")
+    found: Any = getattr(sys.modules.get(module), name, None)  # nothing, for what a program makes on its way
+    known = found is function or getattr(found, "__wrapped__", None) is function
+    return f"{module}.{name}" if known and module.startswith("jaxplan.") else None
+
+
+def text_of(kinds: object) -> str | None:
+    """The kinds of arguments as a text; None where some of them mean nothing to another process."""
+    if kinds is None or isinstance(kinds, bool | int | float | str | np.dtype):
+        return repr(kinds)
+    if isinstance(kinds, type):
+        return f"{kinds.__module__}.{kinds.__qualname__}"
+    if isinstance(kinds, jax.tree_util.PyTreeDef):
+        text = str(kinds)
+        return None if " at 0x" in text else text
+    if is_dataclass(kinds):
+        kinds = (type(kinds), *(getattr(kinds, field.name) for field in fields(kinds)))
+    if not isinstance(kinds, tuple):
+        return None
+    parts = [text_of(part) for part in kinds]
+    return None if None in parts else f"({', '.join(filter(None, parts))})"
+
+
+def _plain(value: object) -> str | None:
+    return repr(value) if isinstance(value, bool | int | float | str) else None
+
+
+def _place(name: str, kinds: str) -> Path | None:
+    """The file of an executable; None where nothing is kept."""
+    folder = trusted_folder()
+    if folder is None or jax.default_backend() != "cpu":
+        return None
+    key = hashlib.sha256(f"{name}\n{kinds}".encode()).hexdigest()[:32]
+    return folder / f"kernels-{_origin()}" / key
+
+
+@cache
+def _origin() -> str:
+    """A short name for what all executables follow from."""
+    from jaxlib.version import __version__ as jaxlib_version
+
+    found = hashlib.sha256()
+    versions = sys.version, np.__version__, jax.__version__, jaxlib_version
+    found.update(repr((versions, os.environ.get("XLA_FLAGS"))).encode())
+    for file in sorted(_PACKAGE.rglob("*.py")):
+        found.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
+    return found.hexdigest()[:12]
+
+
+def _make_room(part: Path) -> None:
+    """Make the folder of today's sources; of those of other sources only the newest are left."""
+    if part.is_dir():
+        return
+    part.mkdir(mode=0o700, exist_ok=True)
+    others = sorted(part.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime)
+    for old in others[: -1 - _PARTS]:
+        shutil.rmtree(old, ignore_errors=True)

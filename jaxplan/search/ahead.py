@@ -1,0 +1,69 @@
+"""Kernels that a search of the default planner may call, for compiling them ahead of need.
+
+Compiled kernels depend on how the numbers of a scene lie (`jaxplan.search.scene.Layout`) and on the shapes of
+their arguments. The tasks made here have the shapes that searches use; what they answer means nothing.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from jaxplan.model.scenario import SearchSettings
+from jaxplan.runtime.ahead import Task
+from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, Moves, expansion_call
+from jaxplan.search.fields import no_fields
+from jaxplan.search.mha import propose
+from jaxplan.search.multi_heuristic import make_root
+from jaxplan.search.paths import STRAIGHT_INTERVALS, edge_table, make_path, shortcuts, straight_call
+from jaxplan.search.rrt_connect import MANY, Space
+from jaxplan.search.scene import Scene
+from jaxplan.search.smoothing import EDGES, padded, straight_bands
+
+
+def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
+    """What nearly every search calls first: the straight motion, and the elastic band that starts from it.
+
+    Args:
+        scene: like those to be searched.
+        settings: of the search.
+        many: whether several are searched together, by kernels that answer several calls.
+    """
+    scenes = _several(scene, many)
+    tasks: list[Task] = [partial(_answer, scenes, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))]
+    if any(np.any(rows.bound) for rows in scene.tables):  # else the straight motion is clear
+        tasks.append(partial(straight_bands, scenes, [settings] * len(scenes.scenes)))
+    return tasks
+
+
+def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
+    """What harder searches call besides: expansions, trees, and the checks of smoothing.
+
+    Args:
+        scene: like those to be searched.
+        settings: of the search; they give the number of moves.
+        many: as of `usual_tasks`.
+    """
+    scenes, root = _several(scene, many), make_root(scene)
+    ends = np.stack([scene.start_attitude] * 2), np.stack([scene.start_joints] * 2)
+    calls = [Call(edge_table, (*padded(*ends, EDGES), 0.0))]
+    for count in (1, MANY):
+        states, steps = np.repeat(scene.ends[:1], count, axis=0), np.zeros((2, count))
+        calls.append(Space(scene, settings).reach_call(states, states, steps, steps))
+    moves = propose(scene, root, np.random.default_rng(0), settings, 0)
+    clearance, fields = np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS), no_fields(scene).table
+    for count in (1, len(moves.turns)):  # without and with joints that follow a zone
+        own = Moves(moves.turns, np.repeat(moves.options[:1], count, axis=0), moves.choice)
+        calls.append(expansion_call(root.packed, own, clearance, fields, edges=True))
+    cut_short: Task = partial(
+        shortcuts, scenes, [make_path(scene, *ends)] * len(scenes.scenes), [0.0] * len(scenes.scenes)
+    )
+    return [cut_short, *(partial(_answer, scenes, call) for call in calls)]
+
+
+def _several(scene: Scene, many: bool) -> Scenes:
+    return Scenes([scene] * (2 if many else 1))
+
+
+def _answer(scenes: Scenes, call: Call) -> None:
+    scenes.answers([call] * len(scenes.scenes))

@@ -1,0 +1,121 @@
+"""Executables of kernels are kept between processes by what they follow from, and nothing else is."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from processes import fresh_python
+
+from jaxplan.goal.descent import descent_ends
+from jaxplan.runtime import executables
+from jaxplan.runtime.jit import quick_jit
+from jaxplan.search.calls import Layout
+from jaxplan.search.expansion import _EXPANSIONS, _expand
+from jaxplan.search.paths import edge_table
+
+PLAN = """
+import json, sys
+from pathlib import Path
+import jax
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
+)
+import jaxplan as jp
+from jaxplan.runtime.executables import refused
+plan = jp.plan(jp.random_scenario(3, "hard_keep_out"), progress=False)
+folder = Path(jax.config.jax_compilation_cache_dir)
+kept = [str(file) for file in folder.glob("kernels-*/*")]
+print(json.dumps([len(compiled), refused(), kept, plan.path.length, plan.trajectory.duration]))
+"""
+
+
+@pytest.mark.slow
+def test_a_later_process_plans_the_same_without_compiling_though_it_lowers_no_call_of_lapack(
+    tmp_path,
+):
+    (compiled, refused, kept, *first), _ = fresh_python(PLAN, tmp_path)
+    assert compiled >= len(kept) >= 5
+    assert refused == 0
+    (compiled, refused, again, *second), _ = fresh_python(PLAN, tmp_path)
+    assert (compiled, refused) == (0, 0)
+    assert (sorted(again), second) == (sorted(kept), first)
+
+
+@pytest.mark.slow
+def test_damaged_executables_are_compiled_again_and_counted(tmp_path):
+    (_, _, kept, *first), _ = fresh_python(PLAN, tmp_path)
+    noise = np.random.default_rng(0).bytes(1000)
+    for number, file in enumerate(kept):
+        Path(file).write_bytes([b"", noise, Path(file).read_bytes()[:5000]][number % 3])
+    (_, refused, _, *second), errors = fresh_python(PLAN, tmp_path)
+    assert refused == len(kept)
+    assert (second, errors) == (first, "")
+
+
+def test_only_functions_that_follow_from_the_package_have_a_name():
+    assert executables.name_of(descent_ends.__wrapped__) == "jaxplan.goal.descent.descent_ends"
+    assert executables.name_of(_expand) == "jaxplan.search.expansion._expand"
+    assert executables.name_of(edge_table.__wrapped__).endswith("edge_table")
+    both = {executables.name_of(kernel.__wrapped__) for kernel in _EXPANSIONS.values()}
+    assert len(both) == 2
+    assert None not in both
+    mapped = jax.vmap(descent_ends.__wrapped__)  # has the name of another function
+    for foreign in (mapped, lambda x: x, partial(_expand, edges=object()), test_kinds_are_told_apart, np.sin):
+        assert executables.name_of(foreign) is None
+
+
+def test_kinds_are_told_apart():
+    trees = [jax.tree.structure(tree) for tree in (([1], 2), ([1, 2],), {"a": 1})]
+    layouts = [Layout(tree, shapes, "dd") for tree in trees for shapes in (((1,), (2,)), ((2,), (1,)))]
+    kinds = [
+        *layouts, *trees, (1, 2), ((1,), 2), "1", 1, 1.0, True, None, float, int, np.float64,
+        np.dtype(float), np.dtype(np.float32), ("names", ("a",)), ("names", ("a", "b")),
+    ]  # fmt: skip
+    texts = [executables.text_of(kind) for kind in kinds]
+    assert None not in texts
+    assert len(set(texts)) == len(kinds)
+
+
+def test_what_means_nothing_to_another_process_is_not_kept():
+    @dataclass(frozen=True)
+    class Foreign:
+        part: object
+
+    for kind in (object(), lambda: 0, Foreign(object()), (1, [object()]), np.sin):
+        assert executables.text_of(kind) is None
+
+
+def test_kernels_are_told_apart_by_kinds_weak_types_statics_and_precision():
+    shapes = []
+
+    @partial(quick_jit, static_argnames="power")
+    def kernel(x, y=1.0, *, power=1):
+        shapes.append((x.shape, x.dtype, power))
+        return x**power + y
+
+    x = np.ones(3)
+    for _ in range(2):
+        np.testing.assert_array_equal(kernel(x, power=2), 2)
+        np.testing.assert_array_equal(kernel(x, 2.0, power=3), 3)
+        np.testing.assert_array_equal(kernel(x[:2]), 2)
+        assert kernel(jnp.float32(1)).dtype == np.float32
+        assert kernel(1.0).dtype == np.float64
+        with jax.enable_x64(False):
+            assert kernel(np.float32(1)).dtype == np.float32
+            assert kernel(x).dtype == np.float32
+    assert len(shapes) == 7
+
+
+def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
+    monkeypatch.setattr(executables, "trusted_folder", lambda: tmp_path)
+    lowered = jax.jit(jnp.sin).lower(1.0)
+    for number in range(6):
+        monkeypatch.setattr(executables, "_origin", lambda number=number: f"source-{number}")
+        executables._save("jaxplan.sine", "float", lowered.compile())
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]
