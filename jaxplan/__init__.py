@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
+    from jaxplan.warming import warm_up
 
 _HOMES = {
     "Constellation": "jaxplan.constellation",
@@ -83,6 +84,7 @@ _HOMES = {
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",
+    "warm_up": "jaxplan.warming",
 }
 
 __all__ = [
@@ -136,6 +138,7 @@ __all__ = [
     "tune",
     "tune_search",
     "walker",
+    "warm_up",
 ]
 
 

@@ -20,7 +20,9 @@ jax.config.update("jax_enable_x64", True)
 
 _compilations: list[str] = []
 jax.monitoring.register_event_duration_secs_listener(
-    lambda event, _seconds, **_: _compilations.append(event) if "backend_compile" in event else None
+    lambda event, _, **more: (
+        _compilations.append(str(more.get("fun_name", event))) if "backend_compile" in event else None
+    )
 )
 
 

@@ -14,8 +14,8 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -37,12 +37,12 @@ def refused() -> int:
     return _refused
 
 
-def load(name: str, kinds: str) -> Callable[..., Any] | None:
+def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
     """The executable of a kernel, if it has been kept.
 
     Args:
-        name: of `name_of`.
-        kinds: of the arguments, as a text that tells all they differ in.
+        name: of `name_of`; None for what is not kept.
+        kinds: `text_of` the kinds of its arguments, likewise.
     """
     global _refused
     place = _place(name, kinds)
@@ -88,20 +88,39 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
 
     Args:
         lowered: by JAX.
-        name: of `name_of`, None for what is not kept.
-        kinds: as of `load`, likewise.
+        name: as of `load`.
+        kinds: as of `load`.
     """
     hits = _hits.count
     compiled = lowered.compile()
-    if name and kinds and _hits.count == hits:
-        _save(name, kinds, compiled)
+    place = _place(name, kinds)
+    if place is not None and _hits.count == hits:
+        _save(place, compiled)
     return compiled
 
 
-def _save(name: str, kinds: str, compiled: Any) -> None:
+@contextmanager
+def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
+    """Let no two processes compile the same kernel at once: the second one reads what the first has kept."""
     place = _place(name, kinds)
-    if place is None:
-        return
+    with ExitStack() as stack:
+        if place is not None:
+            with suppress(ImportError, OSError):  # where files cannot be locked, both compile
+                import fcntl
+
+                _make_room(place.parent)
+                lock = stack.enter_context(open(f"{place}.lock", "w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                stack.callback(_forget, lock.name)
+        yield
+
+
+def _forget(file: str) -> None:
+    with suppress(OSError):
+        os.unlink(file)
+
+
+def _save(place: Path, compiled: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 
     with suppress(Exception):  # it only saves time
@@ -146,10 +165,10 @@ def _plain(value: object) -> str | None:
     return repr(value) if isinstance(value, bool | int | float | str) else None
 
 
-def _place(name: str, kinds: str) -> Path | None:
+def _place(name: str | None, kinds: str | None) -> Path | None:
     """The file of an executable; None where nothing is kept."""
     folder = trusted_folder()
-    if folder is None or jax.default_backend() != "cpu":
+    if name is None or kinds is None or folder is None or jax.default_backend() != "cpu":
         return None
     key = hashlib.sha256(f"{name}\n{kinds}".encode()).hexdigest()[:32]
     return folder / f"kernels-{_origin()}" / key

@@ -104,6 +104,11 @@ _SOON: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments
 
 
+def kernel_count() -> int:
+    """How many kernels this process has compiled or read, and not forgotten."""
+    return sum(map(len, _known_kernels))
+
+
 def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
 
@@ -181,13 +186,16 @@ def _compiled(
     """An executable for arguments of some kinds, as it was kept or compiled now."""
     global _new
     name, text = executables.name_of(function), executables.text_of(kinds)
-    kept = executables.load(name, text) if name and text else None
-    if kept is not None:
-        _new += 1
-        return kept
-    quick = _SOON if _known() else None  # which JAX takes at the outermost level alone
-    lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
-    return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
+    kept = executables.load(name, text)
+    if kept is None:
+        with executables.one_at_a_time(name, text):
+            kept = executables.load(name, text)
+            if kept is None:
+                quick = _SOON if _known() else None  # which JAX takes at the outermost level alone
+                lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
+                return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
+    _new += 1
+    return kept
 
 
 def materialise(positive: ArrayLike, values: Any) -> Any:

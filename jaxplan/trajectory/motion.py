@@ -26,7 +26,6 @@ from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, ti
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.ahead import Task
-from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.curve import chart_motion
 from jaxplan.trajectory.problem import DiscreteProblem
@@ -35,7 +34,7 @@ _BROKEN = 1e-6  # of a row, beyond which its violation counts
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
 
-_FEWEST_PLACES = 256  # that a kernel looks at in one call; 8 on each of 32 intervals
+_TOGETHER = 256  # places that a kernel looks at in one call, always as many; 8 on each of 32 intervals
 
 T = TypeVar("T")
 
@@ -323,18 +322,24 @@ def _padded_call(
     places: np.ndarray,
     curves: np.ndarray,
 ) -> list[np.ndarray]:
-    """What a kernel of places (S,) and platform curves (4, S, 3) answers, compiled for few S."""
+    """What a kernel of places (S,) and platform curves (4, S, 3) answers, `_TOGETHER` places at a time."""
     count, curves = len(places), curves[:, :, :3]
-    extra = padded_count(count, _FEWEST_PLACES) - count
+    extra = -count % _TOGETHER
     if extra:
         places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
+    found = []
     with jax.enable_x64(True):
-        found = kernel(places, curves)
-        return [np.asarray(array)[:count] for array in (found if isinstance(found, tuple) else (found,))]
+        for first in range(0, len(places), _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            answer = kernel(places[part], curves[:, part])
+            found.append(answer if isinstance(answer, tuple) else (answer,))
+    if len(found) == 1:
+        return [np.asarray(array)[:count] for array in found[0]]
+    return [np.concatenate(arrays)[:count] for arrays in zip(*found, strict=True)]
 
 
 def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[Task]:
-    """What compiles the kernels of a spline fit ahead of need, for paths of usual length.
+    """What compiles the kernels of a spline fit ahead of need.
 
     Args:
         spacecraft: its limits say which loads are told.
@@ -347,7 +352,7 @@ def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[T
         return []
     limits, _ = timed_limits(spacecraft)
     names, matrix = tuple(limit.quantity.name for limit in limits), np.eye(3)
-    places, curves = np.zeros(_FEWEST_PLACES), np.zeros((4, _FEWEST_PLACES, 3))
+    places, curves = np.zeros(_TOGETHER), np.zeros((4, _TOGETHER, 3))
     kernels: list[Callable[..., Any]] = [partial(motion_at, matrix, matrix[0], inertia=matrix, names=names)]
     if settings.duration != "stretched":
         kernels.append(partial(load_slopes_at, matrix[0], inertia=matrix, names=names))

@@ -116,6 +116,6 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
     lowered = jax.jit(jnp.sin).lower(1.0)
     for number in range(6):
         monkeypatch.setattr(executables, "_origin", lambda number=number: f"source-{number}")
-        executables._save("jaxplan.sine", "float", lowered.compile())
+        executables._save(executables._place("jaxplan.sine", "float"), lowered.compile())
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]

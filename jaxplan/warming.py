@@ -1,0 +1,82 @@
+"""Compiling ahead of need: what plans, batches and gradients will take, before the first is asked for.
+
+A first plan of a kind compiles for seconds and computes for milliseconds. Where that matters, as in a service
+or before a demonstration, it is done beforehand; where compiled code is kept between processes, once for all
+of them.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan.derivatives import differentiable
+from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepOut
+from jaxplan.planner.ahead import every_task
+from jaxplan.planner.runs import as_filed, plan
+from jaxplan.runtime.ahead import side_by_side
+from jaxplan.runtime.arguments import expect_any
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.runtime.workers import one_thread
+from jaxplan.trajectory import measures
+
+
+def warm_up(
+    problem: Scenario | Spacecraft, *, gradients: bool = False, batches: bool = False, progress: bool = True
+) -> None:
+    """Compile what plans of a kind need, several kernels side by side.
+
+    Kernels are the same for all scenarios of as many devices, whose zones are padded to the same number: 8,
+    16, 32 and so on, those in groups and those about other devices apart from the others. So one scenario
+    stands for all like it, whatever their numbers, duration and goals.
+
+    Args:
+        problem: a scenario, or a spacecraft for scenarios of up to 8 zones without groups.
+        gradients: also those of `jaxplan.differentiable` for the scenario's own plan; which these are depends
+            on its nodes and on what binds.
+        batches: also those by which `plan_batch` and `run_study` answer several searches at once.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Raises:
+        PlanningError: if gradients are asked for of a scenario without a plan.
+        TypeError: if it is neither a scenario nor a spacecraft.
+        ValueError: if gradients are asked for of a spacecraft; `ScenarioError` for values that a scenario
+            file may not have.
+
+    Example:
+        >>> jp.warm_up(jp.paper_case(2), gradients=True)
+    """
+    expect_any("problem", problem, (Scenario, Spacecraft), "a Scenario or a Spacecraft")
+    if gradients and isinstance(problem, Spacecraft):
+        raise ValueError("gradients = True: needs a scenario, since what they compile follows from its plan")
+    stated = [problem] if isinstance(problem, Scenario) else _quiet(problem)
+    scenarios = [as_filed("problem", scenario) for scenario in stated]
+    forms = (False, True) if batches else (False,)
+    tasks = [task for many in forms for scenario in scenarios for task in every_task(scenario, many=many)]
+    with one_thread(), progress_bar("warming up", "kernels", total=len(tasks), shown=progress) as bar:
+        side_by_side(tasks, bar.update)
+        if gradients:
+            bar.step("gradients")
+            _differentiate(scenarios[0])
+
+
+def _differentiate(scenario: Scenario) -> None:
+    """Take one gradient of a scenario's plan."""
+    made = plan(scenario, progress=False)
+    trajectory = differentiable(made)
+    slope: Any = jax.grad(lambda own: measures.effort(trajectory(own)), allow_int=True)(made.scenario)
+    jax.block_until_ready(slope)
+
+
+def _quiet(spacecraft: Spacecraft) -> list[Scenario]:
+    """Scenarios of a spacecraft that stays where it is: without zones, and with one behind a device."""
+    joints = np.zeros(2 * len(spacecraft.terminals))
+    rest = GivenState(rotation_vector=np.zeros(3), joints=joints)
+    sights = np.asarray(spacecraft.boresights(np.eye(3), joints))
+    goal = Targets(directions=sights[: len(spacecraft.terminals)]) if spacecraft.terminals else rest
+    free = Scenario(name="warm-up", spacecraft=spacecraft, start=rest, goal=goal)
+    zones = [KeepOut(name="behind", direction=-sight, half_angle=0.1) for sight in sights]
+    return [free, *(replace(free, keep_out=(zone,)) for zone in zones[:1])]

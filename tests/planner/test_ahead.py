@@ -1,0 +1,126 @@
+"""Nothing is compiled again for scenarios of a kind once its kernels are there."""
+
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import make_scenario
+
+import jaxplan as jp
+from jaxplan.planner import ahead as planner_ahead
+from jaxplan.runtime.ahead import ahead, cores, side_by_side
+from jaxplan.runtime.jit import kernel_count
+
+KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")
+DURATIONS = ("stretched", "minimum", 60.0)
+
+
+@contextmanager
+def nothing_new(compilations, *about):
+    """Within the block no kernel is compiled, nor read that was compiled by another process."""
+    before = kernel_count()
+    compilations.clear()
+    yield
+    assert (kernel_count() - before, compilations) == (0, []), about
+
+
+def timed(scenario, duration):
+    return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
+
+
+@pytest.mark.slow
+def test_random_scenes_of_all_kinds_and_durations_compile_nothing_once_two_classes_are_warm(
+    compilations,
+):
+    # up to 8 zones by themselves, and up to 8 beside them in groups
+    for kind in ("keep_out", "hard_keep_in"):
+        jp.warm_up(jp.random_scenario(0, kind), progress=False)
+    for seed in range(200):
+        scenario = jp.random_scenario(seed, KINDS[seed % len(KINDS)])
+        with nothing_new(compilations, seed):
+            jp.plan(timed(scenario, DURATIONS[seed // 5 % 3]), throw=False, progress=False)
+
+
+@pytest.mark.slow
+def test_batches_compile_nothing_once_they_are_warm(compilations):
+    jp.warm_up(jp.random_scenario(0, "hard_keep_out"), batches=True, progress=False)
+    scenarios = [jp.random_scenario(seed, "hard_keep_out") for seed in range(40)]
+    with nothing_new(compilations):
+        plans = jp.plan_batch(scenarios, progress=False)
+    assert all(plan.ok for plan in plans)
+
+
+@pytest.mark.slow
+def test_gradients_compile_nothing_once_they_are_warm(compilations):
+    import jax
+
+    scenario = jp.paper_case(1)
+    jp.warm_up(scenario, gradients=True, progress=False)
+    plan = jp.plan(scenario, progress=False)
+    trajectory = jp.differentiable(plan)
+    compilations.clear()
+    slope = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)(plan.scenario)
+    assert np.isfinite(slope.trajectory.duration)
+    assert len(compilations) <= 2  # the function itself, which JAX takes for a new one
+
+
+def test_a_spacecraft_stands_for_scenarios_of_up_to_eight_zones(compilations):
+    scenario = make_scenario(1)
+    jp.warm_up(scenario.spacecraft, progress=False)
+    with nothing_new(compilations):
+        assert jp.plan(timed(scenario, "stretched"), progress=False).ok
+
+
+@pytest.mark.parametrize(
+    ("problem", "options", "error", "words"),
+    [
+        ("case-2.toml", {}, TypeError, "problem must be a Scenario or a Spacecraft, not str"),
+        (make_scenario(1).spacecraft, {"gradients": True}, ValueError, "gradients = True: needs a scenario"),
+        (replace(make_scenario(1), keep_out=3), {}, ValueError, "keep_out"),
+    ],
+)
+def test_what_cannot_be_warmed_up_is_refused(problem, options, error, words):
+    with pytest.raises(error, match=words):
+        jp.warm_up(problem, progress=False, **options)
+
+
+def test_a_kind_is_asked_for_once_by_itself_and_once_for_batches(monkeypatch):
+    monkeypatch.setattr(planner_ahead, "_begun", set())
+    scenarios = [make_scenario(1), replace(make_scenario(1), name="twin")]
+    assert planner_ahead.usual_tasks(scenarios[:1])
+    assert not planner_ahead.usual_tasks(scenarios[:1])
+    assert planner_ahead.usual_tasks(scenarios)
+    assert not planner_ahead.usual_tasks(scenarios)
+
+
+@pytest.mark.skipif(cores() < 2, reason="on one core nothing is done beside something else")
+def test_tasks_are_done_beside_a_block_and_those_not_begun_at_its_end_are_left():
+    done, go_on = [], threading.Event()
+
+    def wait(number):
+        go_on.wait(10)
+        done.append(number)
+
+    before = threading.active_count()
+    with ahead([lambda number=number: wait(number) for number in range(50)]):
+        assert threading.active_count() > before
+    go_on.set()
+    for thread in set(threading.enumerate()) - {threading.current_thread()}:
+        if thread.name.endswith("(work)"):
+            thread.join()
+    assert len(done) <= cores() - 1
+
+
+def test_a_task_that_fails_beside_a_block_is_silent_and_side_by_side_it_is_told():
+    def fail():
+        raise ArithmeticError("no answer")
+
+    with ahead([fail]):
+        pass
+    with pytest.raises(ArithmeticError, match="no answer"):
+        side_by_side([fail], lambda: None)
+    counted = []
+    side_by_side([lambda: None] * 5, lambda: counted.append(1))
+    assert len(counted) == 5
