@@ -134,7 +134,8 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
         args_left = tuple(value for place, value in enumerate(args) if place not in static)
         given = {name: value for name, value in kwargs.items() if name not in static}
         leaves, tree = jax.tree.flatten((args_left, given))
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or _unusual():
+        foreign = not _PLAIN.issuperset(map(type, leaves))
+        if (foreign and any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)) or _unusual():
             return traced(*args, **kwargs)
         kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_kind, leaves))  # type: ignore[attr-defined]
         compiled = known.get(kinds)
@@ -156,8 +157,13 @@ def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
     return {*places, *(names[place] for place in places)}
 
 
+_PLAIN = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # types that are no tracers
+
+
 def _kind(leaf: Any) -> Hashable:
     """What matters of an argument for what is compiled."""
+    if type(leaf) is np.ndarray:
+        return leaf.shape, leaf.dtype
     if isinstance(leaf, jax.Array):
         return leaf.shape, leaf.dtype, leaf.weak_type
     return (leaf.shape, leaf.dtype) if isinstance(leaf, np.ndarray) else cast(Hashable, type(leaf))
