@@ -76,11 +76,11 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
     Returns:
         Four arrays (..., d): value, 1/s, 1/s^2, 1/s^3.
     """
-    xp, c, start, end, t = arrays(coefficients, start, end, t)
+    xp, c, begin, finish, time = arrays(coefficients, start, end, t)
     order = c.shape[-2] - 1
-    length = end - start
+    length = finish - begin
     scale = xp.where(length > 0, 2 / xp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
-    values = legendre((t - start) * scale[..., 0] - 1, order)
+    values = legendre((time - begin) * scale[..., 0] - 1, order)
     powers = [np.linalg.matrix_power(derivative_matrix(order), power) for power in range(4)]
     # a row by itself, so that a time's values do not depend on how many there are
     rows = values[..., None, :] @ xp.asarray(np.concatenate(powers, axis=1), c.dtype)
