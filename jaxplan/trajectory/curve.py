@@ -38,6 +38,7 @@ from jaxplan.trajectory.splines import derivative_matrix, legendre
 
 CHART_REACH = 4.0  # rad off the steady rotation, which nodes may lie; a chart is singular at a whole turn
 _NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the other way round
+_TIMES = 4096  # that are sampled at once; with all that is computed between, more would take much memory
 _NO_ANGLE = 1e-300  # rad, of a vector that has no direction
 
 
@@ -266,6 +267,16 @@ class Trajectory:
         outside = times[~((times >= 0) & (times <= self.duration))]
         if outside.size:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
+        flat = times.reshape(-1)
+        parts = [
+            vars(self._sampled(flat[first : first + _TIMES])) for first in range(0, flat.size or 1, _TIMES)
+        ]
+        found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        return Samples(
+            **{name: array.reshape(*times.shape, *array.shape[1:]) for name, array in found.items()}
+        )
+
+    def _sampled(self, times: np.ndarray) -> Samples:
         on = np.searchsorted(self.breaks[:-1], times, side="right") - 1
         on_joints = np.searchsorted(self.joint_breaks[:-1], times, side="right") - 1
         return _samples(self, on, on_joints, times, times)
