@@ -10,9 +10,9 @@ seconds, body to inertial everywhere; files have the unit in the key. Names are 
 used, so that importing the package is quick.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from jaxplan.runtime.late import late
 from jaxplan.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -142,19 +142,15 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name == "plot":
-        value: Any = import_module("jaxplan.plotting")
-    elif name == "measures":
-        value = import_module("jaxplan.trajectory.measures")
-    elif name == "sky":
-        value = import_module("jaxplan.sky")
-    elif name in _HOMES:
-        value = getattr(import_module(_HOMES[name]), name)
-    else:
-        raise AttributeError(f"module 'jaxplan' has no attribute {name!r}")
-    globals()[name] = value
-    return value
+__getattr__ = late(
+    __name__,
+    {
+        **{name: f"{home}:{name}" for name, home in _HOMES.items()},
+        "measures": "jaxplan.trajectory.measures",
+        "plot": "jaxplan.plotting",
+        "sky": "jaxplan.sky",
+    },
+)
 
 
 def __dir__() -> list[str]:

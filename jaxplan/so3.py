@@ -23,10 +23,10 @@ from jaxplan.runtime.arguments import expect_numbers
 _TERMS = 10
 
 
-def _even_series(square: AnyArray, offset: int, derivative: bool = False) -> AnyArray:
-    """Sum of ``(-1)^k z^k / (2 k + offset)!`` in ``z = square``, or its derivative in ``z``."""
+def _even_series(square: AnyArray, offset: int, derivative: int = 0) -> AnyArray:
+    """Sum of ``(-1)^k z^k / (2 k + offset)!`` in ``z = square``, or a derivative of it in ``z``."""
     coefficients = [(-1) ** k / factorial(2 * k + offset) for k in range(_TERMS)]
-    if derivative:
+    for _ in range(derivative):
         coefficients = [k * c for k, c in enumerate(coefficients)][1:]
     total = array_module(square).zeros_like(square)
     for coefficient in reversed(coefficients):
@@ -55,8 +55,22 @@ def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
     near, safe = xp.where(small, square, 0), xp.where(small, 1, square)
     sinc, cosc, cubic = _coefficients(safe)
     return (
-        xp.where(small, _even_series(near, 2, derivative=True), (sinc - 2 * cosc) / (2 * safe)),
-        xp.where(small, _even_series(near, 3, derivative=True), (cosc - 3 * cubic) / (2 * safe)),
+        xp.where(small, _even_series(near, 2, 1), (sinc - 2 * cosc) / (2 * safe)),
+        xp.where(small, _even_series(near, 3, 1), (cosc - 3 * cubic) / (2 * safe)),
+    )
+
+
+def _coefficient_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Derivatives in ``t^2`` of those of `_coefficient_slopes`."""
+    xp = array_module(square)
+    small = square < 1
+    near, safe = xp.where(small, square, 0), xp.where(small, 1, square)
+    _, cosc, cubic = _coefficients(safe)
+    cosc_slope, cubic_slope = _coefficient_slopes(safe)
+    sinc_slope = (cubic - cosc) / 2
+    return (
+        xp.where(small, _even_series(near, 2, 2), (sinc_slope - 4 * cosc_slope) / (2 * safe)),
+        xp.where(small, _even_series(near, 3, 2), (cosc_slope - 5 * cubic_slope) / (2 * safe)),
     )
 
 
@@ -248,3 +262,45 @@ def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray
         + (cubic_slope * square_rate)[..., None, None] * _hat_square(x)
         + cubic[..., None, None] * (cross_rate @ cross + cross @ cross_rate)
     )
+
+
+def right_jacobian_acceleration(
+    rotation_vector: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
+) -> AnyArray:
+    """Second time derivative of `right_jacobian` along a curve.
+
+    Args:
+        rotation_vector: (..., 3) rad, the curve's value ``x``.
+        rate: (..., 3) rad/s, its derivative ``x'``.
+        acceleration: (..., 3) rad/s^2, its second derivative ``x''``.
+
+    Returns:
+        (..., 3, 3) 1/s^2; ``-hat(acceleration) / 2 + hat(rate) @ hat(rate) / 3`` at zero.
+
+    Raises:
+        ValueError: if an argument has another shape, or is not made of real numbers.
+    """
+    for name, value in (
+        ("rotation_vector", rotation_vector),
+        ("rate", rate),
+        ("acceleration", acceleration),
+    ):
+        expect_numbers(name, value, 3)
+    xp, x, x_1, x_2 = arrays(rotation_vector, rate, acceleration)
+    square, square_1 = xp.sum(x * x, axis=-1), 2 * xp.sum(x * x_1, axis=-1)
+    square_2 = 2 * xp.sum(x_1 * x_1 + x * x_2, axis=-1)
+    _, *values = _coefficients(square)
+    slopes, bends = _coefficient_slopes(square), _coefficient_bends(square)
+    h, h_1, h_2 = hat(x), hat(x_1), hat(x_2)
+    mixed = h_1 @ h
+    bent = h_2 @ h
+    crosses = h, h_1, h_2
+    squares = h @ h, mixed + xp.swapaxes(mixed, -1, -2), bent + xp.swapaxes(bent, -1, -2) + 2 * h_1 @ h_1
+    total = xp.zeros_like(h)
+    for sign, value, slope, bend, matrices in zip(
+        (-1, 1), values, slopes, bends, (crosses, squares), strict=True
+    ):
+        factors = bend * square_1 * square_1 + slope * square_2, 2 * slope * square_1, value
+        for factor, matrix in zip(factors, matrices, strict=True):
+            total = total + sign * factor[..., None, None] * matrix
+    return total

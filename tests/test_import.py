@@ -13,7 +13,7 @@ import jaxplan
 
 ROOT = Path(__file__).parents[1]
 BENCH = ROOT / "bench"
-HEAVY = ["erfa", "matplotlib", "osqp", "scipy.spatial", "sgp4", "tqdm"]
+HEAVY = ["erfa", "matplotlib", "optax", "osqp", "scipy.spatial", "sgp4", "tqdm"]
 
 
 def fresh_python(code):

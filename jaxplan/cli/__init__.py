@@ -6,6 +6,7 @@ imported when a command runs, so that ``--help`` answers at once.
 """
 
 import argparse
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ _KINDS = (
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 _OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans
+_NEW_OBJECTS = 100_000  # between two looks for garbage; by Python's 700 they take a tenth of a short command
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
 
 
@@ -40,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     options = parser.parse_args(arguments)
+    before = gc.get_threshold()
+    gc.set_threshold(_NEW_OBJECTS, *before[1:])
     try:
         code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
@@ -55,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
     except ValueError as error:  # ScenarioError and PlanFileError are such
         return complain(str(error), BAD_INPUT)
+    finally:
+        gc.set_threshold(*before)
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:

@@ -49,10 +49,11 @@ def say(message: str) -> None:
 
 def save(figure: Any, file: Path) -> None:
     """Write a figure whole or not at all, and say where."""
+    from jaxplan.plotting import write_png
     from jaxplan.runtime.files import replacing_file
 
     with replacing_file(file) as fresh:
-        figure.savefig(fresh, format="png", dpi=150, metadata={"Software": MARK})
+        write_png(figure, fresh, MARK)
     say(f"wrote {file}")
 
 

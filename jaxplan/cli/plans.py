@@ -1,6 +1,7 @@
 """The commands on one scene or plan, from ``new`` to ``export``.
 
-Each is a function of the words that were given, and returns the exit code.
+Each is a function of the words that were given, and returns the exit code. It imports by itself what others
+do without, so that each begins soon.
 """
 
 import argparse
@@ -10,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from jaxplan import exporting, planner
+from jaxplan import planner
 from jaxplan.cases import CASE_NAMES, case_path
 from jaxplan.cli.common import (
     BAD_INPUT,
@@ -30,9 +31,7 @@ from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.record import report_summary
-from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import start_breaches
-from jaxplan.report import report_html
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.text import template
@@ -100,6 +99,8 @@ def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
     """List what the start breaks, and the goal where it is a given state among nothing that moves."""
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
+        from jaxplan.planner.steps import find_goals
+
         goal = find_goals(scene)
     return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
 
@@ -138,7 +139,9 @@ def check(options: argparse.Namespace) -> int:
     """Certify a plan file anew."""
     plan = load_plan_file(options.plan)
     if plan.trajectory is None or plan.goal is None:
-        return complain(f"{options.plan}: {exporting.ending(plan)}", _code_of(plan))
+        from jaxplan.exporting import ending
+
+        return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
     report = planner.certify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
@@ -158,6 +161,8 @@ def plot(options: argparse.Namespace) -> int:
 
 def report(options: argparse.Namespace) -> int:
     """Write a page on a plan file."""
+    from jaxplan.report import report_html
+
     plan = load_plan_file(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
@@ -169,6 +174,8 @@ def report(options: argparse.Namespace) -> int:
 
 def export(options: argparse.Namespace) -> int:
     """Write the motion of a plan file as another tool reads it."""
+    from jaxplan import exporting
+
     plan = load_plan_file(options.plan)
     path = exporting.default_path(options.plan, options.format) if options.out is None else options.out
     try_folder_of(path)

@@ -1,9 +1,14 @@
-"""From a scenario to a certified plan, and plans as files."""
+"""From a scenario to a certified plan, and plans as files; what plans is loaded when it is first used."""
+
+from typing import TYPE_CHECKING
 
 from jaxplan.planner.files import PlanFileError, save_plan
 from jaxplan.planner.proof import certify, check_margins
 from jaxplan.planner.record import Plan, PlanningError, load_plan
-from jaxplan.planner.runs import plan, plan_batch
+from jaxplan.runtime.late import late
+
+if TYPE_CHECKING:
+    from jaxplan.planner.runs import plan, plan_batch
 
 __all__ = [
     "Plan",
@@ -16,3 +21,5 @@ __all__ = [
     "plan_batch",
     "save_plan",
 ]
+
+__getattr__ = late(__name__, {name: f"jaxplan.planner.runs:{name}" for name in ("plan", "plan_batch")})

@@ -6,6 +6,7 @@ matter, and logarithmic beyond, so that half a degree and 130 deg are both read 
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 from typing import Any, Literal, NamedTuple
 
@@ -46,7 +47,10 @@ from jaxplan.plotting.style import (
 
 _WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
-_TICKS = [0.0, *(sign * value for sign in (-1, 1) for value in _DEGREES if value <= 180)]
+_TICKS = [
+    0.0,
+    *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
+]  # nearest to zero first
 _MINOR = 0.2  # of the room that a number takes: so far apart are ticks without one, lest they run together
 SIZE = (9.0, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
@@ -109,14 +113,21 @@ class _DegreeLocator(Locator):
     def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
         """The ticks of a view, so far apart that their labels do not touch."""
         axis: Any = self.axis
-        place = axis.get_transform().transform
-        apart = self._room * abs(place(vmax) - place(vmin)) / max(axis.get_tick_space(), 1)
-        ticks: list[float] = []
+        low, high, *places = axis.get_transform().transform(np.array([vmin, vmax, *_TICKS])).tolist()
+        apart = self._room * abs(high - low) / max(axis.get_tick_space(), 1)
+        ticks: dict[float, float] = {}  # with their places
         for digit in self._digits:
-            for tick in sorted((tick for tick in _TICKS if f"{abs(tick):e}"[0] == str(digit)), key=abs):
-                if vmin <= tick <= vmax and all(abs(place(tick) - place(other)) >= apart for other in ticks):
-                    ticks.append(tick)
+            for tick, place in zip(_TICKS, places, strict=True):
+                if _first_digit(tick) != digit or not vmin <= tick <= vmax:
+                    continue
+                if all(abs(place - other) >= apart for other in ticks.values()):
+                    ticks[tick] = place
         return sorted(ticks)
+
+
+@cache
+def _first_digit(value: float) -> int:
+    return int(f"{abs(value):e}"[0])
 
 
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:

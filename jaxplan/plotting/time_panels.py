@@ -55,7 +55,7 @@ _AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
 ]
 _NODE: Look = {"marker": ".", "linestyle": "none"}
-_INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
+_INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 # Of the platform's rate, acceleration and jerk.

@@ -2,12 +2,17 @@
 
 import base64
 import io
+import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
@@ -28,7 +33,9 @@ OVERVIEW_SIZE = (11.0, 9.0)  # inches
 FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "torque", "margins")
 """Names of all figures that a plan may have."""
 
-_DPI = 200  # dots an inch of pictures that are no SVG
+_DPI = 200  # dots an inch of pictures in a page that are no SVG
+_SCREEN_DPI = 150  # likewise in files of their own
+_QUICKLY = 3  # of zlib's nine levels: files are a twentieth larger than by 6, in three quarters of the time
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
@@ -114,6 +121,23 @@ def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
     for name, figure in figures(plan):
         if name != "overview":
             yield name, _address(figure)
+
+
+def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
+    """Write a figure's picture, drawn only once, where ``savefig`` draws once for its layout and then again.
+
+    Args:
+        figure: on a ground that is not transparent.
+        file: that is written.
+        software: what the file says that it was made by.
+    """
+    figure.set_dpi(_SCREEN_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    said = PngInfo()
+    said.add_text("Software", software)
+    dots, picture = (_SCREEN_DPI, _SCREEN_DPI), Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_QUICKLY)
 
 
 def _address(figure: Figure) -> str:

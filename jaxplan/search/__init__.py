@@ -15,7 +15,6 @@ import numpy as np
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
-from jaxplan.search import mha, rrt_connect
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
 from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
@@ -24,13 +23,13 @@ Planner = Callable[[Scene, SearchSettings], SearchResult]
 Method = Callable[[Scenes, Sequence[SearchSettings]], list[SearchResult]]
 
 _METHODS: dict[str, Method | str] = {
-    "mha": mha.search,
+    "mha": "jaxplan.search.mha:search",
     "mha-paper": "jaxplan.paper.search:search_mha",
     "wastar": "jaxplan.paper.search:search_wastar",
     "rrt_star": "jaxplan.paper.rrt_star:search",
-    "rrt_connect": rrt_connect.search,
+    "rrt_connect": "jaxplan.search.rrt_connect:search",
 }
-"""By name; those of the wing `jaxplan.paper` by where they are, and loaded when they are first used."""
+"""By name; ours by where they are, and loaded when they are first used."""
 
 
 def _method(name: str) -> Method:

@@ -6,20 +6,25 @@ from typing import Any
 
 from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.workers import one_thread
-from jaxplan.trajectory import derivative, strategy
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
 from jaxplan.trajectory.motion import kernel_tasks
 from jaxplan.trajectory.schedule import duration_bound, excess
 
-METHODS: dict[str, Any] = {"global": strategy.fit, "paper": "jaxplan.paper.trajectory:fit"}
+METHODS: dict[str, Any] = {
+    "global": "jaxplan.trajectory.strategy:fit",
+    "paper": "jaxplan.paper.trajectory:fit",
+}
 """Fits of many queries, with the seconds that each takes, by the names of settings; see `by_name`."""
-REFITS: dict[str, Any] = {"global": derivative.refit, "paper": "jaxplan.paper.derivative:refit"}
+REFITS: dict[str, Any] = {
+    "global": "jaxplan.trajectory.derivative:refit",
+    "paper": "jaxplan.paper.derivative:refit",
+}
 """The same near a fit, to be differentiated."""
 
 
 def by_name(methods: dict[str, Any], name: str) -> Any:
-    """One of `METHODS` or `REFITS`; one of the wing `jaxplan.paper` is loaded when it is first used."""
+    """One of `METHODS` or `REFITS`; ours are loaded when they are first used."""
     known = methods[name]
     return resolve_name(known) if isinstance(known, str) else known
 

@@ -19,8 +19,8 @@ the branch to which the edge from the node before leads, so nodes may lie more t
 regular up to a whole turn.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from dataclasses import dataclass, field, fields, replace
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -30,20 +30,16 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion
-from jaxplan.geometry.vectors import components
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components
 from jaxplan.model.limits import Kinematics
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
 CHART_REACH = 4.0  # rad off the steady rotation, which nodes may lie; a chart is singular at a whole turn
 _NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the other way round
+_TIMES = 4096  # that are sampled at once; with all that is computed between, more would take much memory
 _NO_ANGLE = 1e-300  # rad, of a vector that has no direction
-
-# Times of a kernel call, the last one padded: always as many, so that the kernel is compiled once whatever is
-# sampled. More would make single times slower, and fewer long vectors of them.
-_TIMES = 256
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -81,49 +77,53 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
     Returns:
         Four arrays (..., d): value, 1/s, 1/s^2, 1/s^3.
     """
-    c, start, t = jnp.asarray(coefficients), jnp.asarray(start), jnp.asarray(t)
+    xp, c, begin, finish, time = arrays(coefficients, start, end, t)
     order = c.shape[-2] - 1
-    length = jnp.asarray(end) - start
-    scale = jnp.where(length > 0, 2 / jnp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
-    values = legendre((t - start) * scale[..., 0] - 1, order)
+    length = finish - begin
+    scale = xp.where(length > 0, 2 / xp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
+    values = legendre((time - begin) * scale[..., 0] - 1, order)
     powers = [np.linalg.matrix_power(derivative_matrix(order), power) for power in range(4)]
-    rows = values @ jnp.asarray(np.concatenate(powers, axis=1), c.dtype)
-    curves = jnp.einsum("...rk,...kd->...rd", rows.reshape(*values.shape[:-1], 4, order + 1), c)
+    # a row by itself, so that a time's values do not depend on how many there are
+    rows = values[..., None, :] @ xp.asarray(np.concatenate(powers, axis=1), c.dtype)
+    curves = xp.einsum("...rk,...kd->...rd", rows.reshape(*values.shape[:-1], 4, order + 1), c)
     return tuple(curves[..., power, :] * scale**power for power in range(4))
 
 
-def chart_motion(
-    rate: Array, tau: Array, b: Array, b_rate: Array, b_acceleration: Array
-) -> tuple[Array, ...]:
-    """Rotation, angular velocity and angular acceleration in a chart (equations 25 to 29).
+def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyArray) -> tuple[AnyArray, ...]:
+    """Rotation, angular velocity, acceleration and perhaps jerk in a chart (equations 25 to 29).
 
     Args:
         rate: (..., 3) rad/s, ``Omega``.
         tau: (..., 1) s since the chart's start.
         b: (..., 3) rad.
-        b_rate: (..., 3) rad/s.
-        b_acceleration: (..., 3) rad/s^2.
+        *derivatives: (..., 3) of ``b``, rad/s and rad/s^2, for the jerk also rad/s^3.
 
     Returns:
-        ``gamma`` (..., 3, 3), and (..., 3) rad/s and (..., 3) rad/s^2 in body axes.
+        ``gamma`` (..., 3, 3), and a derivative each: (..., 3) rad/s, rad/s^2 and rad/s^3, body axes.
     """
-    eta, eta_rate = b - tau * rate, b_rate - rate
+    cross = array_module(rate, tau, b).cross
+    eta, (eta_1, eta_2, *eta_3) = b - tau * rate, (derivatives[0] - rate, *derivatives[1:])
     half = so3.exp(tau * rate / 2)  # U
     gamma = half @ so3.exp(eta) @ half
-    tangent = so3.right_jacobian(eta)  # D
-    bend = _apply(so3.right_jacobian_rate(eta, eta_rate), eta_rate) + _apply(tangent, b_acceleration)
+    tangent, tangent_1 = so3.right_jacobian(eta), so3.right_jacobian_rate(eta, eta_1)  # D, D'
     turned = _apply_transposed(gamma, rate) / 2  # gamma^T Omega / 2
-    own = _apply_transposed(half, _apply(tangent, eta_rate))  # W D eta'
+    own = _apply_transposed(half, _apply(tangent, eta_1))  # W D eta'
     velocity = turned + rate / 2 + own  # (29), first line
     # (29), second line, where the second factor Omega / 2 must be a matrix: a cross product
-    acceleration = jnp.cross(turned, velocity) + jnp.cross(own, rate) / 2 + _apply_transposed(half, bend)
-    return gamma, velocity, acceleration
+    bend = _apply_transposed(half, _apply(tangent_1, eta_1) + _apply(tangent, eta_2))  # W (D eta')'
+    turned_1, own_1 = cross(turned, velocity), cross(own, rate) / 2 + bend
+    acceleration = turned_1 + own_1
+    if not eta_3:
+        return gamma, velocity, acceleration
+    tangent_2 = so3.right_jacobian_acceleration(eta, eta_1, eta_2)
+    bend_1 = _apply(tangent_2, eta_1) + 2 * _apply(tangent_1, eta_2) + _apply(tangent, eta_3[0])
+    turned_2 = cross(turned_1, velocity) + cross(turned, acceleration)
+    jerk = turned_2 + cross(own_1 + bend, rate) / 2 + _apply_transposed(half, bend_1)
+    return gamma, velocity, acceleration, jerk
 
 
-def platform(piece: Piece, t: ArrayLike) -> tuple[Array, Array, Array, Array]:
+def platform(piece: Piece, t: ArrayLike) -> tuple[AnyArray, ...]:
     """Attitude, angular velocity, angular acceleration and angular jerk on a piece.
-
-    The jerk is the exact derivative of (29), by forward mode along the known derivatives of ``b``.
 
     Args:
         piece: one or several, with leading axes (...).
@@ -132,21 +132,18 @@ def platform(piece: Piece, t: ArrayLike) -> tuple[Array, Array, Array, Array]:
     Returns:
         (..., 3, 3) body to inertial, then (..., 3) in rad/s, rad/s^2 and rad/s^3, body axes.
     """
-    tau = (jnp.asarray(t) - jnp.asarray(piece.chart_start))[..., None]
-    rate = jnp.asarray(piece.chart_rate)
-    b, *derivatives = polynomial(piece.coefficients, piece.start, piece.end, t)
-    point = (rate, tau, b, derivatives[0], derivatives[1])
-    direction = (jnp.zeros_like(rate), jnp.ones_like(tau), *derivatives)
-    (gamma, velocity, acceleration), (_, _, jerk) = jax.jvp(chart_motion, point, direction)
-    return jnp.asarray(piece.chart_attitude) @ gamma, velocity, acceleration, jerk
+    _, time, start, rate, attitude = arrays(t, piece.chart_start, piece.chart_rate, piece.chart_attitude)
+    along = polynomial(piece.coefficients, piece.start, piece.end, time)
+    gamma, *derivatives = chart_motion(rate, (time - start)[..., None], *along)
+    return attitude @ gamma, *derivatives
 
 
-def _apply(matrix: Array, vector: Array) -> Array:
-    return jnp.einsum("...ij,...j->...i", matrix, vector)
+def _apply(matrix: AnyArray, vector: AnyArray) -> AnyArray:
+    return array_module(matrix, vector).einsum("...ij,...j->...i", matrix, vector)
 
 
-def _apply_transposed(matrix: Array, vector: Array) -> Array:
-    return jnp.einsum("...ij,...i->...j", matrix, vector)
+def _apply_transposed(matrix: AnyArray, vector: AnyArray) -> AnyArray:
+    return array_module(matrix, vector).einsum("...ij,...i->...j", matrix, vector)
 
 
 @shown(
@@ -271,23 +268,18 @@ class Trajectory:
         if outside.size:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
-        parts = [self._sampled(flat[first : first + _TIMES]) for first in range(0, max(flat.size, 1), _TIMES)]
+        parts = [
+            vars(self._sampled(flat[first : first + _TIMES])) for first in range(0, flat.size or 1, _TIMES)
+        ]
         found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         return Samples(
             **{name: array.reshape(*times.shape, *array.shape[1:]) for name, array in found.items()}
         )
 
-    def _sampled(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """Values at no more times than a kernel takes, by the names of `Samples`."""
-        padded, breaks = np.zeros(_TIMES), self.joint_breaks
-        padded[: len(times)] = times
-        on = np.searchsorted(self.breaks[:-1], padded, side="right") - 1
-        on_joints = np.searchsorted(breaks[:-1], padded, side="right") - 1
-        pieces = jax.tree.map(lambda array: np.asarray(array)[on], self.platform_pieces)
-        joint_pieces = self.joint_coefficients[on_joints], breaks[on_joints], breaks[on_joints + 1]
-        with jax.enable_x64(True):
-            values = _platform_kernel(pieces, padded) | _joint_kernel(*joint_pieces, padded)
-            return {name: np.asarray(array)[: len(times)] for name, array in values.items()}
+    def _sampled(self, times: np.ndarray) -> Samples:
+        on = np.searchsorted(self.breaks[:-1], times, side="right") - 1
+        on_joints = np.searchsorted(self.joint_breaks[:-1], times, side="right") - 1
+        return _samples(self, on, on_joints, times, times)
 
     def scaled(self, factor: float) -> Self:
         """The same motion, slower by a factor: rates fall by it, accelerations by its square.
@@ -319,16 +311,11 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     Returns:
         JAX arrays with the leading axes of ``t``, in the dtype of the coefficients.
     """
-    stacked = trajectory.platform_pieces
-    times = jnp.asarray(t, jnp.asarray(stacked.coefficients).dtype)
-    index = _begun(stacked.start, times)
-    own = jax.tree.map(lambda array: jnp.asarray(array)[index], stacked)
-    platform: dict[str, Any] = _platform_at(own, times)
-    breaks, coefficients = jnp.asarray(trajectory.joint_breaks), jnp.asarray(trajectory.joint_coefficients)
-    times = jnp.asarray(t, coefficients.dtype)
-    index = _begun(breaks[:-1], times)
-    joints: dict[str, Any] = _joints_at(coefficients[index], breaks[index], breaks[index + 1], times)
-    return Samples(**platform, **joints)
+    times = jnp.asarray(t, jnp.asarray(trajectory.coefficients).dtype)
+    joint_times = jnp.asarray(t, jnp.asarray(trajectory.joint_coefficients).dtype)
+    on = _begun(trajectory.breaks[:-1], times)
+    on_joints = _begun(trajectory.joint_breaks[:-1], joint_times)
+    return _samples(jax.tree.map(jnp.asarray, trajectory), on, on_joints, times, joint_times)
 
 
 def _begun(starts: ArrayLike, t: Array) -> Array:
@@ -336,18 +323,16 @@ def _begun(starts: ArrayLike, t: Array) -> Array:
     return jnp.maximum(jnp.searchsorted(jnp.asarray(starts), t, side="right") - 1, 0)
 
 
-def _platform_at(piece: Piece, t: ArrayLike) -> dict[str, Array]:
-    names = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
-    return dict(zip(names, platform(piece, t), strict=True))
-
-
-def _joints_at(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: ArrayLike) -> dict[str, Array]:
-    names = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
-    return dict(zip(names, polynomial(coefficients, start, end, t), strict=True))
-
-
-# Compiled apart, since the platform's kernel, by far the larger, does not depend on the number of joints.
-_platform_kernel, _joint_kernel = quick_jit(_platform_at), quick_jit(_joints_at)
+def _samples(
+    trajectory: Trajectory, on: AnyArray, on_joints: AnyArray, t: AnyArray, joint_t: AnyArray
+) -> Samples:
+    """Values at times on pieces of the platform and of the joints, with numpy or JAX as the arguments are."""
+    pieces = trajectory.platform_pieces
+    own = Piece(**{each.name: getattr(pieces, each.name)[on] for each in fields(Piece)})
+    breaks, coefficients = trajectory.joint_breaks, trajectory.joint_coefficients
+    joints = polynomial(coefficients[on_joints], breaks[on_joints], breaks[on_joints + 1], joint_t)
+    names = (each.name for each in fields(Samples))
+    return Samples(**dict(zip(names, (*platform(own, t), *joints), strict=True)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

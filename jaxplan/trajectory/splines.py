@@ -44,7 +44,8 @@ def legendre(x: ArrayLike, order: int) -> AnyArray:
         (..., l + 1).
     """
     if array_module(x) is np:
-        return np.polynomial.legendre.legvander(np.asarray(x), order)
+        values = np.polynomial.legendre.legvander(np.asarray(x), order)
+        return values.reshape(*np.shape(x), order + 1)  # which has an axis too many for a single number
     return _legendre(order, jnp.asarray(x))
 
 

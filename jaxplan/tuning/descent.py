@@ -10,12 +10,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from jaxplan.derivatives import expect_known_time, follow_and_hold, hold
 from jaxplan.model.scenario import Scenario
@@ -39,6 +38,9 @@ from jaxplan.tuning.objectives import (
     objective_label,
 )
 from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
+
+if TYPE_CHECKING:
+    import optax
 
 
 @shown("step", "objective", "free")
@@ -161,7 +163,7 @@ def tune(
     objective: str | Mapping[str, float] | Objective,
     *,
     over: Sequence[str] | Mapping[str, tuple[float, float]],
-    optimizer: optax.GradientTransformation | None = None,
+    optimizer: "optax.GradientTransformation | None" = None,
     steps: int = 100,
     progress: bool = True,
     resume: Tuning | None = None,
@@ -194,6 +196,8 @@ def tune(
             differentiated, the objective is not finite there, or resume is of another call; the message says
             which.
     """
+    import optax  # slow to import, so not at the top, which figures read, too
+
     alone = isinstance(scenarios, Scenario)
     given = (scenarios,) if alone else tuple(several("scenarios", scenarios, "scenarios, or one"))
     if not given:
@@ -247,7 +251,7 @@ class _Descent:
         given: tuple[Scenario, ...],
         aim: Objective,
         tuned: tuple[Parameter, ...],
-        optimizer: optax.GradientTransformationExtraArgs,
+        optimizer: "optax.GradientTransformationExtraArgs",
         progress: bool,
         state: State,
     ) -> None:
@@ -342,7 +346,7 @@ class _Descent:
             raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
         after = replace(
             state,
-            free=optax.apply_updates(state.free, change),
+            free=(state.free + change).astype(state.free.dtype),
             memory=memory,
             history=(*state.history, row),
             lowest=min(filter(None, (state.lowest, self._stop)), key=lambda stop: stop.objective),

@@ -1,3 +1,4 @@
+import gc
 import json
 import re
 import shutil
@@ -381,3 +382,23 @@ def test_help_needs_no_jax():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "plan" in done.stdout
+
+
+def test_checking_a_file_loads_neither_what_plans_nor_what_draws(planned):
+    others = ["matplotlib", "optax", "scipy", "tqdm", "jaxplan.goal", "jaxplan.planner.runs"]
+    others += ["jaxplan.search.mha", "jaxplan.trajectory.sqp", "jaxplan.report", "jaxplan.exporting"]
+    program = (
+        "import json, sys; from jaxplan.cli import main\n"
+        f"code = main(['check', {str(planned / 'plan.json')!r}, '--json'])\n"
+        f"print(json.dumps([code, [name for name in {others} if name in sys.modules]]))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == [0, []]
+
+
+def test_a_command_leaves_the_callers_collector_alone(capsys):
+    before = gc.get_threshold()
+    assert run(capsys, "validate", "case-4")[0] == 0
+    assert run(capsys, "validate", "nothing.toml")[0] == 2
+    assert gc.get_threshold() == before

@@ -65,7 +65,15 @@ BODY = np.concatenate(
 )
 AZIMUTHS = JOINTS[:, 0] + MOUNTS[0]
 SEEN = np.einsum("kij,kdj->kdi", TURNS.as_matrix(), BODY)
-STEP = 1e-5
+STEP, LONG_STEP = 1e-5, 3e-4
+OTHER_RATES = RATES[:, [2, 0, 1]] - 0.3
+
+
+def along(steps):
+    """A curve with a rate and an acceleration, so many steps on."""
+    time = steps * LONG_STEP
+    return VECTORS + time * RATES + time**2 / 2 * OTHER_RATES
+
 
 # The function, its arguments, what scipy or a closed form says, and by how much that may be off.
 CASES = {
@@ -88,6 +96,12 @@ CASES = {
         (VECTORS, RATES),
         (right_jacobian(VECTORS + STEP * RATES) - right_jacobian(VECTORS - STEP * RATES)) / (2 * STEP),
         1e-9,
+    ),
+    "its acceleration": (
+        so3.right_jacobian_acceleration,
+        (VECTORS, RATES, OTHER_RATES),
+        (right_jacobian(along(1)) - 2 * right_jacobian(VECTORS) + right_jacobian(along(-1))) / LONG_STEP**2,
+        1e-6,
     ),
     "quaternion of a matrix": (quaternion.from_matrix, (TURNS.as_matrix(),), canonical(TURNS), 1e-15),
     "matrix of a quaternion": (quaternion.to_matrix, (canonical(TURNS),), TURNS.as_matrix(), 1e-15),

@@ -294,6 +294,22 @@ def test_right_jacobian_rate_is_the_derivative_along_the_curve(dtype, eps):
     np.testing.assert_allclose(result[at_zero], -cross_matrix(velocities[at_zero]) / 2, rtol=0, atol=2 * eps)
 
 
+@PRECISIONS
+def test_right_jacobian_acceleration_is_the_derivative_of_its_rate(dtype, eps):
+    vectors = np.concatenate([rotation_vectors(dtype), (5.0 * AXES).astype(dtype)])
+    velocities = rates(len(vectors), dtype)
+    accelerations = velocities[::-1].copy()
+    result = compiled(so3.right_jacobian_acceleration, vectors, velocities, accelerations)
+    assert result.dtype == dtype
+    _, along = compiled(
+        lambda x, v, a: jax.jvp(so3.right_jacobian_rate, (x, v), (v, a)), vectors, velocities, accelerations
+    )
+    np.testing.assert_allclose(result, along, rtol=0, atol=50 * eps)
+    at_zero, turn = np.all(vectors == 0, axis=-1), cross_matrix(velocities)
+    expected = turn @ turn / 3 - cross_matrix(accelerations) / 2
+    np.testing.assert_allclose(result[at_zero], expected[at_zero], rtol=0, atol=4 * eps)
+
+
 def test_right_jacobian_rate_is_the_difference_of_its_values():
     vectors = np.concatenate([0.3 * AXES, 1.5 * AXES, 3.1 * AXES])
     velocities, step = rates(len(vectors), np.float64), 1e-5

@@ -12,6 +12,7 @@ from builders import make_plan, make_scenario
 from drawn import filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from PIL import Image
 from reference import angle, assert_each, direction, unit
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +23,7 @@ from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import margin_panels, projections, sky, style
+from jaxplan.plotting import margin_panels, projections, sky, style, write_png
 from jaxplan.plotting.projections import FlatMap
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
@@ -580,6 +581,28 @@ def test_the_duration_can_be_read_off_the_time_axis() -> None:
         assert labels[duration] == text
         shown = sorted(time for time in labels if 0 <= time <= duration)
         assert np.diff(shown).min() > 0.07 * duration
+
+
+def test_times_of_nodes_are_marked_below_every_panel() -> None:
+    plan = make_plan()
+    assert plan.trajectory is not None
+    for axes in jp.plot.rates(plan):
+        (marks,) = axes.collections
+        offsets = np.asarray(marks.get_offsets())
+        np.testing.assert_array_equal(offsets[:, 0], plan.trajectory.node_times)
+        on_page = marks.get_offset_transform().transform(offsets)
+        frame = axes.transAxes.transform([(0, 0), (1, 0)])
+        np.testing.assert_allclose(on_page[[0, -1]], frame, rtol=0, atol=1e-9)  # pixels
+        np.testing.assert_allclose(on_page[:, 1], frame[0, 1], rtol=0, atol=1e-9)
+
+
+def test_a_picture_is_that_of_savefig(tmp_path) -> None:
+    jp.plot.sphere(make_plan()).figure.savefig(tmp_path / "saved.png", dpi=150)
+    write_png(jp.plot.sphere(make_plan()).figure, tmp_path / "written.png", "us")
+    with Image.open(tmp_path / "saved.png") as saved, Image.open(tmp_path / "written.png") as written:
+        assert (written.mode, written.text) == ("RGB", {"Software": "us"})
+        np.testing.assert_allclose(written.info["dpi"], 150, rtol=1e-4)
+        np.testing.assert_array_equal(written, saved.convert("RGB"))
 
 
 def test_start_and_goal_both_show_where_a_device_does_not_move() -> None:

@@ -555,6 +555,10 @@ CALLS = {
         lambda: so3.right_jacobian_rate(np.zeros(3), 1.0),
         "rate = 1.0: must be real numbers of shape (..., 3)",
     ),
+    "right_jacobian_acceleration of two": (
+        lambda: so3.right_jacobian_acceleration(np.zeros(3), np.zeros(3), [1.0, 2.0]),
+        "acceleration = [1.0, 2.0]: must be real numbers of shape (..., 3)",
+    ),
     "hold of a scenario": (lambda: jp.hold(SCENE), "plan must be a Plan, not Scenario; jp.plan makes one"),
     "replan of a plan": (
         lambda plan: jp.replan(plan, SCENE),
