@@ -93,14 +93,19 @@ def clear_if_full() -> bool:
 
 Answer = TypeVar("Answer")
 
-_SOON: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
+_RARELY_RUN = _SOON | {"xla_backend_optimization_level": 0}
 
 
-def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., Answer]:
+def quick_jit(
+    function: Callable[..., Answer], *, optimised: bool = True, **options: Any
+) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time.
 
     Args:
         function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
+        optimised: False for what runs a few times in milliseconds, which compiles in half of that time again
+            and runs two to three times as long.
         options: of `jax.jit`.
 
     Returns:
@@ -112,7 +117,8 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
     @wraps(function)
     def kernel(*args: Any, **kwargs: Any) -> Answer:
         if not jitted:  # at the first call, since asking XLA starts it
-            jitted.append(jax.jit(function, **options, compiler_options=_SOON) if _known() else traced)
+            own = _SOON if optimised else _RARELY_RUN
+            jitted.append(jax.jit(function, **options, compiler_options=own) if _known() else traced)
         try:
             return jitted[0](*args, **kwargs)
         except ValueError:  # JAX takes such options at the outermost level alone
