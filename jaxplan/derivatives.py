@@ -16,9 +16,9 @@ to 32 bits, as it is by default, `differentiable` exports the function once from
 trace sees of it are numbers of 32 bits: values and slopes are then good to some seven digits.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import jax
@@ -40,12 +40,10 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import clear_if_full
+from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
-
-Numbers = tuple[Any, ...]
 
 _OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
 _A_PLAN = "jp.plan makes one of a scenario"
@@ -295,7 +293,21 @@ def expect_known_time(scenario: Scenario) -> None:
         )
 
 
-_replan = jax.jit(replan)  # compiled once for all plans of equal shapes
+# Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
+_replan = quick_jit(replan)
+
+
+@partial(quick_jit, optimised=False)
+def _with_products(
+    held: Held, scenario: Scenario
+) -> tuple[Trajectory, Callable[[Trajectory], tuple[Scenario]]]:
+    """The trajectory of a scenario, and its product with cotangents as a tree of arrays."""
+    return jax.vjp(partial(replan, held), scenario)
+
+
+@partial(quick_jit, optimised=False)
+def _product(pulled: Callable[[Any], Any], cotangents: Any) -> Any:
+    return pulled(cotangents)
 
 
 def differentiable(plan: Plan) -> "Differentiable":
@@ -339,7 +351,7 @@ class Differentiable:
 
     def __init__(self, plan: Plan, held: Held) -> None:
         self.plan, self.held = plan, held
-        self._known: dict[Any, tuple[Callable[..., Numbers], Any]] = {}
+        self._known: dict[Any, Callable[[Scenario], Trajectory]] = {}
 
     @cached_property
     def optimum(self) -> Plan:
@@ -362,59 +374,99 @@ class Differentiable:
             scenario: with as many devices and zones, and the same choices, as that of the plan.
         """
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
-        leaves, tree = jax.tree.flatten(scenario)
-        if not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        if not _is_traced(scenario):
             with jax.enable_x64(True):
                 found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, scenario))
             return found
         if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
             return _replan(self.held, scenario)
-        shapes = tuple(np.shape(leaf) for leaf in leaves)
-        if (tree, shapes) not in self._known:
-            self._known[tree, shapes] = _in_32_bits(
-                lambda *own: replan(self.held, jax.tree.unflatten(tree, own)), shapes
-            )
-        function, made = self._known[tree, shapes]
-        given = [jnp.asarray(leaf, jnp.float32) for leaf in leaves]
-        answer: Trajectory = jax.tree.unflatten(made, function(*given))
-        return answer
+        narrow: Scenario = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), scenario)
+        kind = jax.tree.structure(narrow), tuple(leaf.shape for leaf in jax.tree.leaves(narrow))
+        if kind not in self._known:
+            self._known[kind] = _in_32_bits(self.held, narrow)
+        return self._known[kind](narrow)
 
 
-def _in_32_bits(
-    function: Callable[..., Any], shapes: Sequence[tuple[int, ...]]
-) -> tuple[Callable[..., Numbers], Any]:
-    """A function of arrays of 64 bits as one of 32 bits, computed in 64, and the tree of its answers.
+def _is_traced(tree: Any) -> bool:
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
-    Neither may be traced anew by JAX where it is set to 32 bits, so both the function and its product with
-    cotangents are exported: what is called is compiled as it is.
+
+@jax.tree_util.register_static
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """What the products of a trajectory with cotangents are computed from, for JAX a constant.
+
+    Attributes:
+        scenario: of the trajectory, in 32 bits.
+        pulled: of `_with_products`.
     """
-    with jax.enable_x64(True):
-        given = [jax.ShapeDtypeStruct(shape, jnp.float64) for shape in shapes]
-        answers, made = jax.tree.flatten(jax.eval_shape(function, *given))
 
-        def leaves(*own: Any) -> Numbers:
-            return tuple(jax.tree.leaves(function(*own)))
+    scenario: Scenario
+    pulled: Callable[[Trajectory], tuple[Scenario]]
 
-        def pulled(own: Numbers, cotangents: Numbers) -> Numbers:
-            return tuple(jax.vjp(leaves, *own)[1](cotangents))
 
-        value = export.export(jax.jit(leaves))(*given)
-        slope = export.export(jax.jit(pulled))(tuple(given), tuple(answers))
+def _in_32_bits(held: Held, like: Scenario) -> Callable[[Scenario], Trajectory]:
+    """`replan` as a function of arrays of 32 bits, computed in 64.
 
-    def at(*own: Any) -> Numbers:
+    Plain numbers go to kernels. What is traced where JAX is set to 32 bits may not be traced anew by it, so
+    for these both the function and its product with cotangents are exported, once they are needed: what is
+    called is compiled as it is.
+
+    Args:
+        held: of the plan.
+        like: a scenario of the shapes that it is to be called with.
+    """
+
+    @cache
+    def exported() -> tuple[Callable[..., Any], Callable[..., Any]]:
+        given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.float64), like)
+        function = partial(replan, held)
+
+        def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
+            (found,) = jax.vjp(function, scenario)[1](cotangents)
+            return found
+
+        value = export.export(jax.jit(function))(given)
+        answers = jax.eval_shape(function, given)
+        return value.call, export.export(jax.jit(product))(given, answers).call
+
+    # What is exported knows of no batch.
+    @jax.custom_batching.sequential_vmap  # type: ignore[untyped-decorator]
+    def value(scenario: Scenario) -> Trajectory:
         with jax.enable_x64(True):
-            return _cast(value.call(*_cast(own, jnp.float64)), jnp.float32)
+            return _cast(exported()[0](_cast(scenario, jnp.float64)), jnp.float32)
 
-    def back(own: Numbers, cotangents: Numbers) -> Numbers:
+    @jax.custom_batching.sequential_vmap  # type: ignore[untyped-decorator]
+    def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
         with jax.enable_x64(True):
-            found = slope.call(_cast(own, jnp.float64), _cast(cotangents, jnp.float64))
-            return _cast(found, jnp.float32)
+            wide = _cast((scenario, cotangents), jnp.float64)
+            return _cast(exported()[1](*wide), jnp.float32)
 
-    one_by_one: Any = jax.custom_batching.sequential_vmap(at)  # what is exported knows of no batch
-    narrow: Any = jax.custom_vjp(lambda *own: one_by_one(*own))
-    narrow.defvjp(lambda *own: (one_by_one(*own), own), jax.custom_batching.sequential_vmap(back))
-    return narrow, made
+    def forward(scenario: Scenario) -> tuple[Trajectory, Scenario | _Products]:
+        if _is_traced(scenario):
+            return value(scenario), scenario
+        with jax.enable_x64(True):
+            found, pulled = _with_products(held, _cast(scenario, jnp.float64))
+            return _cast(found, jnp.float32), _Products(scenario, pulled)
+
+    def backward(known: Scenario | _Products, cotangents: Trajectory) -> tuple[Scenario]:
+        if isinstance(known, Scenario):
+            return (product(known, cotangents),)
+        if _is_traced(cotangents):
+            return (product(known.scenario, cotangents),)
+        with jax.enable_x64(True):
+            return _cast(_product(known.pulled, _cast(cotangents, jnp.float64)), jnp.float32)
+
+    narrow: Any = jax.custom_vjp(lambda scenario: value(scenario))
+    narrow.defvjp(forward, backward)
+    followed: Callable[[Scenario], Trajectory] = narrow
+    return followed
 
 
-def _cast(values: Sequence[Any], dtype: Any) -> Numbers:
-    return tuple(jax.lax.convert_element_type(value, dtype) for value in values)
+def _cast(tree: Any, dtype: Any) -> Any:
+    def cast(leaf: Any) -> Any:
+        if isinstance(leaf, jax.core.Tracer):
+            return jax.lax.convert_element_type(leaf, dtype)
+        return np.asarray(leaf, dtype)  # without a kernel
+
+    return jax.tree.map(cast, tree)

@@ -13,6 +13,8 @@ half a turn.
 
 from math import factorial
 
+import jax
+import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from jaxplan.geometry import quaternion
@@ -20,58 +22,74 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components,
 from jaxplan.runtime.arguments import expect_numbers
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
-_TERMS = 10
+_TERMS = 9
 
 
-def _even_series(square: AnyArray, offset: int, derivative: int = 0) -> AnyArray:
-    """Sum of ``(-1)^k z^k / (2 k + offset)!`` in ``z = square``, or a derivative of it in ``z``."""
-    coefficients = [(-1) ** k / factorial(2 * k + offset) for k in range(_TERMS)]
-    for _ in range(derivative):
-        coefficients = [k * c for k, c in enumerate(coefficients)][1:]
-    total = array_module(square).zeros_like(square)
-    for coefficient in reversed(coefficients):
-        total = total * square + coefficient
-    return total
+def _coefficients(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
+    """``sin t / t``, ``(1 - cos t) / t^2``, ``(t - sin t) / t^3`` and so on, as functions of ``z = t^2``.
+
+    The n-th of them is ``S_n(z)``, the sum of ``(-1)^k z^k / (2 k + n)!``. They follow from each other, ``S_n
+    + z S_(n + 2) = 1 / n!``, and so do their derivatives: ``2 S_n' = n S_(n + 2) - S_(n + 1)``.
+
+    Args:
+        square: (...) rad^2.
+        last: how many of them, at least two.
+    """
+    return _differentiable(square, last) if array_module(square) is jnp else _values(square, last)
 
 
-def _coefficients(square: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """``sin t / t``, ``(1 - cos t) / t^2`` and ``(t - sin t) / t^3`` as functions of ``t^2``."""
+def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
+    """The functions of `_coefficients`."""
     xp = array_module(square)
     small = square < 1
     near, safe = xp.where(small, square, 0), xp.where(small, 1, square)  # what each side can bear
     theta = xp.sqrt(safe)
-    sinc, half_sinc = xp.sin(theta) / theta, xp.sin(theta / 2) / theta
-    return (
-        xp.where(small, _even_series(near, 1), sinc),
-        xp.where(small, _even_series(near, 2), 2 * half_sinc * half_sinc),
-        xp.where(small, _even_series(near, 3), (1 - sinc) / safe),
-    )
+    half_sinc = xp.sin(theta / 2) / theta
+    far = [xp.sin(theta) / theta, 2 * half_sinc * half_sinc]
+    for n in range(1, last - 1):
+        far.append((1 / factorial(n) - far[n - 1]) / safe)
+    by_series = [_series(near, last), _series(near, last - 1)]
+    for n in range(last - 2, 0, -1):
+        by_series.append(1 / factorial(n) - near * by_series[-2])
+    return tuple(xp.where(small, *both) for both in zip(reversed(by_series), far, strict=True))
+
+
+def _series(square: AnyArray, n: int) -> AnyArray:
+    """``S_n`` of `_coefficients`, below one."""
+    total = array_module(square).zeros_like(square)
+    for k in reversed(range(_TERMS)):
+        total = total * square + (-1) ** k / factorial(2 * k + n)
+    return total
+
+
+_differentiable = jax.custom_jvp(_values, nondiff_argnums=(1,))
+
+
+@_differentiable.defjvp
+def _slopes(
+    last: int, primals: tuple[AnyArray], tangents: tuple[AnyArray]
+) -> tuple[tuple[AnyArray, ...], tuple[AnyArray, ...]]:
+    found = _differentiable(*primals, last + 2)
+    slopes = [_slope(found, n) for n in range(1, last + 1)]
+    return found[:last], tuple(slope * tangents[0] for slope in slopes)
+
+
+def _slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
+    """``S_n'`` from the functions of `_coefficients`."""
+    return (n * found[n + 1] - found[n]) / 2
 
 
 def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Derivatives in ``t^2`` of the second and third function of `_coefficients`."""
-    xp = array_module(square)
-    small = square < 1
-    near, safe = xp.where(small, square, 0), xp.where(small, 1, square)
-    sinc, cosc, cubic = _coefficients(safe)
-    return (
-        xp.where(small, _even_series(near, 2, 1), (sinc - 2 * cosc) / (2 * safe)),
-        xp.where(small, _even_series(near, 3, 1), (cosc - 3 * cubic) / (2 * safe)),
-    )
+    found = _coefficients(square, 5)
+    return _slope(found, 2), _slope(found, 3)
 
 
 def _coefficient_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Derivatives in ``t^2`` of those of `_coefficient_slopes`."""
-    xp = array_module(square)
-    small = square < 1
-    near, safe = xp.where(small, square, 0), xp.where(small, 1, square)
-    _, cosc, cubic = _coefficients(safe)
-    cosc_slope, cubic_slope = _coefficient_slopes(safe)
-    sinc_slope = (cubic - cosc) / 2
-    return (
-        xp.where(small, _even_series(near, 2, 2), (sinc_slope - 4 * cosc_slope) / (2 * safe)),
-        xp.where(small, _even_series(near, 3, 2), (cosc_slope - 5 * cubic_slope) / (2 * safe)),
-    )
+    found = _coefficients(square, 7)
+    second, third = ((n * _slope(found, n + 2) - _slope(found, n + 1)) / 2 for n in (2, 3))
+    return second, third
 
 
 def hat(vector: ArrayLike) -> AnyArray:
@@ -253,8 +271,8 @@ def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray
     xp, x, x_dot = arrays(rotation_vector, rate)
     square = xp.sum(x * x, axis=-1)
     square_rate = 2 * xp.sum(x * x_dot, axis=-1)
-    _, cosc, cubic = _coefficients(square)
-    cosc_slope, cubic_slope = _coefficient_slopes(square)
+    _, cosc, cubic, fourth, fifth = _coefficients(square, 5)
+    cosc_slope, cubic_slope = fourth - cubic / 2, (3 * fifth - fourth) / 2
     cross, cross_rate = hat(x), hat(x_dot)
     return (
         -(cosc_slope * square_rate)[..., None, None] * cross

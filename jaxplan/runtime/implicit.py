@@ -55,21 +55,20 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
 def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
     """The root, and the factors of the matrix there."""
 
-    def far(at: tuple[Any, ...]) -> Array:
-        count, _, left, _ = at
-        return (count < equations.steps) & ~jnp.all(jnp.abs(left) <= equations.tolerance)
-
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
-        count, z, _, _ = at
-        left, factors = equations.residual(inputs, z), equations.factor(inputs, z)
-        return count + 1, z - equations.solve(factors, left), left, factors
+        count, near, _, z, factors = at
+        last = near | (count == equations.steps)
+        left = equations.residual(inputs, z)
+        # The factors of the last step are those of the step before, which at the root are the same.
+        own = jax.lax.cond(last, lambda: factors, lambda: equations.factor(inputs, z))
+        near = jnp.all(jnp.abs(left) <= equations.tolerance)
+        return count + 1, near, last, z - equations.solve(own, left), own
 
     shapes = jax.eval_shape(equations.factor, inputs, guess)
     none = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
-    start = jnp.array(0), guess, jnp.full_like(guess, jnp.inf), none
-    # The factors are those of the step before, which at the root are the same.
-    _, z, _, factors = jax.lax.while_loop(far, ahead, start)
-    return z - equations.solve(factors, equations.residual(inputs, z)), factors
+    start = jnp.array(0), jnp.array(False), jnp.array(False), guess, none
+    *_, z, factors = jax.lax.while_loop(lambda at: ~at[2], ahead, start)
+    return z, factors
 
 
 @_root.defjvp

@@ -98,7 +98,8 @@ def clear_if_full() -> bool:
 
 Answer = TypeVar("Answer")
 
-_SOON: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
+_RARELY_RUN = _SOON | {"xla_backend_optimization_level": 0}
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments
@@ -109,7 +110,9 @@ def kernel_count() -> int:
     return sum(map(len, _known_kernels))
 
 
-def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., Answer]:
+def quick_jit(
+    function: Callable[..., Answer], *, optimised: bool = True, **options: Any
+) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
 
     Threads take turns at it: one that needs what another is compiling waits for that. What is compiled is
@@ -117,12 +120,15 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
 
     Args:
         function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
+        optimised: False for what runs a few times in milliseconds, which compiles in half of that time again
+            and runs two to three times as long.
         options: of `jax.jit`, of those that name static arguments.
 
     Returns:
         The same function, jitted.
     """
     traced, static = jax.jit(function, **options), _static(function, **options)
+    flags = _SOON if optimised else _RARELY_RUN
     known: dict[Hashable, Callable[..., Answer]] = {}
     _known_kernels.append(known)
     turn = threading.RLock()
@@ -143,7 +149,7 @@ def quick_jit(function: Callable[..., Answer], **options: Any) -> Callable[..., 
             with _clock_stopped(turn):
                 compiled = known.get(kinds)
                 if compiled is None:
-                    compiled = known[kinds] = _compiled(function, options, kinds, args, kwargs)
+                    compiled = known[kinds] = _compiled(function, options, flags, kinds, args, kwargs)
         return compiled(*args_left, **given)
 
     return kernel
@@ -187,7 +193,12 @@ def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
 
 
 def _compiled(
-    function: Callable[..., Answer], options: dict[str, Any], kinds: Hashable, args: Any, kwargs: Any
+    function: Callable[..., Answer],
+    options: dict[str, Any],
+    flags: dict[str, bool | int],
+    kinds: Hashable,
+    args: Any,
+    kwargs: Any,
 ) -> Callable[..., Answer]:
     """An executable for arguments of some kinds, as it was kept or compiled now."""
     global _new
@@ -197,7 +208,7 @@ def _compiled(
         with executables.one_at_a_time(name, text):
             kept = executables.load(name, text)
             if kept is None:
-                quick = _SOON if _known() else None  # which JAX takes at the outermost level alone
+                quick = flags if _known() else None  # which JAX takes at the outermost level alone
                 lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
                 return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
     _new += 1

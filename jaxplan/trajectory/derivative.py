@@ -73,6 +73,8 @@ def gather_inputs(
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
     number = jnp.arange(len(held.zones.on))
+    axes = jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone]
+    halves = so3.exp(held.zones.place[:, None] * turn / 2)
     inputs = FitInputs(
         attitude=first,
         turn=turn,
@@ -84,7 +86,8 @@ def gather_inputs(
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
         limits=held.share * jnp.stack([jnp.asarray(limit.bound) for limit in platform]),
         wanted=wanted_margins(cones, left),
-        axes=jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone],
+        axes=jnp.einsum("ra,ab,rbc->rc", axes, first, halves),
+        halves=halves,
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
         duration=duration,
         cones=cones,

@@ -7,7 +7,9 @@ missed: that a trajectory is safe is for the certificate to say, not for these n
 """
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial, wraps
+from inspect import signature
+from typing import Any, ParamSpec
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +19,71 @@ from jax import Array
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.peaks import SAFETY
 
 Quantity = Callable[[Samples], Array]
+Given = ParamSpec("Given")
 
 _EACH, _ALL = 12, 600  # samples on a piece, and at least on a trajectory
 _GAUSS = 12  # likewise of an integral
 _LOOKS = 4  # the first over the whole trajectory, each next one with as many samples about the extreme
+
+
+def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
+    """Let a measure and its gradient be a kernel each where they are not part of a jitted function.
+
+    Otherwise `jax.grad` would compile a kernel for each of the hundreds of operations that they take.
+
+    Args:
+        choices: arguments that are no numbers.
+    """
+
+    def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
+        def plain(chosen: tuple[Any, ...], given: dict[str, Any]) -> Array:
+            return measure(**given, **dict(chosen))  # type: ignore[call-arg]
+
+        def with_slope(chosen: tuple[Any, ...], given: dict[str, Any]) -> tuple[Array, Any]:
+            return jax.value_and_grad(partial(plain, chosen), allow_int=True)(given)
+
+        value = quick_jit(plain, optimised=False, static_argnums=0)
+        both = quick_jit(with_slope, optimised=False, static_argnums=0)
+        followed = jax.custom_jvp(plain, nondiff_argnums=(0,))
+
+        @followed.defjvp
+        def follow(chosen: tuple[Any, ...], own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
+            if _is_traced(own):
+                return jax.jvp(partial(plain, chosen), own, ways)
+            found, slopes = both(chosen, *own)
+            return found, _along(slopes, *ways)
+
+        parameters = signature(measure)
+
+        @wraps(measure)
+        def at_once(*args: Given.args, **kwargs: Given.kwargs) -> Array:
+            bound = parameters.bind(*args, **kwargs)
+            bound.apply_defaults()
+            given = dict(bound.arguments)
+            chosen = tuple((name, given.pop(name)) for name in choices)
+            return followed(chosen, given) if _is_traced(given) else value(chosen, given)
+
+        return at_once
+
+    return decorate
+
+
+def _is_traced(tree: Any) -> bool:
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+@jax.jit
+def _along(slopes: Any, ways: Any) -> Array:
+    """Derivative along a change of all numbers of a tree."""
+    pairs = zip(jax.tree.leaves(slopes), jax.tree.leaves(ways), strict=True)
+    return sum(
+        (jnp.sum(slope * way) for slope, way in pairs if slope.dtype != jax.dtypes.float0), jnp.zeros(())
+    )
 
 
 def time_factors(samples: Samples, craft: Spacecraft) -> Array:
@@ -81,6 +140,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
 
+@_at_once("field")
 def peak(trajectory: Trajectory, field: str) -> Array:
     """Largest magnitude of any component of a field of `Samples` over all time.
 
@@ -94,6 +154,7 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
 
 
+@_at_once("field", "power")
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     """Smooth stand-in for `peak`: the mean over time and components of a power, and its root.
 
@@ -131,11 +192,13 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.sum((half * weights).ravel() * quantity(evaluate(trajectory, times.ravel())))
 
 
+@_at_once()
 def effort(trajectory: Trajectory) -> Array:
     """Integral of the squared accelerations of platform and joints over time, rad^2/s^3."""
     return _squares(trajectory, "angular_acceleration", "joint_accelerations")
 
 
+@_at_once()
 def roughness(trajectory: Trajectory) -> Array:
     """Integral of the squared jerks of platform and joints over time, rad^2/s^5."""
     return _squares(trajectory, "angular_jerk", "joint_jerks")
@@ -156,6 +219,7 @@ def duration(trajectory: Trajectory) -> Array:
     return jnp.asarray(trajectory.breaks)[-1]
 
 
+@_at_once()
 def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) -> Array:
     """Smallest margin of any device to any zone over all time, rad; infinite without zones.
 
@@ -180,11 +244,13 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
     return -largest(trajectory, short)
 
 
+@_at_once()
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft))))
 
 
+@_at_once()
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Factor on time at which the first limit is just met."""
     return largest(trajectory, lambda samples: time_factors(samples, craft))

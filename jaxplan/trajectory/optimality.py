@@ -178,7 +178,9 @@ class FitInputs:
         powers: likewise.
         limits: (Q, 3) of the platform's loads, in time.
         wanted: (D, Z) rad, margins to keep.
-        axes: (R, 3) inertial axes of the rows of margins.
+        axes: (R, 3) axes of the rows of margins, inertial ones turned to the chart's middle between ``U``
+            and ``U`` at the row's place, ``(R_a U)^T e``.
+        halves: (R, 3, 3) ``U`` there.
         inertia: (3, 3).
         duration: s; of a shortest motion that with which it begins.
         cones: the pointing constraints.
@@ -198,6 +200,7 @@ class FitInputs:
     limits: Traced
     wanted: Traced
     axes: Traced
+    halves: Traced
     inertia: Traced
     duration: Traced
     cones: Constraints
@@ -307,7 +310,7 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
         values.append(_load_values(inputs, duration, loads, local))
     if len(zones.on):
-        values.append(_zone_values(inputs, zones, inputs.axes, zones.row @ c))
+        values.append(_zone_values(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c))
     return jnp.concatenate(values)
 
 
@@ -323,7 +326,7 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
         own = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, slope)
         slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - 3))))
     if len(zones.on):
-        slope = _zone_slopes(inputs, zones, inputs.axes, zones.row @ c)
+        slope = _zone_slopes(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
     return jnp.concatenate(slopes)
 
@@ -335,12 +338,12 @@ def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced)
     return row.sign * loads[row.load, row.axis] / limit[row.load, row.axis] - 1
 
 
-def _zone_row(inputs: FitInputs, row: BindingMargins, axis: Traced, z: Traced) -> Traced:
-    """One margin at one place, of a row about an axis there, from ``b`` and joints (3 + 2n,)."""
-    half = so3.exp(row.place * inputs.turn / 2)
-    attitude = inputs.attitude @ half @ so3.exp(z[:3] - row.place * inputs.turn) @ half
+def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:
+    """One margin at one place, with axis and ``U`` of the row there, from ``b`` and joints (3 + 2n,)."""
+    axis, half = chart
+    turned = axis @ so3.exp(z[:3] - row.place * inputs.turn) @ half
     cones, seen = inputs.cones.some(row.zone[None]), inputs.sights.in_body(z[3:])
-    axis = axes_in_body(cones, axis[None] @ attitude, seen)[0]
+    axis = axes_in_body(cones, turned[None], seen)[0]
     values = joint_values(cones, z[3:])[row.device] if cones.inner else None
     margin = margins_of_scores(cones, scores(cones, (seen[row.device] @ axis)[None], values))
     return inputs.wanted[row.device, row.zone] - margin[0]
@@ -380,7 +383,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         curved = curved.at[:, :3, :, :3].add(own)
     if len(zones.on):
         basis = zones.row @ free
-        bend = _zone_bends(inputs, zones, inputs.axes, zones.row @ c)
+        bend = _zone_bends(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
     jacobian = _slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
