@@ -283,6 +283,26 @@ def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...
     return tuple(limit for limit in timed if not limit.quantity.of_joints), joints
 
 
+def longest(craft: Spacecraft, power: int) -> AnyArray:
+    """The largest length of the platform's angular velocity, or of a derivative of it, that limits allow.
+
+    Args:
+        craft: its limits of each body axis count, and not those of torque or momentum.
+        power: 1 of the angular velocity, 2 of the acceleration.
+
+    Returns:
+        In rad/s, rad/s^2: the diagonal of the box within the limits, sqrt(3) times one that all axes share.
+    """
+    bounds = [
+        limit.bound
+        for limit in timed_limits(craft)[0]
+        if limit.quantity.power == power and not limit.quantity.by_inertia
+    ]
+    xp = array_module(*bounds)
+    lengths = [xp.max(bound) * xp.sqrt(xp.sum((bound / xp.max(bound)) ** 2)) for bound in bounds]
+    return xp.min(xp.stack(lengths))
+
+
 def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
     """Quantities by name, all with as many components.
 

@@ -124,7 +124,7 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     found = find_goals(_at_first(scenario))
     goal = found.goal if isinstance(found, Plan) else found[0]
     if goal is None:
-        guess = np.pi / scenario.spacecraft.rate_limit
+        guess = np.pi / np.min(scenario.spacecraft.rate_limit)
     else:
         joints = np.stack([scenario.start.joints, goal.joints])
         turn = np.stack([scenario.start.attitude, goal.attitude])

@@ -54,8 +54,10 @@ def breaches(
         )
         if not excess <= ROUNDING
     ]
+    bounds = np.full(3, craft.rate_limit)
+    axis = np.argmax(np.abs(angular_velocity) / bounds)
     rates = [
-        ("the platform's rate", np.max(np.abs(angular_velocity)), craft.rate_limit),
+        (f"the platform's rate about {'xyz'[axis]}", abs(angular_velocity[axis]), bounds[axis]),
         *zip(
             [f"the rate of {name}" for name in craft.joint_names],
             np.abs(joint_rates),

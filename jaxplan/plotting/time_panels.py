@@ -57,6 +57,7 @@ _AXIS_ENTRIES: Entries = [
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 _INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 # Of the platform's rate, acceleration and jerk.
 _SPIN = sorted((q for q in QUANTITIES if not q.of_joints and not q.by_inertia), key=lambda q: q.power)
@@ -293,7 +294,7 @@ def compare(
         >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
     """
     sampled = _sampled(trajectories, spacecraft)
-    bounds = np.repeat(_spin_limits(spacecraft)[:, None], 3, axis=1)
+    bounds = _spin_limits(spacecraft)
     titles, values = [*_BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
     if spacecraft.terminals:
         # of rates and accelerations, (2, 2n)
@@ -315,7 +316,7 @@ def compare(
     for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
         for one, own, look in zip(sampled.values(), values, styles, strict=True):
             curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
-        limited = _limit(axes, float(bounds[row, column]), highest[row, column]) or limited
+        limited = _limit(axes, bounds[row, column, None], [_GREY], highest[row, column]) or limited
     for quantity, axes in zip(_SPIN, every[::across], strict=True):
         axes.set_ylabel(_labelled(quantity.word, quantity), fontsize=TEXT)
     _finish(every, titles, sampled)
@@ -365,7 +366,7 @@ def segments(
             joins = [(Line2D([], [], **_JOIN), "join")]
         for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
             curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
-        limited = _limit(axes, bounds[row], highest[row]) or limited
+        limited = _limit(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
     _finish(every, list(sampled), sampled)
     for quantity, axes in zip(_SPIN[1:], every[::across], strict=True):
         axes.set_ylabel(f"platform angular\n{_labelled(quantity.word, quantity)}", fontsize=TEXT)
@@ -423,15 +424,14 @@ def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> 
 
 
 def _spin_limits(craft: Spacecraft) -> np.ndarray:
-    """Limits of rate, acceleration and jerk about every axis, (3,); infinite where there is none."""
+    """Limits of rate, acceleration and jerk about each axis, (3, 3); infinite where there is none."""
     given = [quantity.given(craft) for quantity in _SPIN]
-    return np.array([np.inf if limit is None else limit for limit in given], dtype=float)
+    return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
 
 
-def _limit(axes: Axes, limit: float, highest: float) -> Entries:
-    """Draw a limit beside a known highest value, both in radians; returns its legend entry, if drawn."""
-    style: Look = {"color": GREY}
-    return limit_lines(axes, np.rad2deg([limit]), [style], np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
+    """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
+    return limit_lines(axes, np.rad2deg(limits), styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
