@@ -140,7 +140,9 @@ class Instrument:
     "terminals",
     "instruments",
     "rate_limit deg/s",
+    "rate_norm_limit deg/s",
     "acceleration_limit deg/s^2",
+    "acceleration_norm_limit deg/s^2",
     "jerk_limit deg/s^3",
     "inertia kg m^2",
     "torque_limit N m",
@@ -153,8 +155,11 @@ class Spacecraft:
 
     Attributes:
         rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s; a number
-            for all three, or (3,). So are the next ones.
+            for all three, or (3,). So are the other limits of the platform, but for those of a length.
+        rate_norm_limit: bound of the length of the angular velocity, rad/s, beside that of the components;
+            None for no bound.
         acceleration_limit: of its angular acceleration, rad/s^2.
+        acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
         jerk_limit: of its second derivative, rad/s^3; None for no bound.
         inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
         torque_limit: of the torque, N m; None for no bound.
@@ -166,10 +171,19 @@ class Spacecraft:
     rate_limit: EachAxis = field(
         metadata=key("rate_limit_deg_s", "of the platform, per body axis", "[1e-6, 1e6]", kind="per axis")
     )
+    rate_norm_limit: float | None = keyed(
+        None, "rate_norm_limit_deg_s", "of the length of the platform's angular velocity", "[1e-6, 1e6]"
+    )
     acceleration_limit: EachAxis = field(
         metadata=key(
             "acceleration_limit_deg_s2", "of the platform, per body axis", "[1e-9, 1e9]", kind="per axis"
         )
+    )
+    acceleration_norm_limit: float | None = keyed(
+        None,
+        "acceleration_norm_limit_deg_s2",
+        "of the length of the platform's angular acceleration",
+        "[1e-9, 1e9]",
     )
     jerk_limit: EachAxis | None = keyed(
         None, "jerk_limit_deg_s3", "of the platform, per body axis", "[1e-12, 1e12]", kind="per axis"

@@ -54,13 +54,17 @@ _BODY = ("body x", "body y", "body z")
 _AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
 ]
+_LENGTH: Look = {"color": "0.25", "linestyle": (0, (6, 1.5))}
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 _INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
 _GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 # Of the platform's rate, acceleration and jerk.
-_SPIN = sorted((q for q in QUANTITIES if not q.of_joints and not q.by_inertia), key=lambda q: q.power)
+_SPIN = sorted(
+    (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
+)
+_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # of those vectors, by their powers
 
 
 class Panel(NamedTuple):
@@ -114,9 +118,27 @@ def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Pan
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
+    """The components of a quantity along the body axes and, where that is limited, their length."""
     given = quantity.given(craft)
-    bounds = np.broadcast_to(np.inf if given is None else given, 3)
-    return Panel(quantity, quantity.caption, quantity.values(values), bounds, AXIS_STYLES)
+    curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
+    length = _limited_length(craft, quantity)
+    if length is None:
+        return Panel(quantity, quantity.caption, curves, bounds, AXIS_STYLES)
+    curves = np.concatenate([curves, length.values(values)])
+    bounds = np.append(bounds, length.given(craft))
+    return Panel(quantity, quantity.caption, curves, bounds, (*AXIS_STYLES, _LENGTH))
+
+
+def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
+    """The length of a vector that a spacecraft limits; None where it does not, or the vector has none."""
+    length = _LENGTHS.get(quantity.power) if quantity in _SPIN else None
+    return None if length is None or length.given(craft) is None else length
+
+
+def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
+    """Legend entries of the curves of a platform's panel."""
+    length: Entries = [(Line2D([], [], linewidth=1.6, **_LENGTH), "length")]
+    return [*_AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
 
 
 def _figure(
@@ -203,7 +225,8 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
     values = moves.values.kinematics()
     joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
     groups = [(_terminals(craft), joints)] * bool(joints)
-    groups.append((_AXIS_ENTRIES, [_platform_panel(craft, values, _SPIN[power - 1])]))
+    spin = _SPIN[power - 1]
+    groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
     return _figure(plan, ax, groups, moves, legend)
 
 
@@ -245,7 +268,7 @@ def limited_loads(craft: Spacecraft) -> list[Quantity]:
 def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
     panel = _platform_panel(craft, moves.values.kinematics(), _SPIN[0])
-    return [*_AXIS_ENTRIES, *panel.draw(axes, moves)]
+    return [*_axis_entries(craft, _SPIN[0]), *panel.draw(axes, moves)]
 
 
 def _terminals(craft: Spacecraft) -> Entries:

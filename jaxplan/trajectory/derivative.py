@@ -82,14 +82,14 @@ def gather_inputs(
         weights=weights,
         scales=jnp.concatenate([jnp.asarray(scale) for scale, _ in scales]),
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
-        limits=held.share * jnp.stack([jnp.asarray(limit.bound) for limit in platform]),
+        limits=held.share * jnp.concatenate([jnp.asarray(limit.bound) for limit in platform]),
         wanted=wanted_margins(cones, left),
         axes=jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone],
         inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
         duration=duration,
         cones=cones,
         sights=sights,
-        load_powers=tuple(limit.quantity.power for limit in platform),
+        load_powers=tuple(limit.quantity.power for limit in platform for _ in limit.owners),
         names=tuple(limit.quantity.name for limit in platform),
     )
     return held, inputs

@@ -231,6 +231,14 @@ SCENARIOS = {
         craft(rate_limit=np.array([0.1, 0.2, np.nan])),
         "spacecraft.rate_limit[2] = nan rad/s: must be finite and lie in [1.74533e-08, 17453.3]",
     ),
+    "a length of none": (
+        craft(rate_norm_limit=0.0),
+        "spacecraft.rate_norm_limit = 0.0 rad/s: must lie in [1.74533e-08, 17453.3]",
+    ),
+    "three lengths": (
+        craft(acceleration_norm_limit=[0.1] * 3),
+        "acceleration_norm_limit = [0.1, 0.1, 0.1]: must be a number, in rad/s²",
+    ),
     "a matrix of accelerations": (
         craft(acceleration_limit=np.eye(3)),
         "spacecraft.acceleration_limit[0] = [1.0, 0.0, 0.0]: must be a number, in rad/s²",
