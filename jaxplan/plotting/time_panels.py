@@ -26,6 +26,7 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
+    LENGTH_STYLE,
     SMALL,
     TEXT,
     Canvas,
@@ -54,7 +55,6 @@ _BODY = ("body x", "body y", "body z")
 _AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
 ]
-_LENGTH: Look = {"color": "0.25", "linestyle": (0, (6, 1.5))}
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 _INSTANTS = 880  # of the grid; with both sides of some seventy breaks a kernel's worth of times
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
@@ -126,7 +126,7 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
         return Panel(quantity, quantity.caption, curves, bounds, AXIS_STYLES)
     curves = np.concatenate([curves, length.values(values)])
     bounds = np.append(bounds, length.given(craft))
-    return Panel(quantity, quantity.caption, curves, bounds, (*AXIS_STYLES, _LENGTH))
+    return Panel(quantity, quantity.caption, curves, bounds, (*AXIS_STYLES, LENGTH_STYLE))
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
@@ -137,7 +137,7 @@ def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
 
 def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
     """Legend entries of the curves of a platform's panel."""
-    length: Entries = [(Line2D([], [], linewidth=1.6, **_LENGTH), "length")]
+    length: Entries = [(Line2D([], [], linewidth=1.6, **LENGTH_STYLE), "length")]
     return [*_AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
 
 
