@@ -37,6 +37,11 @@ def shares(trajectory, craft, count=3001):
             found["torque"] = torque / craft.torque_limit
         if craft.wheel_momentum_limit is not None:
             found["momentum"] = momentum / craft.wheel_momentum_limit
+    if craft.rate_norm_limit is not None:
+        found["rate length"] = np.linalg.norm(rate, axis=1, keepdims=True) / craft.rate_norm_limit
+    if craft.acceleration_norm_limit is not None:
+        lengths = np.linalg.norm(acceleration, axis=1, keepdims=True)
+        found["acceleration length"] = lengths / craft.acceleration_norm_limit
     if craft.jerk_limit is not None:
         found["jerk"] = jerk / craft.jerk_limit
     return found

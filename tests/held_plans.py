@@ -56,12 +56,24 @@ def the_long_way(duration):
     return turned(duration, rate_limit=np.deg2rad(6.0), acceleration_limit=np.deg2rad(0.2))
 
 
+def limits_of_lengths():
+    """The length of the acceleration binds, and none of its components."""
+    return turned(
+        70.0,
+        rate_limit=np.deg2rad([6.0, 5.0, 7.0]),
+        rate_norm_limit=np.deg2rad(6.5),
+        acceleration_limit=np.deg2rad(0.3),
+        acceleration_norm_limit=np.deg2rad(0.25),
+    )
+
+
 CASES = {
     "paper, zig-zag, stretched": zig_zag,
     "limits and a zone": near_a_zone,
     "limits of the platform, the long way round": partial(the_long_way, 68.0),
     "the same in 70 s": partial(the_long_way, 70.0),
     "the same in 72 s": partial(the_long_way, 72.0),
+    "lengths of the platform's vectors": limits_of_lengths,
 }
 
 

@@ -200,16 +200,16 @@ def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
 
 
 def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
-    positive = [
-        (f"spacecraft.{name}", getattr(spacecraft, name)) for name in ("rate_limit", "acceleration_limit")
-    ]
-    for name in ("jerk_limit", "torque_limit", "wheel_momentum_limit"):
+    positive = []
+    of_axes = "rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit"
+    for name in (*of_axes, "rate_norm_limit", "acceleration_norm_limit"):
         limit = getattr(spacecraft, name)
         if limit is not None:
             positive.append((f"spacecraft.{name}", limit))
-            if np.shape(limit) not in ((), (3,)):
-                yield f"spacecraft.{name} has the shape {np.shape(limit)} and not (3,)"
-            if name != "jerk_limit" and spacecraft.inertia is None:
+            if np.shape(limit) not in ((), (3,) if name in of_axes else ()):
+                wanted = "(3,)" if name in of_axes else "()"
+                yield f"spacecraft.{name} has the shape {np.shape(limit)} and not {wanted}"
+            if name in ("torque_limit", "wheel_momentum_limit") and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
     for terminal in spacecraft.terminals:
         if not np.isfinite(terminal.mount).all():

@@ -2,7 +2,8 @@
 
 **Limits** are on rates, accelerations, jerk, joint angles, torque and momentum. Every limited quantity has
 components ``f`` that must stay within ``-limit`` and ``+limit``. The margin of a component is
-``1 - |f| / limit``, so that a peak over its limit is one minus the least margin.
+``1 - |f| / limit``, so that a peak over its limit is one minus the least margin. Of the length of a vector,
+which is not smooth where it is zero, the square is sampled, and the margin is that of its root.
 
 **Joins.** The samples of an interval include both of its ends, so the last of one and the first of the next
 are the values left and right of the same instant.
@@ -39,7 +40,7 @@ class Limited:
 
     Attributes:
         limit: on it, which gives names and unit.
-        values: (c, n, m) samples on the intervals.
+        values: (c, n, m) samples on the intervals, of a length of its square; so are the next two.
         left_out: (c, n) or (n,), how far the polynomials through the samples may be off.
         rounding: (c, n) or (n,), size of the samples' rounding errors.
         bound: (c,) positive.
@@ -55,6 +56,11 @@ class Limited:
     def name(self) -> str:
         """Its key in the certificate."""
         return self.limit.quantity.name
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(c,) what the samples are at the bound."""
+        return self.bound**2 if self.limit.quantity.of_length else self.bound
 
 
 def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
@@ -73,6 +79,17 @@ _Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
 def _spin(evidence: Evidence, derivative: int) -> _Sampled:
     """The angular velocity or a derivative of it, body axes."""
     return [part.spin[derivative] for part in (evidence.samples, evidence.left_out, evidence.rounding)]
+
+
+def _square(evidence: Evidence, derivative: int) -> _Sampled:
+    """The square of the length of the angular velocity or of a derivative of it."""
+    values, _, rounding = _spin(evidence, derivative)
+    size = evidence.majorants.spin
+    for _ in range(derivative):
+        size = series.slope(size)
+    unit = evidence.on.half ** (derivative + 1)
+    left_out = 2.0 ** (1 - DEGREE) * series.product("n,n->n", size, size)[DEGREE + 1] / unit**2
+    return np.sum(values * values, axis=0)[None], left_out, 2 * size[0] / unit * rounding
 
 
 def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _Sampled:
@@ -106,6 +123,8 @@ def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
 _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "angular_velocity": lambda evidence, _: _spin(evidence, 0),
     "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
+    "angular_velocity_norm": lambda evidence, _: _square(evidence, 0),
+    "angular_acceleration_norm": lambda evidence, _: _square(evidence, 1),
     "joint_rates": lambda evidence, _: _joints(evidence, 1),
     "joint_accelerations": lambda evidence, _: _joints(evidence, 2),
     "yaw": lambda evidence, craft: _joints(evidence, 0, slice(None, len(craft.terminals))),
@@ -122,7 +141,7 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
     Returns:
         For the components of all quantities in turn, trajectory by trajectory.
     """
-    on, limit = evidence.on, np.concatenate([q.bound for q in limited])[:, None]
+    on, limit = evidence.on, np.concatenate([q.scale for q in limited])[:, None]
     ratio = np.concatenate([q.values for q in limited]) / limit[..., None]
     error = [np.broadcast_to(q.left_out + LEBESGUE * q.rounding, q.values.shape[:2]) for q in limited]
     conversion = ROUNDING * bounds.growth(DEGREE) * np.abs(ratio).max(axis=2)
@@ -143,8 +162,15 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
         low=np.tile(on.low, 2 * components),
         high=np.tile(on.high, 2 * components),
     )
+    squared = np.concatenate([np.full(len(q.values), q.limit.quantity.of_length) for q in limited])
+
+    def margin(value: np.ndarray, kind: np.ndarray) -> np.ndarray:
+        if not squared.any():
+            return value
+        return np.where(squared[kind % components], 1 - np.sqrt(np.maximum(1 - value, 0)), value)
+
     minima = Minima.of(len(every))
-    bounds.minimise(rows, layout, minima, lambda value, _: value, tolerance)
+    bounds.minimise(rows, layout, minima, margin, tolerance)
     return minima
 
 
@@ -169,6 +195,8 @@ def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iter
         quantity, owner, limit = components[number]
         bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
         name = f"{_words(quantity.name)} {'of' if quantity.of_joints else 'about'} {owner}"
+        if quantity.of_length:
+            name = f"the length of the {_words(quantity.name.removesuffix('_norm'))}"
         if seen < -allowance:
             value = f"{quantity.in_unit(limit * (1 - seen)):.6g} {quantity.unit}"
             yield f"{name} reaches {value}, {1 - seen:.8g} of its limit, at t = {time:.6g} s"

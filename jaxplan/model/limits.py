@@ -16,11 +16,12 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross, norm
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.once import made_once
 
 _AXES = ("x", "y", "z")
+_LENGTH = ("length",)
 _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
 
 
@@ -55,6 +56,11 @@ def _product(matrix: Any, vector: AnyArray) -> AnyArray:
     return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
 
 
+def _length(vector: AnyArray) -> AnyArray:
+    """The length of vectors, (1, ...)."""
+    return norm(vector)[None]
+
+
 def _stacked(components: Sequence[AnyArray]) -> AnyArray:
     return array_module(*components).stack(components)
 
@@ -72,6 +78,8 @@ class Quantity:
         power: how it scales: in ``s`` times the time it is ``s ** power`` times smaller. That is the number
             of derivatives by time that it is made of; zero of what does not depend on the pace.
         of_joints: whether its components are those of joints; else they are along the platform's three axes.
+        of_length: whether it is the length of such a vector, its only component. Where that is zero it has no
+            derivative, its square is smooth everywhere.
         by_inertia: whether it depends on the inertia, without which it cannot be limited.
         values: its components (c, ...) in SI units, of a motion.
         given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit.
@@ -84,6 +92,7 @@ class Quantity:
     unit: str
     power: int
     of_joints: bool = False
+    of_length: bool = False
     by_inertia: bool = False
     values: Callable[[Kinematics], AnyArray]
     given: Callable[[Spacecraft], Any]
@@ -127,6 +136,16 @@ QUANTITIES = (
         given=lambda craft: craft.rate_limit,
     ),
     Quantity(
+        name="angular_velocity_norm",
+        word="rate",
+        label="Length of angular velocity",
+        unit="deg/s",
+        power=1,
+        of_length=True,
+        values=lambda motion: _length(motion.spin[0]),
+        given=lambda craft: craft.rate_norm_limit,
+    ),
+    Quantity(
         name="angular_acceleration",
         word="acceleration",
         label="Angular acceleration",
@@ -135,6 +154,16 @@ QUANTITIES = (
         power=2,
         values=lambda motion: motion.spin[1],
         given=lambda craft: craft.acceleration_limit,
+    ),
+    Quantity(
+        name="angular_acceleration_norm",
+        word="acceleration",
+        label="Length of angular acceleration",
+        unit="deg/s^2",
+        power=2,
+        of_length=True,
+        values=lambda motion: _length(motion.spin[1]),
+        given=lambda craft: craft.acceleration_norm_limit,
     ),
     Quantity(
         name="joint_rates",
@@ -225,7 +254,8 @@ class Limit:
 
     Attributes:
         quantity: what is limited.
-        owners: (c,) of each component the body axis, the joint, or for angles the terminal, by name.
+        owners: (c,) of each component the body axis, the joint, or for angles the terminal, by name; of a
+            length "length".
         bound: (c,) positive, in SI units.
     """
 
@@ -272,7 +302,7 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
 
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     if not quantity.of_joints:
-        return _AXES
+        return _LENGTH if quantity.of_length else _AXES
     return craft.joint_names if quantity.power else tuple(terminal.name for terminal in craft.terminals)
 
 
@@ -283,17 +313,54 @@ def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...
     return tuple(limit for limit in timed if not limit.quantity.of_joints), joints
 
 
-def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
-    """Quantities by name, all with as many components.
+def longest(craft: Spacecraft, power: int) -> AnyArray:
+    """The largest length of the platform's angular velocity, or of a derivative of it, that limits allow.
 
     Args:
-        names: Q of them.
+        craft: its limits of that derivative count, and not those of torque or momentum.
+        power: 1 of the angular velocity, 2 of the acceleration.
+
+    Returns:
+        In rad/s, rad/s^2: the diagonal of the box within the limits, sqrt(3) times one that all axes share;
+            or the limit of the length where that is less.
+    """
+    bounds = [
+        limit.bound
+        for limit in timed_limits(craft)[0]
+        if limit.quantity.power == power and not limit.quantity.by_inertia
+    ]
+    xp = array_module(*bounds)
+    lengths = [xp.max(bound) * xp.sqrt(xp.sum((bound / xp.max(bound)) ** 2)) for bound in bounds]
+    return xp.min(xp.stack(lengths))
+
+
+def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
+    """Components of quantities by name, one after the other.
+
+    Args:
+        names: of the platform's.
         motion: with all that they need.
 
     Returns:
-        (Q, c, ...) in SI units.
+        (C, ...) in SI units.
     """
-    return _stacked([_BY_NAME[name].values(motion) for name in names])
+    found = [_BY_NAME[name].values(motion) for name in names]
+    return array_module(*found).concatenate(found)
+
+
+def components(names: Iterable[str]) -> list[slice]:
+    """Where the components of each of the platform's quantities stand among those of `values`."""
+    found, first = [], 0
+    for name in names:
+        last = first + (1 if _BY_NAME[name].of_length else 3)
+        found.append(slice(first, last))
+        first = last
+    return found
+
+
+def are_lengths(names: Iterable[str]) -> np.ndarray:
+    """(C,) which components of the platform's quantities, as `values` has them, are lengths of vectors."""
+    return np.concatenate([[True] if _BY_NAME[name].of_length else [False] * 3 for name in names])
 
 
 def highest_derivative(names: Iterable[str]) -> int:

@@ -7,6 +7,7 @@ points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitude
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,9 @@ from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
+
+EachAxis: TypeAlias = float | np.ndarray
+"""A number for every body axis, or (3,)."""
 
 
 def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:
@@ -136,7 +140,9 @@ class Instrument:
     "terminals",
     "instruments",
     "rate_limit deg/s",
+    "rate_norm_limit deg/s",
     "acceleration_limit deg/s^2",
+    "acceleration_norm_limit deg/s^2",
     "jerk_limit deg/s^3",
     "inertia kg m^2",
     "torque_limit N m",
@@ -148,30 +154,45 @@ class Spacecraft:
     """A platform with any number of terminals and instruments, none of either being legal.
 
     Attributes:
-        rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s.
-        acceleration_limit: likewise for its angular acceleration, rad/s^2.
-        jerk_limit: likewise for its second derivative, rad/s^3; None for no bound.
+        rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s; a number
+            for all three, or (3,). So are the other limits of the platform, but for those of a length.
+        rate_norm_limit: bound of the length of the angular velocity, rad/s, beside that of the components;
+            None for no bound.
+        acceleration_limit: of its angular acceleration, rad/s^2.
+        acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
+        jerk_limit: of its second derivative, rad/s^3; None for no bound.
         inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
-        torque_limit: (3,) N m, bound of each component of the torque in body axes; None for no bound.
-        wheel_momentum_limit: (3,) N m s, likewise of the angular momentum ``J omega``.
+        torque_limit: of the torque, N m; None for no bound.
+        wheel_momentum_limit: of the angular momentum ``J omega``, N m s; None for no bound.
         terminals: devices with joints.
         instruments: devices without.
     """
 
-    rate_limit: float = field(
-        metadata=key("rate_limit_deg_s", "of the platform, per body axis", "[1e-6, 1e6]")
+    rate_limit: EachAxis = field(
+        metadata=key("rate_limit_deg_s", "of the platform, per body axis", "[1e-6, 1e6]", kind="per axis")
     )
-    acceleration_limit: float = field(
-        metadata=key("acceleration_limit_deg_s2", "of the platform, per body axis", "[1e-9, 1e9]")
+    rate_norm_limit: float | None = keyed(
+        None, "rate_norm_limit_deg_s", "of the length of the platform's angular velocity", "[1e-6, 1e6]"
     )
-    jerk_limit: float | None = keyed(
-        None, "jerk_limit_deg_s3", "of the platform, per body axis", "[1e-12, 1e12]"
+    acceleration_limit: EachAxis = field(
+        metadata=key(
+            "acceleration_limit_deg_s2", "of the platform, per body axis", "[1e-9, 1e9]", kind="per axis"
+        )
+    )
+    acceleration_norm_limit: float | None = keyed(
+        None,
+        "acceleration_norm_limit_deg_s2",
+        "of the length of the platform's angular acceleration",
+        "[1e-9, 1e9]",
+    )
+    jerk_limit: EachAxis | None = keyed(
+        None, "jerk_limit_deg_s3", "of the platform, per body axis", "[1e-12, 1e12]", kind="per axis"
     )
     inertia: np.ndarray | None = keyed(None, "inertia_kg_m2", "in body axes", "[-1e12, 1e12]", kind="inertia")
-    torque_limit: np.ndarray | None = keyed(
+    torque_limit: EachAxis | None = keyed(
         None, "torque_limit_nm", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
     )
-    wheel_momentum_limit: np.ndarray | None = keyed(
+    wheel_momentum_limit: EachAxis | None = keyed(
         None, "wheel_momentum_limit_nms", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
     )
     terminals: tuple[Terminal, ...] = keyed((), "terminal", "devices with a yaw and a pitch joint")

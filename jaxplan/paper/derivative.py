@@ -93,8 +93,7 @@ def refit(
     """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
-    limits = jnp.stack([jnp.asarray(spacecraft.rate_limit), jnp.asarray(spacecraft.acceleration_limit)])
-    limits = jnp.broadcast_to(limits[:, None], (2, 3))
+    limits = jnp.stack([jnp.full(3, own) for own in (spacecraft.rate_limit, spacecraft.acceleration_limit)])
     duration: Any = settings.duration
     if held.stretched:
         duration = nominal_duration(

@@ -122,7 +122,7 @@ class PaperProblem:
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Rates and accelerations of the platform (2, 3) and of the joints (2, 2n)."""
         craft = self.spacecraft
-        platform = np.repeat([[craft.rate_limit], [craft.acceleration_limit]], 3, axis=1)
+        platform = np.stack([np.full(3, limit) for limit in (craft.rate_limit, craft.acceleration_limit)])
         return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
 
     @property

@@ -5,6 +5,7 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.limits import longest
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, sight_names
@@ -34,7 +35,7 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
-    least = found.slew_angle / (np.sqrt(3) * craft.rate_limit)
+    least = found.slew_angle / (longest(craft, 1))
     # The paper's method does not stretch what starts or ends with a rate, or moves.
     otherwise = ', or set it to "stretched"' if scenario.trajectory.method == "global" else ""
     return (

@@ -20,6 +20,7 @@ import numpy as np
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
 from jaxplan.model.status import Status
@@ -124,7 +125,8 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     found = find_goals(_at_first(scenario))
     goal = found.goal if isinstance(found, Plan) else found[0]
     if goal is None:
-        guess = np.pi / scenario.spacecraft.rate_limit
+        craft = scenario.spacecraft
+        guess = np.pi / min(np.min(craft.rate_limit), longest(craft, 1))
     else:
         joints = np.stack([scenario.start.joints, goal.joints])
         turn = np.stack([scenario.start.attitude, goal.attitude])

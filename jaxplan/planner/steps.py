@@ -12,6 +12,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, tracking_rates
+from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
@@ -119,13 +120,13 @@ def _given(state: GivenState, attitude: np.ndarray) -> Goal:
 def largest_slew(scenario: Scenario) -> float:
     """Bound of the platform's rotation, equations (5) and (6), rad.
 
-    Within limits of each body axis the rate's length is at most sqrt(3) times the limit. A duration that
-    is not a number bounds nothing but half a turn.
+    Within limits of each body axis the rate's length is at most the diagonal of their box, sqrt(3) times a
+    limit that all axes share. A duration that is not a number bounds nothing but half a turn.
     """
     duration = scenario.trajectory.duration
     if isinstance(duration, str):
         return float(np.pi)
-    return float(min(np.pi, np.sqrt(3) * scenario.spacecraft.rate_limit * duration))
+    return float(min(np.pi, longest(scenario.spacecraft, 1) * duration))
 
 
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:

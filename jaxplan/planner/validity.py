@@ -54,8 +54,15 @@ def breaches(
         )
         if not excess <= ROUNDING
     ]
+    bounds, norm = np.full(3, craft.rate_limit), craft.rate_norm_limit
+    axis = np.argmax(np.abs(angular_velocity) / bounds)
     rates = [
-        ("the platform's rate", np.max(np.abs(angular_velocity)), craft.rate_limit),
+        (f"the platform's rate about {'xyz'[axis]}", abs(angular_velocity[axis]), bounds[axis]),
+        *(
+            []
+            if norm is None
+            else [("the length of the platform's rate", np.linalg.norm(angular_velocity), norm)]
+        ),
         *zip(
             [f"the rate of {name}" for name in craft.joint_names],
             np.abs(joint_rates),

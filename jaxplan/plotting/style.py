@@ -57,6 +57,7 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
     {"color": "#D55E00", "linestyle": LINE_STYLES[1]},
     {"color": "#009E73", "linestyle": LINE_STYLES[3]},
 )
+LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector, beside its components
 KEEP_OUT, KEEP_IN, GREY = "#B2182B", "#1B7837", "0.35"
 TEXT, SMALL = 9, 7.5  # points
 HALO: Look = {  # of a name at a place

@@ -26,6 +26,7 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
+    LENGTH_STYLE,
     SMALL,
     TEXT,
     Canvas,
@@ -57,9 +58,13 @@ _AXIS_ENTRIES: Entries = [
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 _INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
 _SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 # Of the platform's rate, acceleration and jerk.
-_SPIN = sorted((q for q in QUANTITIES if not q.of_joints and not q.by_inertia), key=lambda q: q.power)
+_SPIN = sorted(
+    (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
+)
+_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # of those vectors, by their powers
 
 
 class Panel(NamedTuple):
@@ -113,9 +118,27 @@ def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Pan
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
+    """The components of a quantity along the body axes and, where that is limited, their length."""
     given = quantity.given(craft)
-    bounds = np.broadcast_to(np.inf if given is None else given, 3)
-    return Panel(quantity, quantity.caption, quantity.values(values), bounds, AXIS_STYLES)
+    curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
+    length = _limited_length(craft, quantity)
+    if length is None:
+        return Panel(quantity, quantity.caption, curves, bounds, AXIS_STYLES)
+    curves = np.concatenate([curves, length.values(values)])
+    bounds = np.append(bounds, length.given(craft))
+    return Panel(quantity, quantity.caption, curves, bounds, (*AXIS_STYLES, LENGTH_STYLE))
+
+
+def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
+    """The length of a vector that a spacecraft limits; None where it does not, or the vector has none."""
+    length = _LENGTHS.get(quantity.power) if quantity in _SPIN else None
+    return None if length is None or length.given(craft) is None else length
+
+
+def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
+    """Legend entries of the curves of a platform's panel."""
+    length: Entries = [(Line2D([], [], linewidth=1.6, **LENGTH_STYLE), "length")]
+    return [*_AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
 
 
 def _figure(
@@ -202,7 +225,8 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
     values = moves.values.kinematics()
     joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
     groups = [(_terminals(craft), joints)] * bool(joints)
-    groups.append((_AXIS_ENTRIES, [_platform_panel(craft, values, _SPIN[power - 1])]))
+    spin = _SPIN[power - 1]
+    groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
     return _figure(plan, ax, groups, moves, legend)
 
 
@@ -244,7 +268,7 @@ def limited_loads(craft: Spacecraft) -> list[Quantity]:
 def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
     panel = _platform_panel(craft, moves.values.kinematics(), _SPIN[0])
-    return [*_AXIS_ENTRIES, *panel.draw(axes, moves)]
+    return [*_axis_entries(craft, _SPIN[0]), *panel.draw(axes, moves)]
 
 
 def _terminals(craft: Spacecraft) -> Entries:
@@ -293,7 +317,7 @@ def compare(
         >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
     """
     sampled = _sampled(trajectories, spacecraft)
-    bounds = np.repeat(_spin_limits(spacecraft)[:, None], 3, axis=1)
+    bounds = _spin_limits(spacecraft)
     titles, values = [*_BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
     if spacecraft.terminals:
         # of rates and accelerations, (2, 2n)
@@ -315,7 +339,7 @@ def compare(
     for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
         for one, own, look in zip(sampled.values(), values, styles, strict=True):
             curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
-        limited = _limit(axes, float(bounds[row, column]), highest[row, column]) or limited
+        limited = _limit(axes, bounds[row, column, None], [_GREY], highest[row, column]) or limited
     for quantity, axes in zip(_SPIN, every[::across], strict=True):
         axes.set_ylabel(_labelled(quantity.word, quantity), fontsize=TEXT)
     _finish(every, titles, sampled)
@@ -365,7 +389,7 @@ def segments(
             joins = [(Line2D([], [], **_JOIN), "join")]
         for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
             curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
-        limited = _limit(axes, bounds[row], highest[row]) or limited
+        limited = _limit(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
     _finish(every, list(sampled), sampled)
     for quantity, axes in zip(_SPIN[1:], every[::across], strict=True):
         axes.set_ylabel(f"platform angular\n{_labelled(quantity.word, quantity)}", fontsize=TEXT)
@@ -423,15 +447,14 @@ def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> 
 
 
 def _spin_limits(craft: Spacecraft) -> np.ndarray:
-    """Limits of rate, acceleration and jerk about every axis, (3,); infinite where there is none."""
+    """Limits of rate, acceleration and jerk about each axis, (3, 3); infinite where there is none."""
     given = [quantity.given(craft) for quantity in _SPIN]
-    return np.array([np.inf if limit is None else limit for limit in given], dtype=float)
+    return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
 
 
-def _limit(axes: Axes, limit: float, highest: float) -> Entries:
-    """Draw a limit beside a known highest value, both in radians; returns its legend entry, if drawn."""
-    style: Look = {"color": GREY}
-    return limit_lines(axes, np.rad2deg([limit]), [style], np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
+    """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
+    return limit_lines(axes, np.rad2deg(limits), styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:

@@ -42,7 +42,6 @@ class Array(Kind):
             ...") it stands for the whole.
         hint: for who gives them in Python.
         rule: what must hold of them together, and how they are held.
-        single: whether one number may stand for all.
         zero: whether it is zeros where it is left out.
     """
 
@@ -51,7 +50,6 @@ class Array(Kind):
     noun: str = ""
     hint: str = ""
     rule: Rule | None = None
-    single: bool = False
     zero: bool = False
 
     @property
@@ -76,9 +74,6 @@ class Array(Kind):
     def read(self, value: Any, place: Place) -> Any:
         reading = place.reading
         array = as_floats(value) if reading.python or _plain(value) else None
-        if self.single and (isinstance(value, int) if array is None else not array.ndim):
-            number = self.of.read(value, place)
-            return WRONG if number is WRONG else np.full(self.shape, number)
         if array is None:
             return self._blamed(value, place)
         if array.shape == (0,) and len(self.shape) == 2:  # no rows
@@ -101,9 +96,7 @@ class Array(Kind):
         return array if self.rule is None else self.rule(array, value, place)
 
     def write(self, value: Any) -> Any:
-        numbers = np.asarray(value, float).tolist()
-        same = self.single and len(set(map(repr, numbers))) == 1  # minus zero equals zero
-        return numbers[0] if same else numbers
+        return np.asarray(value, float).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
         """How long an axis must be; one that is not known yet is as long as that of the array."""
@@ -151,6 +144,50 @@ class Array(Kind):
         for i, entry in enumerate(value):
             if len(place.reading.faults) < most:
                 self._blame(entry, depth + 1, place[i], most)
+
+
+@dataclass(frozen=True)
+class PerAxis(Kind):
+    """A number for every body axis, or three of them; it is held, and written, as it was given.
+
+    Attributes:
+        of: kind of each number.
+    """
+
+    of: Number
+
+    @property
+    def range(self) -> str | None:
+        return self.of.range
+
+    @property
+    def wanted(self) -> str:
+        return f"{self.of.wanted}{_OR_THREE}"
+
+    def read(self, value: Any, place: Place) -> Any:
+        array = as_floats(value) if place.reading.python else None
+        if isinstance(value, list | tuple) or (array is not None and array.ndim):
+            return self._of_three(value, place)
+        if array is None and not isinstance(value, int | float):
+            return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}", value)
+        return self.of.read(value, place)
+
+    def _of_three(self, value: Any, place: Place) -> Any:
+        if len(value) != 3:
+            return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not of {len(value)}", value)
+        read = [self.of.read(number, place[i]) for i, number in enumerate(value)]
+        return WRONG if WRONG in read else np.array(read)
+
+    def write(self, value: Any) -> Any:
+        numbers = np.asarray(value, float).tolist()
+        return (
+            [self.of.write(number) for number in numbers]
+            if isinstance(numbers, list)
+            else self.of.write(numbers)
+        )
+
+
+_OR_THREE = ", or 3, one a body axis"
 
 
 def _known(axis: int | str, reading: Reading) -> int | None:
@@ -255,11 +292,6 @@ def rising(times: np.ndarray, value: Any, place: Place) -> Any:
 DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)
 PLANE_DIRECTION = Array((2,), noun="a unit vector of 2 numbers", rule=unit)
 QUATERNION = Array((4,), noun="a unit quaternion of 4 numbers, w x y z", rule=rotation_vector)
-
-
-def per_axis(of: Number) -> Array:
-    """A number for all body axes, or three."""
-    return Array((3,), of, noun="a number, or 3, one a body axis", single=True)
 
 
 def each_terminal(of: Number) -> Array:

@@ -11,9 +11,9 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
-from jaxplan.schema.arrays import per_axis
+from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.kinds import Number, shortest_degrees
+from jaxplan.schema.kinds import NUMBER, shortest_degrees
 
 MOST_ZONES = 1000  # of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}
@@ -70,7 +70,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
         ("wheel_momentum_limit_nms", craft.wheel_momentum_limit),
     ):
         if limit is not None and limit is not WRONG and craft.inertia is None:
-            told = per_axis(Number()).write(limit)
+            told = PerAxis(NUMBER).write(limit)
             place[key].fault(f"needs {place['inertia_kg_m2'].path}", told)
 
 

@@ -187,11 +187,8 @@ class Number(Kind):
         if number is None:
             if isinstance(value, str) and value in self.words:
                 return self.words[value]
-            what = "a real number" if isinstance(value, complex) else "a number"
-            if python and self.degrees:
-                unit = place.spelled.unit
-                what = f"{what}, in {'radians' if unit in ('', 'rad') else unit}"
-            return place.refuse(f"must be {self._wanted(what) if python else self.wanted}", value)
+            noun = "a real number" if isinstance(value, complex) else "a number"
+            return place.refuse(f"must be {self.asked(place, noun)}", value)
         if not math.isfinite(number):
             if number in self.words.values() and (python or ("inf" in self.words and value == number)):
                 return number  # not of an integer that is only too large for a float
@@ -206,6 +203,14 @@ class Number(Kind):
         if filed and not held:
             return place.fault("too small to tell from zero", value)
         return number if python and held == number else held  # the very same, as that tells of no change
+
+    def asked(self, place: Place, noun: str = "a number") -> str:
+        """What must stand at a place, as messages there say it: in Python with the unit and not the range."""
+        if not place.reading.python:
+            return self.wanted
+        unit = place.spelled.unit if self.degrees else None
+        measured = "" if unit is None else f", in {'radians' if unit in ('', 'rad') else unit}"
+        return self._wanted(f"{noun}{measured}")
 
     def write(self, value: Any) -> float | str:
         for word, meaning in self.words.items():

@@ -26,10 +26,10 @@ from jaxplan.schema.arrays import (
     PLANE_DIRECTION,
     QUATERNION,
     Array,
+    PerAxis,
     each_joint,
     each_terminal,
     inertia,
-    per_axis,
     rising,
     units,
 )
@@ -159,7 +159,7 @@ def _taken_path(path: DirectionPath, place: Place) -> Any:
 
 
 def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
-    return lambda told: make(Number(Interval(told.range)))
+    return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
 
 _KINDS: dict[Any, Any] = {
@@ -176,7 +176,7 @@ _KINDS: dict[Any, Any] = {
     "angular velocity": Array((3,), _ANGLE, zero=True),
     "joints": each_joint(_ANGLE),
     "joint rates": each_joint(_ANGLE, zero=True),
-    "per axis": _of_number(per_axis),
+    "per axis": _of_number(PerAxis),
     "inertia": _of_number(
         lambda each: Array(
             (3, 3),

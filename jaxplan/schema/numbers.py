@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxplan.geometry.vectors import array_module
 from jaxplan.model.scenario import GivenState, Scenario
-from jaxplan.schema.arrays import Array
+from jaxplan.schema.arrays import Array, PerAxis
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO, STATE, TARGETS, Axis, Goal, TargetList
@@ -32,7 +33,8 @@ class NumberPlace:
     Attributes:
         name: dotted, in the file's keys.
         path: attributes and indices from the scenario to the number; ``...`` for all numbers of an array, of
-            which the first is told.
+            which the first is told. One of the three of a limit may also be that of a limit which is a single
+            number, and is three when one is replaced.
         factor: what takes the file's unit to the model's.
         interval: where it must lie, in the file's units; None for anywhere.
     """
@@ -46,7 +48,9 @@ class NumberPlace:
         """The number, in the file's units."""
         value: Any = scenario
         for step in self.path:
-            value = getattr(value, step) if isinstance(step, str) else value[0 if step is ... else step]
+            value = (
+                getattr(value, step) if isinstance(step, str) else _each(value)[0 if step is ... else step]
+            )
         return value / self.factor
 
 
@@ -101,12 +105,15 @@ def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple
     if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
         return (attribute,), kind
     apart = isinstance(kind, Array) and kind.rule is None  # whether each number may change by itself
-    if value is None and (isinstance(kind, Number) or apart):
+    if value is None and (isinstance(kind, Number | PerAxis) or apart):
         raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
-    if isinstance(kind, Array) and kind.single and row is None:
-        if np.all(np.asarray(value) == value[0]):
-            return (attribute, ...), kind.of
-        raise KeyError(f"{name}: {key} has three numbers that differ, write {key}[0] for the first")
+    if isinstance(kind, PerAxis):
+        if row is None and np.all(np.asarray(value) == np.ravel(value)[0]):
+            return ((attribute, ...) if np.ndim(value) else (attribute,)), kind.of
+        if row is None or not row < 3:
+            differ = " that differ" if row is None else ""
+            raise KeyError(f"{name}: {key} has three numbers{differ}, write {key}[0] for the first")
+        return (attribute, row), kind.of
     if isinstance(kind, Array) and apart:
         count = len(value) // (2 if entry.held else 1)
         if row is None or not row < count:
@@ -125,6 +132,11 @@ def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple
     raise KeyError(f"{name}: {key} {said}")
 
 
+def _each(value: Any) -> Any:
+    """What has several entries: three where there is one number for every body axis."""
+    return value if isinstance(value, tuple) or np.ndim(value) else array_module(value).full(3, value)
+
+
 def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scenario:
     """The scenario with other numbers in some places, given in the file's units."""
     for place, number in numbers.items():
@@ -138,6 +150,7 @@ def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
     step, *rest = path
     if isinstance(step, str):
         return replace(value, **{step: _replaced(getattr(value, step), tuple(rest), number)})
+    value = _each(value)
     if isinstance(value, tuple):
         return (*value[:step], _replaced(value[step], tuple(rest), number), *value[step + 1 :])
     if isinstance(number, jax.Array) or isinstance(value, jax.Array):

@@ -303,7 +303,8 @@ def _gathered(
         steady["tube"] = np.swapaxes(basis.rows(mesh.places[1:-1]), 0, 1)
     none = np.zeros(0, int)
     linear = [(np.zeros((0, 4, basis.size)), np.zeros(0), none, none, none)]
-    loads = [(none, np.zeros(0), none, none)]
+    loads = [(none, np.zeros(0), none)]
+    components = dict(zip(problem.names, problem.components, strict=True))
     place, device, zone = rows.get("zone", (none, none, none))
     for name, index in rows.items():
         if name in steady:
@@ -314,9 +315,9 @@ def _gathered(
             linear.append((steady[name][row], SIGNS[sign], axis + (0 if of_nodes else 3), node, scale))
         elif name != "zone":
             at, sign, axis = index
-            loads.append((at, SIGNS[sign], np.full(len(at), problem.names.index(name)), axis))
+            loads.append((at, SIGNS[sign], components[name].start + axis))
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
-    at, load_sign, load, load_axis = (np.concatenate(parts) for parts in zip(*loads, strict=True))
+    at, load_sign, component = (np.concatenate(parts) for parts in zip(*loads, strict=True))
     # Where none binds there is padding, too, so that what is held of several plans can be stacked.
     sizes = [
         padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), _PADDING, strict=True)
@@ -333,8 +334,7 @@ def _gathered(
                 place=discrete.places[at],
                 rows=np.swapaxes(discrete.rows[:, at], 0, 1),
                 sign=load_sign,
-                load=load,
-                axis=load_axis,
+                component=component,
             )
         ),
         BindingMargins(

@@ -130,19 +130,22 @@ class LinearBlock:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadBlock:
-    """One of the platform's loads at the places, as shares of its limit: rows (G, S, 2, 3).
+    """One of the platform's loads at the places, as shares of its limit: rows (G, S, 2, c).
+
+    Rows have the slopes of a load as it is there. Of a length, which bends upward, these let a step pass the
+    limit by as much as it turns the vector to the second order, and the next program sees that.
 
     Attributes:
         name: of the load.
         power: of 1 / duration in it.
-        load: its number.
+        own: its components among those of all loads, c of them.
         at: the curves.
-        scale: (G, 3) 1 / (limit * duration^power).
+        scale: (G, c) 1 / (limit * duration^power).
     """
 
     name: str
     power: int
-    load: int
+    own: slice
     at: Iterates
     scale: np.ndarray
     kind = LIMIT
@@ -151,8 +154,8 @@ class LoadBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, S, 2, 3)."""
-        return 1 - SIGNS[:, None] * (self.at.loads[:, :, self.load] * self.scale[:, None])[:, :, None]
+        """(G, S, 2, c)."""
+        return 1 - SIGNS[:, None] * (self.at.loads[:, :, self.own] * self.scale[:, None])[:, :, None]
 
     @cached_property
     def may_bind(self) -> np.ndarray:
@@ -160,8 +163,8 @@ class LoadBlock:
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """Derivatives (S, 3, 4, 3) of a curve's shares of the limit in ``b`` and its derivatives."""
-        return load_slopes(self.at, curve)[:, self.load] * self.scale[curve, :, None, None]
+        """Derivatives (S, c, 4, 3) of a curve's shares of the limit in ``b`` and its derivatives."""
+        return load_slopes(self.at, curve)[:, self.own] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
@@ -262,10 +265,10 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
         scale = 1 / (stack.joint_limits[:, number] * at.duration[:, None] ** power)
         matrix = stacked([own[power] for own in differences])
         yield LinearBlock(name=name, power=power, coefficients=c, matrix=matrix, scale=scale)
-    for number, limit in enumerate(kind.problem.limits if kind.limited else ()):
+    for own, limit in zip(kind.problem.components, kind.problem.limits if kind.limited else (), strict=False):
         name, power = limit.quantity.name, limit.quantity.power
-        scale = 1 / (stack.limits[:, number] * at.duration[:, None] ** power)
-        yield LoadBlock(name=name, power=power, load=number, at=at, scale=scale)
+        scale = 1 / (stack.limits[:, own] * at.duration[:, None] ** power)
+        yield LoadBlock(name=name, power=power, own=own, at=at, scale=scale)
     if stack.tube_rows.shape[1]:
         rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
         yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)

@@ -84,7 +84,7 @@ def gather_inputs(
         weights=weights,
         scales=jnp.concatenate([jnp.asarray(scale) for scale, _ in scales]),
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
-        limits=held.share * jnp.stack([jnp.asarray(limit.bound) for limit in platform]),
+        limits=held.share * jnp.concatenate([jnp.asarray(limit.bound) for limit in platform]),
         wanted=wanted_margins(cones, left),
         axes=jnp.einsum("ra,ab,rbc->rc", axes, first, halves),
         halves=halves,
@@ -92,7 +92,7 @@ def gather_inputs(
         duration=duration,
         cones=cones,
         sights=sights,
-        load_powers=tuple(limit.quantity.power for limit in platform),
+        load_powers=tuple(limit.quantity.power for limit in platform for _ in limit.owners),
         names=tuple(limit.quantity.name for limit in platform),
     )
     return held, inputs

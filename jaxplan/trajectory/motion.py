@@ -55,7 +55,7 @@ class Stack:
         tube_rows: (G, M, n) of the basis at nodes with a tube, as the next two.
         tube_values: (G, M, A).
         tube_radius: (G, A).
-        limits: (G, Q, 3) of the platform's loads, in time.
+        limits: (G, C) of the components of the platform's loads, in time.
         joint_limits: (G, L, 2n) of the joints' rates and accelerations.
         ranges: (G, 2n) rad, of the joints' angles.
     """
@@ -93,7 +93,7 @@ class Stack:
             wanted=all_of("wanted", problems),
             weights=np.array([own.weights for own in problems]),
             limits=np.stack(
-                [own.share * np.stack([limit.bound for limit in own.problem.limits]) for own in members]
+                [own.share * np.concatenate([limit.bound for limit in own.problem.limits]) for own in members]
             ),
             joint_limits=np.reshape([[limit.bound for limit in own.joint_limits] for own in problems], shape),
             ranges=np.stack([own.spacecraft.joint_limits for own in problems]),
@@ -165,8 +165,8 @@ class Stack:
         """The shortest durations (G,) in which curves keep all limits of rates and loads at the places, s."""
         problem = self.members[0].problem
         shares = [
-            (np.abs(at.loads[:, :, q]) / self.limits[:, None, q], limit.quantity.power)
-            for q, limit in enumerate(problem.limits)
+            (np.abs(at.loads[:, :, own]) / self.limits[:, None, own], limit.quantity.power)
+            for own, limit in zip(problem.components, problem.limits, strict=True)
         ]
         for number, limit in enumerate(problem.joint_limits):
             power = limit.quantity.power
@@ -187,7 +187,7 @@ class Iterates:
         curves: (G, 4, S, A) ``b`` and joints with three derivatives.
         attitude: (G, S, 3, 3) body to inertial.
         tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
-        loads: (G, S, Q, 3) of the platform.
+        loads: (G, S, C) components of the platform's.
         body: (G, S, D, 3) sights in body axes.
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
@@ -217,7 +217,7 @@ class Iterates:
     @cached_property
     def finite(self) -> np.ndarray:
         """(G,) whether all numbers are."""
-        kept = np.all(np.isfinite(self.loads), axis=(1, 2, 3))
+        kept = np.all(np.isfinite(self.loads), axis=(1, 2))
         return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
 
@@ -306,7 +306,7 @@ def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ..
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, Q, 3, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
+    """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
     known = at.known_slopes[curve]
     if known is None:
         own = at.stack.members[curve]
@@ -360,7 +360,7 @@ def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[T
 
 
 def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:
-    """The loads (Q, 3) of these names at one place from ``b`` and its derivatives, z (4, 3)."""
+    """The loads (C,) of these names at one place from ``b`` and its derivatives, z (4, 3)."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
         return chart_motion(turn, *point)[1:]

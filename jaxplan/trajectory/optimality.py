@@ -66,16 +66,14 @@ class BindingLoads:
         place: (R,).
         rows: (R, 4, n) of the basis there.
         sign: (R,).
-        load: (R,) int.
-        axis: (R,) int.
+        component: (R,) int, of all loads.
     """
 
     on: Traced
     place: Traced
     rows: Traced
     sign: Traced
-    load: Traced
-    axis: Traced
+    component: Traced
 
 
 @shown()
@@ -176,7 +174,7 @@ class FitInputs:
         weights: (3,) of the squares of rate, acceleration and jerk.
         scales: of linear rows in time, see `BindingLinear`, with their powers of the duration.
         powers: likewise.
-        limits: (Q, 3) of the platform's loads, in time.
+        limits: (C,) of the components of the platform's loads, in time.
         wanted: (D, Z) rad, margins to keep.
         axes: (R, 3) axes of the rows of margins, inertial ones turned to the chart's middle between ``U``
             and ``U`` at the row's place, ``(R_a U)^T e``.
@@ -185,7 +183,7 @@ class FitInputs:
         duration: s; of a shortest motion that with which it begins.
         cones: the pointing constraints.
         sights: what they bind, D of them.
-        load_powers: (Q,) of 1 / duration in the loads.
+        load_powers: (C,) of 1 / duration in the components.
         names: (Q,) of the platform's loads.
     """
 
@@ -282,7 +280,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
     """(R,) of the duration by which rows fall; a motion from rest to rest depends on it in no other way."""
     linear = inputs.powers[held.linear.scale]
-    loads = jnp.array(inputs.load_powers, float)[held.loads.load]
+    loads = jnp.array(inputs.load_powers, float)[held.loads.component]
     return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
 
 
@@ -334,8 +332,8 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
     """One load at one place, from ``b`` and its derivatives (4, 3)."""
     loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.names)
-    limit = inputs.limits * (duration ** np.array(inputs.load_powers, float))[:, None]
-    return row.sign * loads[row.load, row.axis] / limit[row.load, row.axis] - 1
+    limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
+    return row.sign * loads[row.component] / limit[row.component] - 1
 
 
 def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:

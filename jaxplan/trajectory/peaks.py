@@ -19,6 +19,7 @@ says of a chart (equations 25 to 29), without attitudes and not for derivatives.
     omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.
 
 All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
+The length of a vector is not where it is zero; its square is, and of that the maxima are looked for.
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,16 @@ import numpy as np
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import dot
-from jaxplan.model.limits import Kinematics, Limit, highest_derivative, time_factor, timed_limits, values
+from jaxplan.model.limits import (
+    Kinematics,
+    Limit,
+    are_lengths,
+    components,
+    highest_derivative,
+    time_factor,
+    timed_limits,
+    values,
+)
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.curve import Trajectory
@@ -103,14 +113,12 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
     """`peaks` of many trajectories."""
     limits = [timed_limits(craft) for _, craft in curves]
-    platform = largest(
-        _platform_loads(
-            [
-                (*own, tuple(limit.quantity.name for limit in of_platform))
-                for own, (of_platform, _) in zip(curves, limits, strict=True)
-            ]
-        )
-    )
+    names = [tuple(limit.quantity.name for limit in of_platform) for of_platform, _ in limits]
+    loads = _platform_loads([(*curve, own) for curve, own in zip(curves, names, strict=True)])
+    platform = [
+        np.where(are_lengths(own), np.sqrt(found), found)
+        for own, found in zip(names, largest(loads), strict=True)
+    ]
     joints = largest([_joint_values(curve) for curve, _ in curves])
     crafts = [craft for _, craft in curves]
     return [_shares(*own) for own in zip(crafts, limits, platform, joints, strict=True)]
@@ -122,9 +130,10 @@ def _shares(
     platform: np.ndarray,
     joints: np.ndarray,
 ) -> Peaks:
-    """Peaks from the largest magnitudes of the platform's limited quantities (3 Q,) and of joints (6n,)."""
+    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (6n,)."""
     angles, *of_joints = np.split(joints, 3)
-    largest = [*platform.reshape(-1, 3), *(of_joints[limit.quantity.power - 1] for limit in limits[1])]
+    of_platform = (platform[own] for own in components(limit.quantity.name for limit in limits[0]))
+    largest = [*of_platform, *(of_joints[limit.quantity.power - 1] for limit in limits[1])]
     every = [*limits[0], *limits[1]]
     return Peaks(
         names=tuple(name for limit in every for name in limit.names),
@@ -141,7 +150,8 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
         asked: each with names of quantities of the platform.
 
     Returns:
-        Of each (N, G, 3 Q), at as many Chebyshev points of each piece as tell what is between them.
+        Of each (N, G, C), at as many Chebyshev points of each piece as tell what is between them; of lengths
+        the squares.
     """
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
@@ -170,7 +180,7 @@ def _joint_values(trajectory: Trajectory) -> np.ndarray:
 
 
 def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
-    """Loads (N, points, 3 Q) of trajectories with polynomials of the same degree and the same names."""
+    """Loads (N, points, C) of trajectories with the same degree and names; of lengths the squares."""
     trajectories, names = [curve for curve, _, _ in asked], asked[0][2]
     coefficients = np.concatenate([own.coefficients for own in trajectories])
     chart_rate = np.concatenate([own.chart_rate for own in trajectories])
@@ -181,7 +191,8 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     inertia = np.repeat(np.array(given, float), counts, axis=0)
     shares, orders = (_chebyshev(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
     block = max(1, _POINTS // points)
-    found = np.empty((len(length), points, len(names), 3))
+    squared = are_lengths(names)
+    found = np.empty((len(length), points, len(squared)))
     for first in range(0, len(length), block):
         part = slice(first, first + block)
         b = _curves(coefficients[part], length[part], points, orders)
@@ -193,8 +204,9 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
             )
             own = np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2)
             loads = np.asarray(values(names, Kinematics(spin=spin, inertia=own)))
-        found[part] = np.moveaxis(loads, 2, 0).reshape(-1, points, len(names), 3)
-    return np.split(found.reshape(len(length), points, -1), np.cumsum(counts)[:-1])
+        loads[squared] *= loads[squared]
+        found[part] = loads.T.reshape(-1, points, len(loads))
+    return np.split(found, np.cumsum(counts)[:-1])
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:

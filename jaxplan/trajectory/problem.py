@@ -13,7 +13,7 @@ import numpy as np
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, pair_margins, room
 from jaxplan.model.directions import Sights
-from jaxplan.model.limits import Limit, highest_derivative, timed_limits
+from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -130,6 +130,11 @@ class FitProblem:
     def names(self) -> tuple[str, ...]:
         """Names (Q,) of the platform's loads that are limited."""
         return tuple(limit.quantity.name for limit in self.limits)
+
+    @cached_property
+    def components(self) -> list[slice]:
+        """Where the components of each of these loads stand among those of all, C of them."""
+        return components(self.names)
 
     @property
     def inertia(self) -> np.ndarray:

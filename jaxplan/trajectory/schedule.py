@@ -10,9 +10,9 @@ else, so near its flanks the breaks lie close, and few suffice between them.
 
 The bound of the duration is what the slowest axis needs by itself. A joint within its limits of rate and
 acceleration cannot be quicker than a trapezoid of its rate. Of the platform every body axis has these limits,
-so the length of its angular velocity is at most sqrt(3) times the limit, and grows at most sqrt(3) times as
-fast as one axis may; along the shortest rotation it is a trapezoid again. Zones, torque, and that
-accelerations must be continuous, only add to it.
+so the length of its angular velocity is at most the diagonal of their box, sqrt(3) times a limit that all
+axes share, and grows no faster than the diagonal of accelerations; along the shortest rotation it is a
+trapezoid again. Zones, torque, and that accelerations must be continuous, only add to it.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
-from jaxplan.model.limits import Kinematics, limits
+from jaxplan.model.limits import Kinematics, limits, longest
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -129,9 +129,10 @@ def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 
 def _about_any_axis(craft: Spacecraft, power: int) -> AnyArray:
-    """Bounds (3 + 2n,) of this derivative of the motion that hold whatever axis it is about, or inf.
+    """Bounds (3 + 2n,) of this derivative of the motion by axis and joint, or inf.
 
-    Those of the momentum are left to `edge_times`, which knows the axis of each edge.
+    Those of the torque are the same of every axis, whatever it is about. Those of the momentum are left to
+    `edge_times`, which knows the axis of each edge.
     """
     bounds = [limit.bound for limit in limits(craft)]
     xp = array_module(craft.inertia, *bounds)
@@ -144,7 +145,7 @@ def _about_any_axis(craft: Spacecraft, power: int) -> AnyArray:
         if quantity.of_joints:
             joints = bound
         else:
-            platform = xp.minimum(platform, xp.min(bound) / (heaviest if quantity.by_inertia else 1.0))
+            platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])
 
 
@@ -316,7 +317,7 @@ def duration_bound(
         spacecraft.joint_acceleration_limits,
     )
     slew = so3.distance(*attitudes)
-    fastest = np.sqrt(3.0) * np.array([spacecraft.rate_limit, spacecraft.acceleration_limit])
+    fastest = np.array([longest(spacecraft, power) for power in (1, 2)])
     first, last = np.linalg.norm(angular_velocities, axis=1)
     of_platform = shortest_time(slew, first, last, fastest[0], fastest[1])
     if slew * 2 * fastest[1] < abs(first**2 - last**2):  # too short to change pace along it

@@ -87,11 +87,13 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
-    limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits])
-    worst = np.unravel_index(np.argmax(np.abs(rates) / limits), rates.shape)
-    if not np.abs(rates[worst]) <= (1 + _RATE_ROUNDING) * limits[worst[1]]:
+    longest = np.inf if spacecraft.rate_norm_limit is None else spacecraft.rate_norm_limit
+    limits = np.concatenate([np.full(3, spacecraft.rate_limit), spacecraft.joint_rate_limits, [longest]])
+    given = np.column_stack([rates, np.linalg.norm(rates[:, :3], axis=1)])
+    worst = np.unravel_index(np.argmax(np.abs(given) / limits), given.shape)
+    if not np.abs(given[worst]) <= (1 + _RATE_ROUNDING) * limits[worst[1]]:
         raise ValueError(
-            f"a rate at the {('start', 'end')[worst[0]]} is {rates[worst]:g} rad/s: "
+            f"a rate at the {('start', 'end')[worst[0]]} is {given[worst]:g} rad/s: "
             f"must be at most {limits[worst[1]]:g}"
         )
     if not (np.all(np.isfinite(path.attitudes)) and np.all(np.isfinite(path.joints))):

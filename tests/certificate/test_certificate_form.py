@@ -363,6 +363,11 @@ def test_cones_of_a_wrong_form_are_refused(changes, words):
     [
         ({"rate_limit": 0.0}, "rate_limit = 0 is not positive"),
         ({"jerk_limit": -1.0}, "jerk_limit = -1 is not positive"),
+        ({"rate_limit": np.array([1.0, 2.0])}, "rate_limit has the shape (2,) and not (3,)"),
+        ({"rate_limit": np.array([1.0, np.nan, 2.0])}, "rate_limit = 1, nan, 2 is not positive"),
+        ({"rate_norm_limit": np.ones(3)}, "rate_norm_limit has the shape (3,) and not ()"),
+        ({"rate_norm_limit": np.inf}, "rate_norm_limit = inf is not positive"),
+        ({"acceleration_norm_limit": 0.0}, "acceleration_norm_limit = 0 is not positive"),
         ({"inertia": np.eye(2)}, "inertia has the shape"),
         ({"instruments": (Instrument(name="i", boresight=np.zeros(3)),)}, "boresight of i is no unit vector"),
     ],

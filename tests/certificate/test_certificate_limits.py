@@ -37,9 +37,14 @@ def curves(trajectory, terminals):
         velocity, acceleration, _ = spin_of(trajectory, time)
         return acceleration @ INERTIA + np.cross(velocity, velocity @ INERTIA)
 
+    def length(derivative):
+        return lambda time: np.linalg.norm(spin_of(trajectory, time)[derivative], axis=1, keepdims=True)
+
     return {
         "angular_velocity": lambda time: spin_of(trajectory, time)[0],
+        "angular_velocity_norm": length(0),
         "angular_acceleration": lambda time: spin_of(trajectory, time)[1],
+        "angular_acceleration_norm": length(1),
         "joint_rates": lambda time: joints_of(trajectory, time)[1],
         "joint_accelerations": lambda time: joints_of(trajectory, time)[2],
         "yaw": lambda time: joints_of(trajectory, time)[0, :, :terminals],
@@ -54,7 +59,9 @@ def limited(terminals, limits):
     """A spacecraft with the given limits, by their keys in `peaks`."""
     platform = {
         "rate_limit": limits["angular_velocity"],
+        "rate_norm_limit": limits["angular_velocity_norm"],
         "acceleration_limit": limits["angular_acceleration"],
+        "acceleration_norm_limit": limits["angular_acceleration_norm"],
         "jerk_limit": limits["jerk"],
         "inertia": INERTIA,
         "torque_limit": limits["torque"],
@@ -92,7 +99,10 @@ def test_each_limit_is_held_to_a_millionth(name):
         assert report.certified is verdict
         assert report.peaks[name] == pytest.approx(1 + over, abs=1e-7)
     assert len(report.faults) == 1
-    assert re.match(rf"{name.replace('_', ' ')} (about [xyz]|of .*) reaches ", report.faults[0])
+    words = rf"{name.replace('_', ' ')} (about [xyz]|of .*)"
+    if name.endswith("_norm"):
+        words = f"the length of the {name.removesuffix('_norm').replace('_', ' ')}"
+    assert re.match(f"{words} reaches ", report.faults[0])
     assert float(re.search(r"t = (\S+) s", report.faults[0])[1]) == pytest.approx(when, abs=0.1)
 
 

@@ -11,14 +11,21 @@ from quick import quick_jit
 import jaxplan as jp
 
 STEP = 1e-4  # to either side, relative
+LENGTHS = ("rate_norm_limit", "acceleration_norm_limit")
 
 
 def asking(scenario, **settings):
     return replace(scenario, trajectory=replace(scenario.trajectory, **settings))
 
 
+def within_lengths(own):
+    lengths = {"rate_norm_limit": np.deg2rad(1.5), "acceleration_norm_limit": np.deg2rad(0.2)}
+    return replace(own, spacecraft=replace(own.spacecraft, **lengths))
+
+
 SCENES = {
     "shortest": lambda: asking(make_scenario(1), duration="minimum"),
+    "shortest, within lengths": lambda: within_lengths(asking(make_scenario(1), duration="minimum")),
     "in low orbit": lambda: asking(jp.load_scenario(LOW_ORBIT), duration=80.0),
     "joints alone, through nodes": lambda: asking(
         make_scenario(4, turn=(0.0, 0.0, 0.0)), duration=40.0, node_tube=0.0
@@ -43,6 +50,7 @@ def of_platform(own, factor):
             craft,
             rate_limit=factor * craft.rate_limit,
             acceleration_limit=factor * craft.acceleration_limit,
+            **{name: factor * getattr(craft, name) for name in LENGTHS if getattr(craft, name) is not None},
         ),
     )
 

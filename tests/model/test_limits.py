@@ -11,13 +11,25 @@ import pytest
 from manoeuvres import craft, manoeuvre
 from reference import attitudes_of, joints_of, spin_of
 
-from jaxplan.model.limits import QUANTITIES, Kinematics, highest_derivative, limits, time_factor, values
+from jaxplan.model.limits import (
+    QUANTITIES,
+    Kinematics,
+    are_lengths,
+    components,
+    highest_derivative,
+    limits,
+    longest,
+    time_factor,
+    values,
+)
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.peaks import peaks as peaks_of
 
 INERTIA = np.array([[12.0, 0.5, -0.3], [0.5, 8.0, 0.2], [-0.3, 0.2, 15.0]])
 OPTIONAL = {
-    "jerk_limit": 1e-3,
+    "rate_norm_limit": 0.03,
+    "acceleration_norm_limit": 0.004,
+    "jerk_limit": np.array([1e-3, 2e-3, 3e-3]),
     "torque_limit": np.array([0.1, 0.2, 0.3]),
     "wheel_momentum_limit": 0.7,
     "inertia": INERTIA,
@@ -34,7 +46,12 @@ def by_name(spacecraft):
 def test_a_spacecraft_has_just_the_limits_that_it_was_given(terminals):
     for given in chain.from_iterable(combinations(OPTIONAL, size) for size in range(len(OPTIONAL) + 1)):
         own = craft(terminals, rate_limit=0.02, joints=JOINTS, **{name: OPTIONAL[name] for name in given})
-        expected = {"angular_velocity": np.full(3, 0.02), "angular_acceleration": np.full(3, 9.0)}
+        expected = {"angular_velocity": np.full(3, 0.02)}
+        if "rate_norm_limit" in given:
+            expected["angular_velocity_norm"] = np.full(1, 0.03)
+        expected["angular_acceleration"] = np.full(3, 9.0)
+        if "acceleration_norm_limit" in given:
+            expected["angular_acceleration_norm"] = np.full(1, 0.004)
         if terminals:
             expected |= {"joint_rates": np.full(2 * terminals, 0.01)}
             expected |= {"joint_accelerations": np.full(2 * terminals, 0.002)}
@@ -44,7 +61,7 @@ def test_a_spacecraft_has_just_the_limits_that_it_was_given(terminals):
         if "wheel_momentum_limit" in given and "inertia" in given:
             expected["wheel_momentum"] = np.full(3, 0.7)
         if "jerk_limit" in given:
-            expected["jerk"] = np.full(3, 1e-3)
+            expected["jerk"] = OPTIONAL["jerk_limit"]
         found = by_name(own)
         assert list(found) == list(expected), given
         for name, bound in expected.items():
@@ -63,6 +80,7 @@ def test_components_are_told_apart_by_name():
     every = [name for limit in limits(EVERY) if limit.quantity.power for name in limit.names]
     assert len(set(every)) == len(every)
     assert {"platform rate x", "platform jerk z", "platform torque y", "platform momentum x"} <= set(every)
+    assert {"platform rate length", "platform acceleration length"} <= set(every)
     assert {"terminal-0 yaw rate", "terminal-1 pitch acceleration"} <= set(every)
     joints = list(by_name(EVERY)["joint_rates"].owners)
     assert joints == ["terminal-0 yaw", "terminal-1 yaw", "terminal-0 pitch", "terminal-1 pitch"]
@@ -90,9 +108,13 @@ def test_torque_of_a_free_symmetric_body_is_none_and_its_momentum_is_closed_form
     inertia = np.diag([a, a, c])
     with jax.enable_x64(True):
         motion = Kinematics(spin=[xp.asarray(rate), xp.asarray(change)], inertia=xp.asarray(inertia))
-        torque, momentum = values(("torque", "wheel_momentum"), motion)
-        assert isinstance(torque, jax.Array if xp is jnp else np.ndarray)
+        found = values(("torque", "angular_velocity_norm", "wheel_momentum"), motion)
+        assert isinstance(found, jax.Array if xp is jnp else np.ndarray)
+        torque, length, momentum = (
+            found[own] for own in components(("torque", "angular_velocity_norm", "wheel_momentum"))
+        )
     np.testing.assert_allclose(torque, 0, atol=1e-15)
+    np.testing.assert_allclose(length, np.full((1, len(time)), np.hypot(tilt, spin)), rtol=1e-14)
     np.testing.assert_allclose(momentum, inertia @ rate, rtol=1e-14)
 
 
@@ -123,6 +145,8 @@ def test_quantities_of_a_motion_are_those_of_its_definition():
         "pitch": joints[0][:, 2:],
         "torque": spin[1] @ INERTIA + np.cross(spin[0], spin[0] @ INERTIA),
         "wheel_momentum": spin[0] @ INERTIA,
+        "angular_velocity_norm": np.linalg.norm(spin[0], axis=1)[:, None],
+        "angular_acceleration_norm": np.linalg.norm(spin[1], axis=1)[:, None],
     }
     for limit in limits(EVERY):
         own = expected.pop(limit.quantity.name)
@@ -158,10 +182,48 @@ def test_what_a_quantity_is_made_of_is_enough_for_it():
     for quantity in QUANTITIES:
         if not quantity.of_joints:
             needed = everything[: highest_derivative([quantity.name])]
-            assert np.shape(quantity.values(Kinematics(spin=needed, inertia=INERTIA))) == (3,)
+            size = 1 if quantity.of_length else 3
+            assert np.shape(quantity.values(Kinematics(spin=needed, inertia=INERTIA))) == (size,)
             with pytest.raises(IndexError):
                 quantity.values(Kinematics(spin=needed[:-1], inertia=INERTIA))
     assert highest_derivative(["angular_velocity", "jerk", "torque"]) == 3
+
+
+def test_components_stand_one_after_the_other():
+    names = ("angular_velocity", "angular_velocity_norm", "angular_acceleration_norm", "jerk")
+    assert components(names) == [slice(0, 3), slice(3, 4), slice(4, 5), slice(5, 8)]
+    assert are_lengths(names).tolist() == [False] * 3 + [True] * 2 + [False] * 3
+    rng = np.random.default_rng(2)
+    spin = rng.normal(size=(3, 3, 7))
+    expected = [spin[0], *(np.linalg.norm(spin[d], axis=0)[None] for d in (0, 1)), spin[2]]
+    np.testing.assert_allclose(values(names, Kinematics(spin=spin)), np.concatenate(expected), rtol=1e-14)
+
+
+def test_a_length_has_slopes_where_it_is_zero():
+    (velocity,) = (q for q in QUANTITIES if q.name == "angular_velocity_norm")
+
+    def length(spin):
+        return velocity.values(Kinematics(spin=[spin]))[0]
+
+    with jax.enable_x64(True):
+        for order in (jax.grad, lambda f: jax.hessian(f)):
+            assert not np.any(order(length)(jnp.zeros(3)))
+        np.testing.assert_allclose(jax.grad(length)(jnp.array([0.0, 3.0, 4.0])), [0, 0.6, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("given", "rate", "acceleration"),
+    [
+        ({}, np.sqrt(3) * 9.0, np.sqrt(3) * 9.0),
+        ({"rate_limit": [0.2, 0.3, 0.6]}, 0.7, np.sqrt(3) * 9.0),
+        ({"rate_limit": [0.2, 0.3, 0.6], "rate_norm_limit": 0.65}, 0.65, np.sqrt(3) * 9.0),
+        ({"rate_norm_limit": 99.0, "acceleration_norm_limit": 1.5}, np.sqrt(3) * 9.0, 1.5),
+        ({"inertia": INERTIA, "torque_limit": 1e-9}, np.sqrt(3) * 9.0, np.sqrt(3) * 9.0),
+    ],
+)
+def test_the_largest_length_is_the_diagonal_of_the_box_or_the_limit_of_the_length(given, rate, acceleration):
+    own = craft(1, joints=JOINTS, **given)
+    np.testing.assert_allclose([longest(own, 1), longest(own, 2)], [rate, acceleration], rtol=1e-15)
 
 
 @pytest.mark.parametrize("power", [1, 2, 3])
@@ -182,7 +244,9 @@ def test_bounds_follow_a_spacecraft_that_is_differentiated():
 
     with jax.enable_x64(True):
         slope = jax.jit(jax.grad(total, allow_int=True))(EVERY)
-    assert (slope.rate_limit, slope.jerk_limit, slope.wheel_momentum_limit) == (3, 3, 3)
+    assert (slope.rate_limit, slope.wheel_momentum_limit) == (3, 3)
+    assert (slope.rate_norm_limit, slope.acceleration_norm_limit) == (1, 1)
+    np.testing.assert_array_equal(slope.jerk_limit, np.ones(3))
     np.testing.assert_array_equal(slope.torque_limit, np.ones(3))
     assert [float(one.rate_limit) for one in slope.terminals] == [2, 2]
 
@@ -194,7 +258,9 @@ def test_a_motion_scaled_to_its_limits_just_keeps_the_one_that_binds(binding):
     wide = craft(2, jerk_limit=9.0, inertia=INERTIA, torque_limit=99.0, wheel_momentum_limit=99.0)
     narrow = {
         "angular_velocity": {"rate_limit": 1e-3},
-        "angular_acceleration": {"acceleration_limit": 1e-4},
+        "angular_velocity_norm": {"rate_norm_limit": 1e-3},
+        "angular_acceleration": {"acceleration_limit": np.array([1e-4, 1.0, 1.0])},
+        "angular_acceleration_norm": {"acceleration_norm_limit": 1e-4},
         "jerk": {"jerk_limit": 1e-5},
         "torque": {"torque_limit": np.full(3, 1e-3)},
         "wheel_momentum": {"wheel_momentum_limit": np.full(3, 1e-2)},

@@ -1,5 +1,6 @@
 """Figures of trajectories: values, both sides of joins, limits, and loads that only some spacecraft limit."""
 
+import re
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -224,6 +225,25 @@ def test_every_limited_load_has_a_panel_with_its_limits():
     assert only.get_ylabel() == "torque (N m)"
     (only,) = jp.plot.torque(loaded(jerk_limit=np.deg2rad(0.1)))
     assert levels(only) == {-0.1, 0.1}
+
+
+def test_each_axis_has_its_own_limit_and_a_limited_length_a_curve():
+    plan = loaded(
+        rate_limit=np.deg2rad([1.5, 1.0, 1.0]),
+        rate_norm_limit=np.deg2rad(1.7),
+        acceleration_limit=np.deg2rad([0.1, 0.2, 0.3]),
+    )
+    rate, acceleration = jp.plot.rates(plan)[-1], jp.plot.accelerations(plan)[-1]
+    told = [float(level) for text in texts(rate) for level in re.findall(r"±([\d.]+)", text)]
+    assert {abs(level) for level in levels(rate)} | set(told) == {1.0, 1.5, 1.7}
+    told = [float(level) for text in texts(acceleration) for level in re.findall(r"±([\d.]+)", text)]
+    assert {abs(level) for level in levels(acceleration)} | set(told) == {0.1, 0.2, 0.3}
+    sample = plan.trajectory.sample(rate.lines[0].get_xdata())
+    length = np.rad2deg(np.linalg.norm(sample.angular_velocity, axis=1))
+    np.testing.assert_allclose(rate.lines[3].get_ydata(), length, atol=1e-12)
+    names = [text.get_text() for text in rate.get_legend().get_texts()]
+    assert names[:4] == ["body x", "body y", "body z", "length"]
+    assert "length" not in [text.get_text() for text in acceleration.get_legend().get_texts()]
 
 
 def test_a_plan_has_a_figure_of_torque_only_where_there_is_a_limit():

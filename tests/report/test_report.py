@@ -232,6 +232,7 @@ def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
 def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):
     plan = flown_plan()
     loads = {"torque_limit": np.array([90.0, 91.0, 92.0]), "wheel_momentum_limit": 55.5, "jerk_limit": 0.025}
+    loads |= {"rate_limit": np.deg2rad([61, 62, 63]), "rate_norm_limit": np.deg2rad(64)}
     craft = replace(plan.scenario.spacecraft, inertia=np.diag([20.0, 30.0, 40.0]), **loads)
     craft = replace(
         craft, terminals=tuple(replace(t, yaw_limit=3.1, pitch_limit=1.5) for t in craft.terminals)
@@ -242,6 +243,8 @@ def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):
     (given,) = [table for table in page.texts["table"] if "limits of each body axis" in table]
     for text in ("Torque90, 91, 92 N m", "Wheel momentum55.5 N m s", f"Jerk{np.rad2deg(0.025):.6g} deg/s³"):
         assert text in given
+    assert "Angular velocity61, 62, 63 deg/s" in given
+    assert "Length of angular velocity64 deg/s" in given
     (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
     jerk = np.rad2deg(0.025)
     assert f"{plan.certificate.peaks['jerk'] * jerk:.3f}{jerk:.3f}deg/s³" in peaks

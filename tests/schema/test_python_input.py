@@ -218,7 +218,31 @@ SCENARIOS = {
     ),
     "too many zones": (scene(keep_out=[SUN] * 1001), "scenario: the scenario: 1001 zones, more than"),
     "no number": (zone(half_angle=None), "keep_out[0].half_angle = None: must be a number, in radians"),
-    "three for one": (craft(rate_limit=[0.1] * 3), "rate_limit = [0.1, 0.1, 0.1]: must be a number"),
+    "three for one": (terminal(rate_limit=[0.1] * 3), "rate_limit = [0.1, 0.1, 0.1]: must be a number"),
+    "two rates for three": (
+        craft(rate_limit=[0.1, 0.2]),
+        "rate_limit = [0.1, 0.2]: must be a number, in rad/s, or 3, one a body axis, not of 2",
+    ),
+    "a rate of one axis below zero": (
+        craft(rate_limit=[0.1, -0.2, 0.1]),
+        "spacecraft.rate_limit[1] = -0.2 rad/s: must lie in [1.74533e-08, 17453.3]",
+    ),
+    "a rate of one axis that is no number": (
+        craft(rate_limit=np.array([0.1, 0.2, np.nan])),
+        "spacecraft.rate_limit[2] = nan rad/s: must be finite and lie in [1.74533e-08, 17453.3]",
+    ),
+    "a length of none": (
+        craft(rate_norm_limit=0.0),
+        "spacecraft.rate_norm_limit = 0.0 rad/s: must lie in [1.74533e-08, 17453.3]",
+    ),
+    "three lengths": (
+        craft(acceleration_norm_limit=[0.1] * 3),
+        "acceleration_norm_limit = [0.1, 0.1, 0.1]: must be a number, in rad/s²",
+    ),
+    "a matrix of accelerations": (
+        craft(acceleration_limit=np.eye(3)),
+        "spacecraft.acceleration_limit[0] = [1.0, 0.0, 0.0]: must be a number, in rad/s²",
+    ),
     "two for three": (
         craft(torque_limit=[1, 2]),
         "torque_limit = [1, 2]: must be a number, or 3, one a body axis, not of 2",
@@ -770,8 +794,16 @@ SAME = {
     "a list of names": (zone(devices=["camera-1"]), zone(devices=("camera-1",))),
     "a name": (zone(devices="camera-1"), zone(devices=("camera-1",))),
     "one torque": (
+        craft(torque_limit=np.float32(0.5), inertia=np.eye(3)),
         craft(torque_limit=0.5, inertia=np.eye(3)),
+    ),
+    "a torque of each axis": (
+        craft(torque_limit=[0.5] * 3, inertia=np.eye(3)),
         craft(torque_limit=np.full(3, 0.5), inertia=np.eye(3)),
+    ),
+    "a rate of each axis": (
+        craft(rate_limit=(0.25, np.float32(0.5), 0.125)),
+        craft(rate_limit=np.array([0.25, 0.5, 0.125])),
     ),
     "a word for a time": (search(time_limit="off"), search(time_limit=np.inf)),
     "an epoch as text": (scene(epoch="2026-01-01"), scene(epoch=np.datetime64("2026-01-01", "ns"))),

@@ -67,10 +67,10 @@ def test_a_file_is_read_in_radians_and_seconds():
     np.testing.assert_allclose(craft.joint_limits, np.deg2rad([180, 90, 15.5, 30]), rtol=1e-15)
     np.testing.assert_allclose(craft.joint_rate_limits, np.deg2rad([4, 5, 4, 5]), rtol=1e-15)
     np.testing.assert_allclose(craft.joint_acceleration_limits, np.deg2rad([3, 2.1, 3, 2.1]), rtol=1e-15)
-    limits = [craft.rate_limit, craft.acceleration_limit, craft.jerk_limit]
-    np.testing.assert_allclose(limits, np.deg2rad([3, 2, 1.5]), rtol=1e-15)
+    limits = [craft.rate_limit, craft.acceleration_limit, *craft.jerk_limit]
+    np.testing.assert_allclose(limits, np.deg2rad([3, 2, 1.5, 1.2, 0.9]), rtol=1e-15)
     np.testing.assert_array_equal(craft.torque_limit, [0.2, 0.3, 0.25])
-    np.testing.assert_array_equal(craft.wheel_momentum_limit, [4, 4, 4])
+    assert craft.wheel_momentum_limit == 4.0
     np.testing.assert_array_equal(s.start.joints, [0.9272, 1.2532, 0.1686, 0.1439])
     np.testing.assert_array_equal(s.goal.joint_rates, [0, 0, 0, 0.004])
     assert s.goal.pitch_limit == pytest.approx(math.radians(8), rel=1e-15)
@@ -98,6 +98,24 @@ def test_writing_and_reading_again_gives_the_same_bits():
     text = sc.dump_scenario(s)
     assert bits(sc.parse_scenario(text)) == bits(s)
     assert sc.dump_scenario(sc.parse_scenario(text)) == text
+
+
+@pytest.mark.parametrize(
+    "written", [0.7, [0.7, 0.7, 0.7], [0.1, 1.3, 2.9], [1, 2, 3]], ids=["one", "equal", "three", "integers"]
+)
+def test_limits_of_the_body_axes_are_written_as_they_were_given(written):
+    keys = ("rate_limit_deg_s", "acceleration_limit_deg_s2", "jerk_limit_deg_s3")
+    loads = ("torque_limit_nm", "wheel_momentum_limit_nms")
+    tables = sc.scenario_to_dict(sc.load_scenario(EVERY_KEY))
+    tables["spacecraft"] |= dict.fromkeys((*keys, *loads), written)
+    read = sc.scenario_from_dict(tables)
+    craft = read.spacecraft
+    for limit in (craft.rate_limit, craft.acceleration_limit, craft.jerk_limit):
+        np.testing.assert_array_equal(limit, np.deg2rad(written))
+    np.testing.assert_array_equal(craft.torque_limit, written)
+    again = sc.scenario_to_dict(read)["spacecraft"]
+    assert [again[key] for key in (*keys, *loads)] == [written] * 5
+    assert bits(sc.parse_scenario(sc.dump_scenario(read))) == bits(read)
 
 
 @pytest.mark.parametrize("terminals", [0, 1, 2, 3, 4, 12])

@@ -159,7 +159,7 @@ def test_of_a_zone_with_two_axes_only_that_is_told():
         "spacecraft: missing, must be a table",
         "start: missing, must be a table",
         "goal: missing, must be a table with targets, or with attitude, yaw_rad and pitch_rad",
-        "spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6]",
+        "spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6], or 3, one a body axis",
         "spacecraft.terminal[1].pitch_limit_deg: missing, must be a number in (0, 90)",
         "spacecraft.instrument[0].boresight: missing, must be a unit vector of 3 numbers",
         "start.attitude: missing (or quaternion_wxyz), must be a rotation vector of 3 numbers",

@@ -178,7 +178,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
     if dynamic:
         craft = replace(craft, inertia=FULL, torque_limit=0.1, wheel_momentum_limit=np.array([1.0, 2.0, 3.0]))
     if jerky:
-        craft = replace(craft, jerk_limit=0.1)
+        craft = replace(craft, jerk_limit=0.1, rate_norm_limit=0.2, acceleration_norm_limit=0.3)
     zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
     problem = problem_of(wandering(5, 3, seed=1, step=0.4), craft, zones)
     stack = stack_at([problem, problem], np.linspace(0.1, 0.9, 4))
@@ -188,7 +188,8 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
         return stack.iterates(curves.reshape(2, 16, 9), np.ones(2))
 
     at, step = both(curves), 1e-5
-    assert len(problem.names) == at.loads.shape[2] == 2 + 2 * dynamic + jerky
+    assert len(problem.names) == 2 + 2 * dynamic + 3 * jerky
+    assert at.loads.shape[2] == 3 * (2 + 2 * dynamic + jerky) + 2 * jerky
     index = np.nonzero(np.isfinite(at.margins))
     slopes, of_loads = margin_slopes(at, *index), load_slopes(at, 1)
     for axis in range(9):

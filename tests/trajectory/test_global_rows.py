@@ -83,6 +83,8 @@ def stack():
         torque_limit=np.full(3, 0.1),
         wheel_momentum_limit=np.array([1.0, 2.0, 3.0]),
         jerk_limit=0.1,
+        rate_norm_limit=0.2,
+        acceleration_norm_limit=0.3,
     )
     axes = RNG.normal(size=(4, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -117,18 +119,19 @@ def differences(room, change=CHANGE):
     return (room(COEFFICIENTS - STEP * change) - room(COEFFICIENTS + STEP * change)) / (2 * STEP)
 
 
-@pytest.mark.parametrize("load", range(5))
+@pytest.mark.parametrize("load", range(7))
 def test_rows_of_loads_are_the_room_at_places_and_how_a_step_lessens_it(load):
-    quantity, limit = PROBLEM.limits[load].quantity, np.array([0.7, 1.3, 2.0])
+    quantity, components = PROBLEM.limits[load].quantity, PROBLEM.components[load]
+    limit = np.array([0.7, 1.3, 2.0])[: len(PROBLEM.limits[load].owners)]
 
     def room(coefficients):
-        shares = motion(coefficients).loads[1, :, load] / limit
+        shares = motion(coefficients).loads[1, :, components] / limit
         return np.stack([1 - shares, 1 + shares], axis=1)
 
     own = LoadBlock(
         name=quantity.name,
         power=quantity.power,
-        load=load,
+        own=components,
         at=motion(COEFFICIENTS),
         scale=two(1 / limit) * [[2], [1]],
     )
@@ -178,7 +181,7 @@ def test_rows_of_zones_are_the_room_at_places_and_how_a_step_lessens_it_where_th
 
 def test_of_places_next_to_each_other_one_in_four_is_held_and_the_last_and_those_with_the_least_room():
     room = RNG.normal(size=(23, 2, 3))
-    own = LoadBlock(name="rate", power=1, load=0, at=motion(COEFFICIENTS), scale=np.ones((2, 3)))
+    own = LoadBlock(name="rate", power=1, own=slice(0, 3), at=motion(COEFFICIENTS), scale=np.ones((2, 3)))
     chosen = own.chosen(np.ones((1, *room.shape), dtype=bool), room[None], np.array([1]))[0]
     for series, kept in zip(room.reshape(23, -1).T, chosen.reshape(23, -1).T, strict=True):
         least = [0 < i < 22 and series[i] == min(series[i - 1 : i + 2]) for i in range(23)]

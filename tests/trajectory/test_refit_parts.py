@@ -67,13 +67,14 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
     expected = {
         "attitude": chart.attitude,
         "turn": chart.turn,
-        "limits": discrete.share * np.stack([limit.bound for limit in problem.limits]),
+        "limits": discrete.share * np.concatenate([limit.bound for limit in problem.limits]),
         "wanted": problem.wanted,
         "inertia": problem.inertia,
     }
     for part, own in expected.items():
         np.testing.assert_allclose(getattr(inputs, part), own, rtol=1e-11, atol=1e-13, err_msg=part)
-    assert inputs.load_powers == tuple(limit.quantity.power for limit in problem.limits)
+    powers = [(limit.quantity.power, len(limit.bound)) for limit in problem.limits]
+    assert inputs.load_powers == tuple(power for power, count in powers for _ in range(count))
     np.testing.assert_allclose(offset, space.fixed + duration * space.by_time, rtol=1e-11, atol=1e-13)
     nodes = np.concatenate(
         [chart.coordinates(problem.attitudes, problem.turns, places), problem.joints], axis=1

@@ -85,7 +85,7 @@ def test_a_number_is_found_by_its_name_and_replaced(name, value):
     held = scenario_to_dict(changed)
     for part in re.findall(r"\w+", name):
         held = held[int(part) if part.isdigit() else part]
-    assert held == pytest.approx(0.9 * value), "as the file has it"
+    np.testing.assert_allclose(held, 0.9 * value, err_msg="as the file has it")
     assert scenario_to_dict(with_numbers(changed, {place: value})) == scenario_to_dict(ARRAYS)
 
 
@@ -119,7 +119,9 @@ def test_numbers_of_arrays_are_traced_where_they_stand():
         ("start.joint_rates_rad_s[6]", "has 6 numbers"),
         ("start.yaw_deg[0]", "is held as yaw_rad"),
         ("spacecraft.torque_limit_nm", r"three numbers that differ, write torque_limit_nm\[0\]"),
-        ("spacecraft.rate_limit_deg_s[0]", "is a single number: write no index"),
+        ("spacecraft.terminal[0].rate_limit_deg_s[0]", "is a single number: write no index"),
+        ("spacecraft.rate_limit_deg_s[3]", r"has three numbers, write rate_limit_deg_s\[0\]"),
+        ("spacecraft.jerk_limit_deg_s3[1]", "not a number here but not set: give it a value first"),
         ("search.seed", "no single number"),
         ("search[0].clearance_deg", "no table with rows"),
         ("trajectory.", "is no key"),
@@ -130,6 +132,22 @@ def test_numbers_of_arrays_are_traced_where_they_stand():
 def test_what_is_no_number_is_told_what_there_is(name, said):
     with pytest.raises(KeyError, match=said):
         find_number(ARRAYS, name)
+
+
+def test_one_axis_of_a_limit_that_all_share_gets_a_number_of_its_own():
+    place = find_number(CASE, "spacecraft.rate_limit_deg_s[1]")
+    shared = find_number(CASE, "spacecraft.rate_limit_deg_s").get(CASE)
+    assert place.get(CASE) == shared
+    changed = with_numbers(CASE, {place: 0.5})
+    written = scenario_to_dict(changed)["spacecraft"]["rate_limit_deg_s"]
+    assert written == pytest.approx([shared, 0.5, shared])
+    with pytest.raises(KeyError, match="three numbers that differ"):
+        find_number(changed, "spacecraft.rate_limit_deg_s")
+
+    def squares(number):
+        return jnp.sum(with_numbers(CASE, {place: number}).spacecraft.rate_limit ** 2)
+
+    assert jax.grad(squares)(2.0) == pytest.approx(4 * np.deg2rad(1) ** 2)
 
 
 def test_limits_that_are_not_set_are_no_numbers():

@@ -1,0 +1,135 @@
+"""Plans of spacecraft whose limits differ by body axis, or are of lengths of vectors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import make_scenario
+from dense import assert_kept, shares
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.model.zones import KeepOut
+from jaxplan.planner.steps import largest_slew
+from jaxplan.planner.validity import start_breaches
+from jaxplan.schema import dump_scenario, parse_scenario
+
+SUN = np.array([0.0, 0.0, 1.0])
+deg = np.deg2rad
+
+
+def hubble(seed, **settings):
+    """The telescope of arXiv 2509.22422 that turns between random attitudes clear of the Sun."""
+    rng = np.random.default_rng(seed)
+    craft = jp.Spacecraft(
+        instruments=(jp.Instrument(name="telescope", boresight=np.array([1.0, 0.0, 0.0])),),
+        rate_limit=deg([0.5, 0.2, 0.2]),
+        acceleration_limit=1.0,
+        inertia=np.diag([31046.0, 77217.0, 78754.0]),
+        torque_limit=1.2,
+    )
+    ends = []
+    while len(ends) < 2:
+        turn = Rotation.random(rng=rng)
+        if turn.apply([1, 0, 0]) @ SUN < np.cos(deg(25)):
+            ends.append(jp.GivenState(rotation_vector=turn.as_rotvec(), joints=np.zeros(0)))
+    return jp.Scenario(
+        name="hubble",
+        spacecraft=craft,
+        start=ends[0],
+        goal=ends[1],
+        keep_out=(KeepOut(name="sun", direction=SUN, half_angle=deg(20), devices=("telescope",)),),
+        trajectory=jp.TrajectorySettings(**settings),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_hubble_slews_within_its_rates_and_torque_clear_of_the_sun(seed):
+    scenario = hubble(seed, duration="minimum")
+    plan = jp.plan(scenario)
+    assert plan.certificate.certified
+    assert_kept(plan.trajectory, scenario.spacecraft, scenario.keep_out)
+    found = shares(plan.trajectory, scenario.spacecraft)
+    assert np.abs(found["torque"]).max() == pytest.approx(1, abs=0.01)
+    assert plan.trajectory.duration > plan.duration_bound
+    stretched = jp.plan(hubble(seed))
+    assert stretched.trajectory.duration > plan.trajectory.duration
+    assert max(stretched.certificate.peaks.values()) == pytest.approx(1, abs=3e-6)
+    # With the rates of x about every axis it is quicker where rates bind, and never slower.
+    loose = replace(scenario, spacecraft=replace(scenario.spacecraft, rate_limit=deg(0.5)))
+    assert jp.plan(loose).trajectory.duration < 1.02 * plan.trajectory.duration
+
+
+FILE = """
+schema_version = 1
+name = "own limits"
+[spacecraft]
+rate_limit_deg_s = [1.5, 1.5, 0.8]
+rate_norm_limit_deg_s = 1.6
+acceleration_limit_deg_s2 = 0.3
+acceleration_norm_limit_deg_s2 = 0.35
+[start]
+attitude = [0.1, -0.2, 0.3]
+[goal]
+attitude = [-0.5, 0.9, 0.4]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "duration"),
+    [
+        ("global", "stretched"),
+        ("global", "minimum"),
+        ("global", 75.0),
+        ("paper", "stretched"),
+        ("paper", 130.0),
+    ],
+)
+def test_a_file_with_limits_of_axes_and_lengths_is_planned_within_them(method, duration):
+    scenario = parse_scenario(FILE)
+    assert parse_scenario(dump_scenario(scenario)).spacecraft.rate_norm_limit == deg(1.6)
+    assert "rate_limit_deg_s = [1.5, 1.5, 0.8]" in dump_scenario(scenario)
+    settings = replace(scenario.trajectory, method=method, duration=duration)
+    plan = jp.plan(replace(scenario, trajectory=settings))
+    craft, peaks = plan.scenario.spacecraft, plan.certificate.peaks
+    assert_kept(plan.trajectory, craft)
+    assert {"angular_velocity_norm", "angular_acceleration_norm"} <= peaks.keys()
+    if isinstance(duration, str):
+        assert max(peaks.values()) == pytest.approx(1, abs=3e-6)
+    assert plan.trajectory.duration > plan.duration_bound
+
+
+def test_a_time_too_short_for_a_length_says_so():
+    scenario = parse_scenario(FILE.replace("0.35", "1e-3"))
+    plan = jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, duration=60.0)), throw=False)
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert "platform acceleration length" in plan.message
+
+
+def test_the_largest_slew_is_that_of_the_box_or_of_the_length():
+    scenario = make_scenario(0, 1)
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration=2.0))
+
+    def slew(**limits):
+        return largest_slew(replace(scenario, spacecraft=replace(scenario.spacecraft, **limits)))
+
+    assert slew(rate_limit=0.1) == pytest.approx(0.2 * np.sqrt(3), rel=1e-15)
+    assert slew(rate_limit=np.array([0.2, 0.3, 0.6])) == pytest.approx(1.4, rel=1e-15)
+    assert slew(rate_limit=np.array([0.2, 0.3, 0.6]), rate_norm_limit=0.5) == pytest.approx(1.0, rel=1e-15)
+    assert slew(rate_norm_limit=99.0) == slew()
+
+
+def test_a_start_that_turns_too_fast_about_an_axis_or_in_all_is_told():
+    scenario = make_scenario(0, 1)
+    craft = replace(scenario.spacecraft, rate_limit=deg([2.0, 3.0, 1.0]), rate_norm_limit=deg(3.2))
+
+    def told(*rate):
+        start = replace(scenario.start, angular_velocity=deg(rate))
+        return start_breaches(replace(scenario, spacecraft=craft, start=start))
+
+    assert told(1.9, -2.0, 0.9) == ()
+    assert told(1.9, 2.0, -1.1) == ("the platform's rate about z is 1.1 deg/s, its limit 1 deg/s",)
+    (length,) = told(-1.9, 2.9, 0.0)
+    assert length == "the length of the platform's rate is 3.467 deg/s, its limit 3.2 deg/s"
