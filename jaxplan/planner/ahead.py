@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.moving import swept
@@ -73,11 +74,11 @@ def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
 def _kind(scenario: Scenario) -> Hashable:
     """Scenarios of equal kinds need the same kernels, but for unusual sizes."""
     craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
-    single = int(np.sum(rows.single))
+    single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     return (
         len(craft.terminals), len(craft.instruments), rows.bound.shape, single, rows.inner, rows.nested,
         scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
-        craft.inertia is None, moves(scenario),
+        tuple(limit.quantity.name for limit in loads), moves(scenario),
     )  # fmt: skip
 
 
