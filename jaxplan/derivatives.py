@@ -383,7 +383,8 @@ class Differentiable:
         narrow: Scenario = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), scenario)
         kind = jax.tree.structure(narrow), tuple(leaf.shape for leaf in jax.tree.leaves(narrow))
         if kind not in self._known:
-            self._known[kind] = _in_32_bits(self.held, narrow)
+            wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
+            self._known[kind] = _in_32_bits(self.held, wide)
         return self._known[kind](narrow)
 
 
@@ -405,7 +406,7 @@ class _Products:
     pulled: Callable[[Trajectory], tuple[Scenario]]
 
 
-def _in_32_bits(held: Held, like: Scenario) -> Callable[[Scenario], Trajectory]:
+def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
     """`replan` as a function of arrays of 32 bits, computed in 64.
 
     Plain numbers go to kernels. What is traced where JAX is set to 32 bits may not be traced anew by it, so
@@ -414,33 +415,33 @@ def _in_32_bits(held: Held, like: Scenario) -> Callable[[Scenario], Trajectory]:
 
     Args:
         held: of the plan.
-        like: a scenario of the shapes that it is to be called with.
+        wide: a scenario of the shapes that it is to be called with, and types of 64 bits.
     """
 
     @cache
     def exported() -> tuple[Callable[..., Any], Callable[..., Any]]:
-        given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.float64), like)
         function = partial(replan, held)
 
         def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
             (found,) = jax.vjp(function, scenario)[1](cotangents)
             return found
 
-        value = export.export(jax.jit(function))(given)
-        answers = jax.eval_shape(function, given)
-        return value.call, export.export(jax.jit(product))(given, answers).call
+        value = export.export(jax.jit(function))(wide)
+        answers = jax.eval_shape(function, wide)
+        return value.call, export.export(jax.jit(product))(wide, answers).call
 
-    # What is exported knows of no batch.
-    @jax.custom_batching.sequential_vmap
-    def value(scenario: Scenario) -> Trajectory:
+    def wide_value(scenario: Scenario) -> Trajectory:
         with jax.enable_x64(True):
             return _cast(exported()[0](_cast(scenario, jnp.float64)), jnp.float32)
 
-    @jax.custom_batching.sequential_vmap
-    def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
+    def wide_product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
         with jax.enable_x64(True):
-            wide = _cast((scenario, cotangents), jnp.float64)
-            return _cast(exported()[1](*wide), jnp.float32)
+            given = _cast((scenario, cotangents), jnp.float64)
+            return _cast(exported()[1](*given), jnp.float32)
+
+    # What is exported knows of no batch.
+    value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
+    product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
 
     def forward(scenario: Scenario) -> tuple[Trajectory, Scenario | _Products]:
         if _is_traced(scenario):
