@@ -294,20 +294,18 @@ def expect_known_time(scenario: Scenario) -> None:
 
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
-_replan = quick_jit(replan)
+_replan = quick_jit(replan, optimised=False)
 
 
 @partial(quick_jit, optimised=False)
-def _with_products(
-    held: Held, scenario: Scenario
-) -> tuple[Trajectory, Callable[[Trajectory], tuple[Scenario]]]:
-    """The trajectory of a scenario, and its product with cotangents as a tree of arrays."""
-    return jax.vjp(partial(replan, held), scenario)
+def _product(held: Held, scenario: Scenario, cotangents: Trajectory) -> Scenario:
+    """The product of cotangents with the derivatives of a scenario's trajectory.
 
-
-@partial(quick_jit, optimised=False)
-def _product(pulled: Callable[[Any], Any], cotangents: Any) -> Any:
-    return pulled(cotangents)
+    It computes the trajectory once more: with what could be passed on instead, the functions that JAX makes
+    of it, the kernel could not be kept for other processes.
+    """
+    (found,) = jax.vjp(partial(replan, held), scenario)[1](cotangents)
+    return found
 
 
 def differentiable(plan: Plan) -> "Differentiable":
@@ -383,7 +381,8 @@ class Differentiable:
         narrow: Scenario = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), scenario)
         kind = jax.tree.structure(narrow), tuple(leaf.shape for leaf in jax.tree.leaves(narrow))
         if kind not in self._known:
-            self._known[kind] = _in_32_bits(self.held, narrow)
+            wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
+            self._known[kind] = _in_32_bits(self.held, wide)
         return self._known[kind](narrow)
 
 
@@ -391,21 +390,7 @@ def _is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-@jax.tree_util.register_static
-@dataclass(frozen=True, eq=False)
-class _Products:
-    """What the products of a trajectory with cotangents are computed from, for JAX a constant.
-
-    Attributes:
-        scenario: of the trajectory, in 32 bits.
-        pulled: of `_with_products`.
-    """
-
-    scenario: Scenario
-    pulled: Callable[[Trajectory], tuple[Scenario]]
-
-
-def _in_32_bits(held: Held, like: Scenario) -> Callable[[Scenario], Trajectory]:
+def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
     """`replan` as a function of arrays of 32 bits, computed in 64.
 
     Plain numbers go to kernels. What is traced where JAX is set to 32 bits may not be traced anew by it, so
@@ -414,48 +399,46 @@ def _in_32_bits(held: Held, like: Scenario) -> Callable[[Scenario], Trajectory]:
 
     Args:
         held: of the plan.
-        like: a scenario of the shapes that it is to be called with.
+        wide: a scenario of the shapes that it is to be called with, and types of 64 bits.
     """
 
     @cache
     def exported() -> tuple[Callable[..., Any], Callable[..., Any]]:
-        given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, jnp.float64), like)
         function = partial(replan, held)
 
         def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
             (found,) = jax.vjp(function, scenario)[1](cotangents)
             return found
 
-        value = export.export(jax.jit(function))(given)
-        answers = jax.eval_shape(function, given)
-        return value.call, export.export(jax.jit(product))(given, answers).call
+        value = export.export(jax.jit(function))(wide)
+        answers = jax.eval_shape(function, wide)
+        return value.call, export.export(jax.jit(product))(wide, answers).call
 
-    # What is exported knows of no batch.
-    @jax.custom_batching.sequential_vmap  # type: ignore[untyped-decorator]
-    def value(scenario: Scenario) -> Trajectory:
+    def wide_value(scenario: Scenario) -> Trajectory:
         with jax.enable_x64(True):
             return _cast(exported()[0](_cast(scenario, jnp.float64)), jnp.float32)
 
-    @jax.custom_batching.sequential_vmap  # type: ignore[untyped-decorator]
-    def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
+    def wide_product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
         with jax.enable_x64(True):
-            wide = _cast((scenario, cotangents), jnp.float64)
-            return _cast(exported()[1](*wide), jnp.float32)
+            given = _cast((scenario, cotangents), jnp.float64)
+            return _cast(exported()[1](*given), jnp.float32)
 
-    def forward(scenario: Scenario) -> tuple[Trajectory, Scenario | _Products]:
+    # What is exported knows of no batch.
+    value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
+    product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
+
+    def forward(scenario: Scenario) -> tuple[Trajectory, Scenario]:
         if _is_traced(scenario):
             return value(scenario), scenario
         with jax.enable_x64(True):
-            found, pulled = _with_products(held, _cast(scenario, jnp.float64))
-            return _cast(found, jnp.float32), _Products(scenario, pulled)
+            return _cast(_replan(held, _cast(scenario, jnp.float64)), jnp.float32), scenario
 
-    def backward(known: Scenario | _Products, cotangents: Trajectory) -> tuple[Scenario]:
-        if isinstance(known, Scenario):
-            return (product(known, cotangents),)
-        if _is_traced(cotangents):
-            return (product(known.scenario, cotangents),)
+    def backward(scenario: Scenario, cotangents: Trajectory) -> tuple[Scenario]:
+        if _is_traced((scenario, cotangents)):
+            return (product(scenario, cotangents),)
         with jax.enable_x64(True):
-            return _cast(_product(known.pulled, _cast(cotangents, jnp.float64)), jnp.float32)
+            given = _cast((scenario, cotangents), jnp.float64)
+            return (_cast(_product(held, *given), jnp.float32),)
 
     narrow: Any = jax.custom_vjp(lambda scenario: value(scenario))
     narrow.defvjp(forward, backward)

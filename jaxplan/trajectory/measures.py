@@ -31,6 +31,32 @@ _GAUSS = 12  # likewise of an integral
 _LOOKS = 4  # the first over the whole trajectory, each next one with as many samples about the extreme
 
 
+_MEASURES: dict[str, Callable[..., Array]] = {}  # as they are written, by name
+
+Chosen = tuple[tuple[str, Any], ...]  # arguments that are no numbers
+
+
+def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
+    return _MEASURES[name](**given, **dict(chosen))
+
+
+def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
+    return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
+
+
+_value = quick_jit(_measured, optimised=False, static_argnums=(0, 1))
+_value_with_slopes = quick_jit(_measured_with_slopes, optimised=False, static_argnums=(0, 1))
+_followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
+
+
+@_followed.defjvp
+def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
+    if _is_traced(own):
+        return jax.jvp(partial(_measured, name, chosen), own, ways)
+    found, slopes = _value_with_slopes(name, chosen, *own)
+    return found, _along(slopes, *ways)
+
+
 def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
     """Let a measure and its gradient be a kernel each where they are not part of a jitted function.
 
@@ -41,32 +67,16 @@ def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given
     """
 
     def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
-        def plain(chosen: tuple[Any, ...], given: dict[str, Any]) -> Array:
-            return measure(**given, **dict(chosen))  # type: ignore[call-arg]
-
-        def with_slope(chosen: tuple[Any, ...], given: dict[str, Any]) -> tuple[Array, Any]:
-            return jax.value_and_grad(partial(plain, chosen), allow_int=True)(given)
-
-        value = quick_jit(plain, optimised=False, static_argnums=0)
-        both = quick_jit(with_slope, optimised=False, static_argnums=0)
-        followed = jax.custom_jvp(plain, nondiff_argnums=(0,))
-
-        @followed.defjvp
-        def follow(chosen: tuple[Any, ...], own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
-            if _is_traced(own):
-                return jax.jvp(partial(plain, chosen), own, ways)
-            found, slopes = both(chosen, *own)
-            return found, _along(slopes, *ways)
-
-        parameters = signature(measure)
+        name, parameters = measure.__name__, signature(measure)
+        _MEASURES[name] = measure
 
         @wraps(measure)
         def at_once(*args: Given.args, **kwargs: Given.kwargs) -> Array:
             bound = parameters.bind(*args, **kwargs)
             bound.apply_defaults()
             given = dict(bound.arguments)
-            chosen = tuple((name, given.pop(name)) for name in choices)
-            return followed(chosen, given) if _is_traced(given) else value(chosen, given)
+            chosen = tuple((choice, given.pop(choice)) for choice in choices)
+            return (_followed if _is_traced(given) else _value)(name, chosen, given)
 
         return at_once
 

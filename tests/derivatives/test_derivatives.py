@@ -64,6 +64,15 @@ def test_slopes_under_jit_are_those_in_64_bits_without_a_context(slopes):
 
 
 @pytest.mark.slow
+def test_slopes_without_jit_are_those_under_it(plan, trajectory, slopes):
+    plain = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
+    largest = max(float(np.max(np.abs(leaf), initial=0.0)) for leaf in jax.tree.leaves(plain))
+    for own, other in zip(*(jax.tree.leaves(one) for one in (plain, slopes[1])), strict=True):
+        assert own.dtype == jnp.float32
+        np.testing.assert_allclose(own, other, rtol=1e-4, atol=1e-6 * largest)
+
+
+@pytest.mark.slow
 def test_many_scenarios_are_followed_at_once(plan, trajectory):
     durations = plan.scenario.trajectory.duration * jnp.array([1.0, 1.02])
 
