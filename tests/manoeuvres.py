@@ -78,7 +78,7 @@ def manoeuvre(seed, *, pieces=3, joint_pieces=2, terminals=3, duration=80.0, wig
         joint_coefficients=np.stack([polynomial(rng, a, b, joint_half, wiggle) for a, b in pairs]),
         node_times=breaks,
         smoothness=2,
-        method="random",
+        method="global",
     )
 
 

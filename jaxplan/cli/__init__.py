@@ -47,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
+        _tell_of_refusals()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
@@ -61,6 +62,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(str(error), BAD_INPUT)
     finally:
         gc.set_threshold(*before)
+
+
+def _tell_of_refusals() -> None:
+    """Say on stderr that compiled code of earlier processes could not be read, so that time was lost."""
+    executables = sys.modules.get("jaxplan.runtime.executables")  # where anything was computed
+    refused = executables.refused() if executables is not None else 0
+    if refused:
+        print(
+            f"jaxplan: XLA refused {refused} of the kernels that earlier runs had kept, as it does on some "
+            "processors, and compiled them again; jp.compilation_cache chooses another folder for them",
+            file=sys.stderr,
+        )
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:

@@ -402,3 +402,11 @@ def test_a_command_leaves_the_callers_collector_alone(capsys):
     assert run(capsys, "validate", "case-4")[0] == 0
     assert run(capsys, "validate", "nothing.toml")[0] == 2
     assert gc.get_threshold() == before
+
+
+def test_kernels_that_xla_refuses_are_told_of_on_stderr(capsys, monkeypatch):
+    monkeypatch.setattr("jaxplan.runtime.executables._refused", 2)
+    code, out, err = run(capsys, "validate", "case-1")
+    assert code == 0
+    assert "refused 2 of the kernels" in err
+    assert "refused" not in out
