@@ -59,7 +59,7 @@ def the_long_way(duration):
 def limits_of_lengths():
     """The length of the acceleration binds, and none of its components."""
     return turned(
-        70.0,
+        72.0,
         rate_limit=np.deg2rad([6.0, 5.0, 7.0]),
         rate_norm_limit=np.deg2rad(6.5),
         acceleration_limit=np.deg2rad(0.3),

@@ -127,9 +127,9 @@ LOADED = [
     ("momentum", {"wheel_momentum_limit": 0.5}),
     ("momentum", {"wheel_momentum_limit": np.array([0.3, 0.4, 0.5]), "torque_limit": 1.0}),
     ("jerk", {"jerk_limit": np.deg2rad(0.5)}),
-    ("jerk", {"jerk_limit": np.deg2rad([0.5, 1.0, 0.3])}),
-    ("rate", {"rate_limit": np.deg2rad([1.0, 2.0, 0.7])}),
-    ("rate length", {"rate_norm_limit": np.deg2rad(1.0)}),
+    ("jerk", {"jerk_limit": np.deg2rad([0.4, 0.5, 0.7])}),
+    ("rate", {"rate_limit": np.deg2rad([2.4, 3.0, 1.8])}),
+    ("rate length", {"rate_norm_limit": np.deg2rad(2.4)}),
     ("acceleration length", {"acceleration_norm_limit": np.deg2rad(0.15)}),
 ]
 
