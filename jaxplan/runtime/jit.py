@@ -176,9 +176,15 @@ def _kind(leaf: Any) -> Hashable:
 
 
 def _unusual() -> bool:
-    """Tell whether JAX is set to do otherwise than to compile and run on its usual device."""
+    """Tell whether JAX is set to do otherwise than to compile for, and run on, the one device there is."""
     config: Any = jax.config
-    return bool(config.jax_disable_jit or config.jax_debug_nans or config.jax_default_device is not None)
+    chosen = config.jax_default_device is not None or _may_choose_devices()
+    return bool(config.jax_disable_jit or config.jax_debug_nans or chosen)
+
+
+@cache
+def _may_choose_devices() -> bool:
+    return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
 
 
 @contextmanager

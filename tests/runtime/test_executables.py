@@ -119,3 +119,12 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
         executables._save(executables._place("jaxplan.sine", "float"), lowered.compile())
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]
+
+
+@pytest.mark.slow
+def test_processes_with_several_devices_take_no_executable_of_one(tmp_path):
+    first = fresh_python(PLAN, tmp_path)[0][3:]
+    several = 'import jax; jax.config.update("jax_num_cpu_devices", 3)' + PLAN
+    (_, refused, _, *second), _ = fresh_python(several, tmp_path)
+    assert refused == 0
+    np.testing.assert_allclose(second, first, rtol=1e-6)
