@@ -55,6 +55,7 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
         found: Callable[..., Any] = deserialize_and_load(*pickle.loads(place.read_bytes()))
     except Exception:  # damaged, or made for another processor
         _refused += 1
+        _forget(place)
         return None
     return found
 
@@ -115,7 +116,7 @@ def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
         yield
 
 
-def _forget(file: str) -> None:
+def _forget(file: str | Path) -> None:
     with suppress(OSError):
         os.unlink(file)
 
