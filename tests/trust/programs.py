@@ -127,7 +127,10 @@ def three(seed: int) -> list[str]:
     excess = 0.5 * rng.normal(size=(LANES, ROWS)) - rng.choice([0.3, 1.2], size=(LANES, 1))
     with jax.enable_x64(True):
         moves, _, lost = _solve(
-            np.moveaxis(hessian, 0, -1), gradient.T, np.moveaxis(gradients, (0, 2), (-1, 0)), excess.T
+            np.moveaxis(np.linalg.inv(hessian), 0, -1),
+            gradient.T,
+            np.moveaxis(gradients, (0, 2), (-1, 0)),
+            excess.T,
         )
         moves, lost = np.asarray(moves), np.asarray(lost)
     words = []
