@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,9 +38,6 @@ from jaxplan.tuning.objectives import (
     objective_label,
 )
 from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
-
-if TYPE_CHECKING:
-    import optax
 
 
 @shown("step", "objective", "free")
@@ -163,7 +160,7 @@ def tune(
     objective: str | Mapping[str, float] | Objective,
     *,
     over: Sequence[str] | Mapping[str, tuple[float, float]],
-    optimizer: "optax.GradientTransformation | None" = None,
+    optimizer: Any = None,
     steps: int = 100,
     progress: bool = True,
     resume: Tuning | None = None,
@@ -177,7 +174,8 @@ def tune(
         over: dotted names of numbers in the file's keys and units, such as ``trajectory.duration_s``,
             ``keep_out[0].half_angle_deg`` or ``start.angular_velocity_rad_s[2]``, or their bounds by name,
             which numbers that may be negative need. All begin with the first one's.
-        optimizer: of optax, on the free parameters; Adam with a rate of 0.1 unless told.
+        optimizer: a `GradientTransformation` of optax, on the free parameters; Adam with a rate of 0.1
+            unless told.
         steps: of the optimiser.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
         resume: an earlier result of the same call, which is gone on from; its steps count. Ctrl-C ends a
@@ -251,7 +249,7 @@ class _Descent:
         given: tuple[Scenario, ...],
         aim: Objective,
         tuned: tuple[Parameter, ...],
-        optimizer: "optax.GradientTransformationExtraArgs",
+        optimizer: Any,
         progress: bool,
         state: State,
     ) -> None:

@@ -6,13 +6,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from builders import make_scenario
 from disks import mounted, small_files
 from exports import flown_plan
 from fake_study import plan_nothing, task
+from matplotlib.figure import Figure
 
 import jaxplan as jp
 from jaxplan.cli import main
@@ -73,12 +74,15 @@ def test_a_full_disk_leaves_what_was_there_and_no_part_of_what_was_to_be(plan, s
 
 
 def test_a_figure_on_a_full_disk_is_no_half_picture(tmp_path, capsys):
-    figure = SimpleNamespace(savefig=lambda path, **more: Path(path).write_bytes(bytes(5000)))
+    figure = Figure(figsize=(1, 1))
+    noise = np.random.default_rng(0).uniform(size=(100, 100))  # which takes thousands of bytes
+    figure.figimage(noise)
     save(figure, tmp_path / "old.png")
+    before = content(tmp_path)
     for name in ("old.png", "new.png"):
         with small_files(2000), pytest.raises(OSError, match="File too large"):
             save(figure, tmp_path / name)
-    assert content(tmp_path) == {"old.png": bytes(5000)}
+    assert content(tmp_path) == before
     assert capsys.readouterr().err == f"wrote {tmp_path / 'old.png'}\n"
 
 
