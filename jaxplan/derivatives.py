@@ -92,7 +92,20 @@ def hold(plan: Plan) -> Held:
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     expect_known_time(plan.scenario)
-    return _held(plan, plan.path, plan.goal, fit(plan.scenario, plan.path, plan.goal))
+    scenario, path, goal = _own(plan.scenario), plan.path, plan.goal
+    return _held(replace(plan, scenario=scenario), path, goal, fit(scenario, path, goal))
+
+
+def _own(scenario: Scenario) -> Scenario:
+    """The scenario with arrays of its own.
+
+    While JAX differentiates with 32 bits by arrays of numpy, it takes these very arrays for narrow ones, even
+    in calls of compiled code for wide ones.
+    """
+    copied: Scenario = jax.tree.map(
+        lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, scenario
+    )
+    return copied
 
 
 def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
@@ -374,7 +387,7 @@ class Differentiable:
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
         if not _is_traced(scenario):
             with jax.enable_x64(True):
-                found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, scenario))
+                found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, _own(scenario)))
             return found
         if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
             return _replan(self.held, scenario)

@@ -1,5 +1,7 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
@@ -35,12 +37,14 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
-    least = found.slew_angle / (longest(craft, 1))
+    least = found.slew_angle / longest(craft, 1)
+    box = longest(replace(craft, rate_norm_limit=None), 1)
+    limit = "rate_limit_deg_s" if longest(craft, 1) >= box else "rate_norm_limit_deg_s"
     # The paper's method does not stretch what starts or ends with a rate, or moves.
     otherwise = ', or set it to "stretched"' if scenario.trajectory.method == "global" else ""
     return (
         f"the nearest attitude that reaches the targets is {np.rad2deg(found.slew_angle):.4g} deg away, "
-        f"which takes {least:.4g} s or more within spacecraft.rate_limit_deg_s: raise that, or "
+        f"which takes {least:.4g} s or more within spacecraft.{limit}: raise that, or "
         f"trajectory.duration_s (now {scenario.trajectory.duration}){otherwise}"
     )
 

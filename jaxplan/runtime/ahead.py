@@ -61,12 +61,11 @@ def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
         tasks: in any order.
         done: is called after each, in this thread.
     """
-    with ThreadPoolExecutor(cores()) as pool:
-        futures = [pool.submit(task) for task in tasks]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                done()
-        except BaseException:  # Ctrl-C among others
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    pool = ThreadPoolExecutor(cores())
+    futures = [pool.submit(task) for task in tasks]
+    try:
+        for future in as_completed(futures):
+            future.result()
+            done()
+    finally:  # at once, after Ctrl-C as well
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, is_dataclass
@@ -27,6 +28,8 @@ import numpy as np
 from jaxplan.runtime.cache import trusted_folder
 
 _PACKAGE = Path(__file__).resolve().parent.parent
+_PATIENCE = 30.0  # s; then a kernel is compiled though another process, perhaps a stopped one, is at it
+_LOOK = 0.02  # s, between two looks whether it is done
 _PARTS = 3  # folders of other sources or versions that are left, the newest ones
 
 _refused = 0
@@ -111,8 +114,15 @@ def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
 
                 _make_room(place.parent)
                 lock = stack.enter_context(open(f"{place}.lock", "w"))
-                fcntl.flock(lock, fcntl.LOCK_EX)
-                stack.callback(_forget, lock.name)
+                until = time.monotonic() + _PATIENCE
+                while time.monotonic() < until:
+                    try:
+                        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    except BlockingIOError:
+                        time.sleep(_LOOK)
+                        continue
+                    stack.callback(_forget, lock.name)
+                    break
         yield
 
 

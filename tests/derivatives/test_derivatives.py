@@ -104,3 +104,14 @@ def test_what_is_no_plan_or_scenario_is_named(plan, trajectory):
         jp.differentiable(plan.scenario)
     with pytest.raises(TypeError, match="scenario must be a Scenario"):
         trajectory(plan)
+
+
+@pytest.mark.slow
+def test_a_plan_can_be_made_a_function_while_its_own_arrays_are_differentiated_by():
+    plan = jp.plan(jp.paper_case(1), progress=False)
+    trajectory = jp.differentiable(plan)
+    with jax.enable_x64(False):
+        inside = jax.grad(lambda own: jp.measures.effort(jp.differentiable(plan)(own)), allow_int=True)
+        outside = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)
+        slopes = [find(plan.scenario).trajectory.duration for find in (inside, outside)]
+    np.testing.assert_allclose(*slopes, rtol=1e-6)
