@@ -31,8 +31,9 @@ def warm_up(
 
     Kernels are the same for all scenarios of as many devices, whose zones are padded to the same number: 8,
     16, 32 and so on, those in groups and those about other devices apart from the others. So one scenario
-    stands for all like it, whatever their numbers, duration and goals; its start need not be a possible one. Of
-    the search methods "mha" and "rrt_connect" are compiled beforehand, of the others what they share with these.
+    stands for all like it, whatever their numbers, duration and goals; its start need not be a possible one.
+    Of the search methods "mha" and "rrt_connect" are compiled beforehand, of the others what they share with
+    these.
 
     Args:
         problem: a scenario, or a spacecraft for scenarios of up to 8 zones without groups.
