@@ -40,7 +40,7 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import clear_if_full, quick_jit
+from jaxplan.runtime.jit import clear_if_full, is_traced, quick_jit
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
@@ -385,7 +385,7 @@ class Differentiable:
             scenario: with as many devices and zones, and the same choices, as that of the plan.
         """
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
-        if not _is_traced(scenario):
+        if not is_traced(scenario):
             with jax.enable_x64(True):
                 found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, _own(scenario)))
             return found
@@ -397,10 +397,6 @@ class Differentiable:
             wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
             self._known[kind] = _in_32_bits(self.held, wide)
         return self._known[kind](narrow)
-
-
-def _is_traced(tree: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
@@ -441,13 +437,13 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
     product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
 
     def forward(scenario: Scenario) -> tuple[Trajectory, Scenario]:
-        if _is_traced(scenario):
+        if is_traced(scenario):
             return value(scenario), scenario
         with jax.enable_x64(True):
             return _cast(_replan(held, _cast(scenario, jnp.float64)), jnp.float32), scenario
 
     def backward(scenario: Scenario, cotangents: Trajectory) -> tuple[Scenario]:
-        if _is_traced((scenario, cotangents)):
+        if is_traced((scenario, cotangents)):
             return (product(scenario, cotangents),)
         with jax.enable_x64(True):
             given = _cast((scenario, cotangents), jnp.float64)

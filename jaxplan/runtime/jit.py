@@ -141,7 +141,7 @@ def quick_jit(
         given = {name: value for name, value in kwargs.items() if name not in static}
         leaves, tree = jax.tree.flatten((args_left, given))
         foreign = not _PLAIN.issuperset(map(type, leaves))
-        if (foreign and any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)) or _unusual():
+        if (foreign and is_traced(leaves)) or _unusual():
             return traced(*args, **kwargs)
         kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_kind, leaves))  # type: ignore[attr-defined]
         compiled = known.get(kinds)
@@ -153,6 +153,11 @@ def quick_jit(
         return compiled(*args_left, **given)
 
     return kernel
+
+
+def is_traced(tree: Any) -> bool:
+    """Tell whether JAX is tracing any leaf of a tree."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:

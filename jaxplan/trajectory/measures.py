@@ -19,7 +19,7 @@ from jax import Array
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.jit import quick_jit
+from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.peaks import SAFETY
 
@@ -51,7 +51,7 @@ _followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
 
 @_followed.defjvp
 def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
-    if _is_traced(own):
+    if is_traced(own):
         return jax.jvp(partial(_measured, name, chosen), own, ways)
     found, slopes = _value_with_slopes(name, chosen, *own)
     return found, _along(slopes, *ways)
@@ -76,15 +76,11 @@ def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given
             bound.apply_defaults()
             given = dict(bound.arguments)
             chosen = tuple((choice, given.pop(choice)) for choice in choices)
-            return (_followed if _is_traced(given) else _value)(name, chosen, given)
+            return (_followed if is_traced(given) else _value)(name, chosen, given)
 
         return at_once
 
     return decorate
-
-
-def _is_traced(tree: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 @jax.jit
