@@ -27,7 +27,7 @@ import numpy as np
 from jax import export
 
 from jaxplan import so3
-from jaxplan.goal.caps import leaves_open
+from jaxplan.goal.caps import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
@@ -136,10 +136,13 @@ def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
     if isinstance(asked, GivenState):
         return True
     targets = asked.at(goal.time)
-    if not leaves_open(rows, rows.sights(craft.mounts, craft.fixed_boresights), targets.directions):
+    start = scenario.start
+    if not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
         return True
     with jax.enable_x64(True):
-        optimum = differentiable_goal(_place(goal), craft, scenario.start.attitude, targets, rows)
+        optimum = differentiable_goal(
+            _place(goal), craft, start.attitude, targets, rows, start_joints=start.joints
+        )
     return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
 
 
@@ -196,8 +199,8 @@ def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
     if not asked.moves:
-        craft, start, then = scenario.spacecraft, scenario.start.attitude, scenario.constraints.at(time)
-        goal: Any = differentiable_goal(place, craft, start, asked, then)
+        craft, start, then = scenario.spacecraft, scenario.start, scenario.constraints.at(time)
+        goal: Any = differentiable_goal(place, craft, start.attitude, asked, then, start_joints=start.joints)
         return goal.attitude, goal.joints, rates
     goal = goal_in_time(place, **pursuit(scenario, asked, time))
     return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
@@ -290,7 +293,7 @@ def _of_arrays(scenario: Scenario) -> Scenario:
 
 def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
     """Angular velocity and joint rates that are asked for at start or goal, zeros where none are."""
-    given, counts = (end.angular_velocity, end.joint_rates), (3, 2 * len(scenario.spacecraft.terminals))
+    given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
     velocity, rates = (
         np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
     )

@@ -75,7 +75,7 @@ def _differentiate(scenario: Scenario) -> None:
 
 def _quiet(spacecraft: Spacecraft) -> list[Scenario]:
     """Scenarios of a spacecraft that stays where it is: without zones, and with one behind a device."""
-    joints = np.zeros(2 * len(spacecraft.terminals))
+    joints = np.mean(spacecraft.joint_ranges, axis=-1)
     rest = GivenState(rotation_vector=np.zeros(3), joints=joints)
     sights = np.asarray(spacecraft.boresights(np.eye(3), joints))
     goal = Targets(directions=sights[: len(spacecraft.terminals)]) if spacecraft.terminals else rest

@@ -28,6 +28,7 @@ from jaxplan.cases.random_starts import (
     starts,
     straight_states,
 )
+from jaxplan.geometry.vectors import pointing
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import GivenState
@@ -123,7 +124,7 @@ def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -
     """The least margin (k,) of each state, rad; to zones that move the least at any time."""
     craft, _ = setting()
     rows = tabulate(**sorts(zones), device_names=craft.device_names, terminals=len(craft.terminals))
-    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     times = np.repeat(_TIMES[:, None], len(joints), axis=1) if rows.paths else None
     margins = constraint_margins(rows, state_margins(rows, sights, attitudes, joints, times))
     return np.asarray(np.min(margins, axis=(0, -1) if rows.paths else -1))
@@ -162,13 +163,12 @@ def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
 
 def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Two cones about axes of the body that a terminal must not look into, both from above or below."""
-    side, mount = _side(rng), setting()[0].terminals[number].mount
+    side, frame = _side(rng), setting()[0].gimbals.frames[number]
     found = []
     for i in range(2):
         half_angle, reach = _angle(rng, 12, 25), _angle(rng, -5, 9)
-        azimuth, elevation = mount + _angle(rng, -80, 80), side * (half_angle - reach)
-        level = math.cos(elevation)
-        axis = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        azimuth, elevation = _angle(rng, -80, 80), side * (half_angle - reach)
+        axis = frame @ pointing(azimuth, elevation)
         found.append(
             KeepOut(
                 name=f"mask-{number + 1}{'ab'[i]}",

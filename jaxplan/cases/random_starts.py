@@ -17,9 +17,10 @@ from jax import Array
 from jaxplan import so3
 from jaxplan.cases.paper import paper_case
 from jaxplan.goal import decompose
+from jaxplan.model.gimbals import angles_along
 from jaxplan.model.path import Goal, motion
 from jaxplan.model.scenario import GivenState, Targets
-from jaxplan.model.spacecraft import Spacecraft, body_boresights, joints_along
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
@@ -87,7 +88,7 @@ def starts(
     craft, targets = setting()
     while True:
         joints = rng.uniform(-1, 1, (BATCH, 6)) * JOINT_LIMITS
-        body = body_boresights(craft.mounts, craft.fixed_boresights, joints)
+        body = craft.gimbals.boresights(joints)
         cosine = rng.uniform(math.cos(within) if held else -1, 1, BATCH)
         around, roll = rng.uniform(-np.pi, np.pi, (2, BATCH))
         offset = np.stack([cosine, *np.sqrt(1 - cosine**2) * [np.cos(around), np.sin(around)]], axis=-1)
@@ -137,7 +138,12 @@ def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
     """True if one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
     craft, targets = setting()
     body = targets.directions @ (attitude @ _turns_within(angle))
-    return bool(np.any(np.all(np.abs(joints_along(craft.mounts, body)) < JOINT_LIMITS, axis=-1)))
+    return bool(np.any(np.all(np.abs(_joints_along(craft, body)) < JOINT_LIMITS, axis=-1)))
+
+
+def _joints_along(craft: Spacecraft, body: np.ndarray) -> np.ndarray:
+    """(..., 6) rad, at which terminals point along directions (..., 3, 3) in body axes."""
+    return np.concatenate(angles_along(craft.gimbals.frames, body), axis=-1)
 
 
 @cache

@@ -105,8 +105,8 @@ class Evidence:
 
 
 def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
-    """Yaw and pitch added for what moves with a terminal, else zero: (..., 2T, n) to (..., S, n)."""
-    yaw, pitch = np.split(joints, 2, axis=-2)
+    """Angles of joints added for what moves with them, else zero: (..., J, n) to (..., S, n)."""
+    yaw, pitch = (np.moveaxis(part, 0, -2) for part in motion.mountings.split(np.moveaxis(joints, -2, 0)))
     still = np.zeros((*yaw.shape[:-2], len(motion.fixed), yaw.shape[-1]))
     both = yaw + pitch
     return np.concatenate([both, still, both[..., motion.views.carrier, :]], axis=-2)

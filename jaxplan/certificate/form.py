@@ -82,7 +82,7 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
         ),
         *(f"{name} is no unit vector to {_UNIT:g}" for name in _wrong(directions, _unit, 3)),
         *_trajectory(trajectory),
-        *_cones(cones, still, len(claim.zone_names), len(craft.terminals)),
+        *_cones(cones, still, len(claim.zone_names), craft),
         *_spacecraft(craft),
         *(fault for name, path in moving.items() for fault in _path(name, path, trajectory.breaks[-1])),
     ]
@@ -90,7 +90,7 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
 
 def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
     """Check the shapes of arrays by name; a curve has a piece at least, with a coefficient at least."""
-    rows, joints = cones.half_angle.size, 2 * len(claim.spacecraft.terminals)
+    rows, joints = cones.half_angle.size, claim.spacecraft.joint_count
     body, carried = (len(np.atleast_1d(vectors)) for vectors in (cones.body, cones.carried))
     sights = len(claim.spacecraft.device_names) + body + carried
     shapes: dict[str, tuple[int, ...]] = {"spacecraft.inertia": (3, 3)}
@@ -136,6 +136,10 @@ def _unit(vectors: np.ndarray) -> bool:
     return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
 
 
+def _across(first: np.ndarray, second: np.ndarray) -> bool:
+    return _unit(first) and _unit(second) and bool(abs(np.dot(first, second)) <= _UNIT)
+
+
 def _trajectory(trajectory: Trajectory) -> Iterator[str]:
     ends = trajectory.breaks[[0, -1]]
     if ends[0] != 0:
@@ -153,8 +157,9 @@ def _trajectory(trajectory: Trajectory) -> Iterator[str]:
             yield f"trajectory.{name} do not rise"
 
 
-def _cones(cones: Constraints, still: np.ndarray, zones: int, terminals: int) -> Iterator[str]:
+def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft) -> Iterator[str]:
     """Check the numbers of constraints, of whose axes some stand still, and what their rows may bind."""
+    terminals, gimbals = len(craft.terminals), len(craft.terminals) + len(craft.drives)
     frame, bound = cones.frame, cones.bound != 0
     of_joints, of_sights = frame == JOINTS, frame == SIGHT
     partner, sights = cones.partner[of_sights], bound.shape[1]
@@ -172,7 +177,7 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, terminals: int) ->
         f"bound has zones that bind devices beyond the {zones} that have a name": not bound[zones:].any(),
         "axis of a row of joints is not of yaw and pitch alone": not cones.axis[of_joints, 2:].any(),
         "frame is none of the four that there are": _whole(frame, 4),
-        f"carrier is none of the {terminals} terminals": _whole(cones.carrier, terminals),
+        f"carrier is none of the {gimbals} devices with joints": _whole(cones.carrier, gimbals),
         "paths has an axis that moves and is not inertial": not (~still & (frame != INERTIAL)).any(),
         "bound has a row of joints that binds more than terminals": not bound[of_joints, terminals:].any(),
         f"partner is none of the {sights} sights": partners_exist,
@@ -212,10 +217,27 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
             if name in ("torque_limit", "wheel_momentum_limit") and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
     for terminal in spacecraft.terminals:
-        if not np.isfinite(terminal.mount).all():
-            yield f"the mount of {terminal.name} is not finite"
-        for name in ("yaw_limit", "pitch_limit", "rate_limit", "acceleration_limit"):
-            positive.append((f"{name} of {terminal.name}", getattr(terminal, name)))
+        mounting = terminal.mounting
+        if mounting is None:
+            if terminal.mount is None or not np.isfinite(terminal.mount).all():
+                yield f"the mount of {terminal.name} is not finite"
+        elif not _across(mounting.yaw_axis, mounting.boresight):
+            yield f"the mount of {terminal.name} is no pair of unit vectors at right angles, to {_UNIT:g}"
+    for drive in spacecraft.drives:
+        if not (_unit(drive.axis) and _unit(drive.boresight)):
+            yield f"axis or boresight of {drive.name} is no unit vector to {_UNIT:g}"
+        elif not np.linalg.norm(np.cross(drive.axis, drive.boresight)) > _UNIT:
+            yield f"the boresight of {drive.name} lies along its axis"
+    for name, (low, high), rate, acceleration in zip(
+        spacecraft.joint_names,
+        spacecraft.joint_ranges,
+        spacecraft.joint_rate_limits,
+        spacecraft.joint_acceleration_limits,
+        strict=True,
+    ):
+        positive += [(f"rate limit of {name}", rate), (f"acceleration limit of {name}", acceleration)]
+        if not (np.isfinite([low, high]).all() and low < high):
+            yield f"the range of {name} is [{low:g}, {high:g}] and not of two rising numbers"
     for name, value in positive:
         numbers = [value] if isinstance(value, float) else np.ravel(value).tolist()
         if not all(0 < number < np.inf for number in numbers):

@@ -1,7 +1,8 @@
 """Limits at every instant, and what must hold at single ones: no jumps at breaks, wanted states at the ends.
 
 **Limits** are on rates, accelerations, jerk, joint angles, torque and momentum. Every limited quantity has
-components ``f`` that must stay within ``-limit`` and ``+limit``. The margin of a component is
+components ``f`` that must stay within ``-limit`` and ``+limit``; angles of joints count from the middle of
+their range, half of which is their limit. The margin of a component is
 ``1 - |f| / limit``, so that a peak over its limit is one minus the least margin. Of the length of a vector,
 which is not smooth where it is zero, the square is sampled, and the margin is that of its root.
 
@@ -69,6 +70,8 @@ def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
     for limit in limits(spacecraft):
         values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
         bound = np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64))
+        if limit.quantity.centre is not None:
+            values = values - np.asarray(limit.quantity.centre(spacecraft), np.float64)[:, None, None]
         found.append(Limited(limit, values, left_out, rounding, bound))
     return found
 
@@ -128,7 +131,10 @@ _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "joint_rates": lambda evidence, _: _joints(evidence, 1),
     "joint_accelerations": lambda evidence, _: _joints(evidence, 2),
     "yaw": lambda evidence, craft: _joints(evidence, 0, slice(None, len(craft.terminals))),
-    "pitch": lambda evidence, craft: _joints(evidence, 0, slice(len(craft.terminals), None)),
+    "pitch": lambda evidence, craft: _joints(
+        evidence, 0, slice(len(craft.terminals), 2 * len(craft.terminals))
+    ),
+    "drive": lambda evidence, craft: _joints(evidence, 0, slice(2 * len(craft.terminals), None)),
     "torque": _torque,
     "wheel_momentum": _momentum,
     "jerk": lambda evidence, _: _spin(evidence, 2),

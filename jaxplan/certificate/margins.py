@@ -32,6 +32,7 @@ from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Views
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
+_SHARED = ("views", "ways", "terminals", "layout")  # attributes of `Bindings` that are no arrays
 _ALL = slice(None)
 _MIDDLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its samples
 
@@ -58,6 +59,7 @@ class Bindings:
         view: (pairs,) number of the pair's scalar product among those of `bounds.Errors`.
         views: what is looked at beside boresights from inertial axes.
         ways: of the inertial axes that move, by row.
+        terminals: number of terminals, T.
         layout: how pairs make up constraints; owners are the trajectories on which they must hold.
     """
 
@@ -72,11 +74,12 @@ class Bindings:
     view: np.ndarray
     views: Views
     ways: dict[int, Way]
+    terminals: int
     layout: Layout
 
     @classmethod
-    def of(cls, cones: Constraints) -> Self:
-        """The pairs of constraints of arrays in float64 whose form has been checked."""
+    def of(cls, cones: Constraints, terminals: int) -> Self:
+        """The pairs of constraints of arrays in float64 whose form has been checked, of so many terminals."""
         row, sight, layout = _nested(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
         half_angle, axis, linear = cones.half_angle[row], cones.axis[row], frame == JOINTS
@@ -102,6 +105,7 @@ class Bindings:
             view=view,
             views=Views.of(cones, np.array(list(number), int).reshape(-1, 2)),
             ways={row: Way.of(path) for row, path in paths if path is not None and cones.bound[row].any()},
+            terminals=terminals,
             layout=layout,
         )
 
@@ -110,12 +114,13 @@ class Bindings:
         """The pairs of several trajectories of the same views, none with axes that move; or of one."""
         if len(several) == 1:
             return several[0]
-        arrays = [field.name for field in fields(cls) if field.name not in ("views", "ways", "layout")]
+        arrays = [field.name for field in fields(cls) if field.name not in _SHARED]
         return cls(
             **{name: np.concatenate([getattr(own, name) for own in several]) for name in arrays},
             layout=Layout.joined([own.layout for own in several]),
             views=several[0].views,
             ways={},
+            terminals=several[0].terminals,
         )
 
     @property
@@ -188,8 +193,10 @@ class Bindings:
     def _weighed(
         self, weight: np.ndarray, joints: np.ndarray, pair: np.ndarray, where: np.ndarray
     ) -> np.ndarray:
-        """Sums of yaw and pitch with weights (rows, 3), of joints (2T, n, ...): (rows, ...)."""
-        yaw, pitch = (joint[self.sight[pair], where].T for joint in np.split(joints, 2))
+        """Sums of yaw and pitch with weights (rows, 3), of joints (J, n, ...): (rows, ...)."""
+        # rows of joints are of terminals, whose yaws come first and whose pitches follow
+        yaw = joints[self.sight[pair], where].T
+        pitch = joints[self.sight[pair] + self.terminals, where].T
         total: np.ndarray = weight[:, 0] * yaw + weight[:, 1] * pitch
         return total.T
 

@@ -1,14 +1,15 @@
 """Motion of platform, joints and moving axes, written anew for the certificate from what they are.
 
 **Trajectories.** Conventions. ``R`` maps body to inertial, angular velocities are in body axes, joints are
-all yaws and then all pitches (2T), sights the boresights of all terminals, then of all instruments, axes of
-the body, and vectors of terminals' moving parts (S). On a piece (equation 25, corrected)
+all yaws, all pitches and all angles of drives (J = 2T + D), sights the boresights of terminals, drives and
+instruments, axes of the body, and vectors of moving parts (S). On a piece (equation 25, corrected)
 
     R(t) = R_a U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),   eta(t) = b(t) - (t - t_a) Omega,
 
 with ``b`` and the joints polynomials. Of the trajectory's making nothing else is used: the angular velocity
-and its derivatives are those of the quaternion of ``R``. A terminal points along ``v(yaw + mount, pitch)``
-of equation (13); what is left of that and above it turns with it.
+and its derivatives are those of the quaternion of ``R``. In its own axes (`Mountings`) a terminal points
+along ``v(yaw, pitch)`` of equation (13); what is left of that and above it turns with it. A drive has a yaw
+alone, and a pitch that stays as it is.
 
 The motion is sampled on intervals, each within one piece of the platform and one of the joints, at `NODES`,
 which include both ends; so what lies left and right of a break is there to be compared. Trajectories of one
@@ -212,7 +213,7 @@ class Samples:
         time: (n, m) s.
         attitude: (3, 3, n, m) body to inertial.
         spin: (3, 3, n, m) angular velocity and its two derivatives (first axis), rad/s, rad/s^2, rad/s^3.
-        joints: (4, 2T, n, m) joints and their three derivatives, rad, rad/s, ...
+        joints: (4, J, n, m) joints and their three derivatives, rad, rad/s, ...
         in_body: (S, 3, n, m) sights, unit vectors in body axes.
         boresights: (S, 3, n, m) sights, inertial unit vectors.
     """
@@ -231,7 +232,7 @@ class Views:
 
     Attributes:
         body: (b, 3) unit vectors, axes of the body that are sights.
-        carrier: (v,) int, the terminals whose moving parts carry further sights.
+        carrier: (v,) int, the devices whose moving parts carry further sights.
         carried: (v, 3) unit vectors, these sights at no angles: ahead, to the left, and up.
         within: (k, 2) int, what is seen within the body: a sight, and the sight it is seen from, or -1 for
             axes of the body.
@@ -254,6 +255,52 @@ class Views:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Mountings:
+    """How devices with joints stand on the body: T terminals, then D drives.
+
+    Attributes:
+        axes: (T + D, 3, 3) unit vectors in body axes, rows: where a terminal points at no angles, or across a
+            drive's axis; what is to the left of that; the axis of the yaw.
+        tilts: (D,) rad, of drives' boresights above the plane across their axes.
+    """
+
+    axes: np.ndarray
+    tilts: np.ndarray
+
+    @classmethod
+    def of(cls, spacecraft: Spacecraft) -> Self:
+        """The mountings of a spacecraft whose numbers have been checked."""
+        axes, tilts = list[np.ndarray](), list[float]()
+        for terminal in spacecraft.terminals:
+            if terminal.mounting is None:
+                angle = np.float64(np.nan if terminal.mount is None else terminal.mount)
+                ahead = np.array([np.cos(angle), np.sin(angle), 0.0])
+                axes.append(np.array([ahead, [-ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]]))
+            else:
+                axes.append(_axes(terminal.mounting.yaw_axis, terminal.mounting.boresight)[0])
+        for drive in spacecraft.drives:
+            found, tilt = _axes(drive.axis, drive.boresight)
+            axes.append(found)
+            tilts.append(tilt)
+        return cls(axes=np.array(axes, np.float64).reshape(-1, 3, 3), tilts=np.array(tilts, np.float64))
+
+    def split(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What turns (T + D, ...) and what lifts boresights, of joints (J, ...); drives lift by nothing."""
+        terminals = len(self.axes) - len(self.tilts)
+        yaw, pitch, angle = np.split(joints, [terminals, 2 * terminals])
+        return np.concatenate([yaw, angle]), np.concatenate([pitch, np.zeros_like(angle)])
+
+
+def _axes(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
+    """Axes (3, 3), rows, of a device that turns about an axis, and its boresight's tilt, rad."""
+    up = np.asarray(axis, np.float64) / np.linalg.norm(axis)
+    ahead = np.asarray(boresight, np.float64)
+    level = ahead - (ahead @ up) * up
+    size = np.linalg.norm(level)
+    return np.array([level / size, np.cross(up, level / size), up]), float(np.arctan2(ahead @ up, size))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """Curves of the platform and the joints, of one trajectory or of several, with the sights they carry.
 
@@ -263,7 +310,7 @@ class Motion:
         chart_attitude: (N, 3, 3) ``R_a``.
         chart_start: (N,) s, ``t_a``.
         chart_rate: (N, 3) rad/s, ``Omega``.
-        mounts: (T,) rad.
+        mountings: of terminals and drives.
         fixed_boresights: (i, 3) unit vectors of the instruments, body axes.
         views: what else is looked at.
     """
@@ -273,7 +320,7 @@ class Motion:
     chart_attitude: np.ndarray
     chart_start: np.ndarray
     chart_rate: np.ndarray
-    mounts: np.ndarray
+    mountings: Mountings
     fixed_boresights: np.ndarray
     views: Views = field(default_factory=Views)
 
@@ -287,7 +334,7 @@ class Motion:
             chart_attitude=np.concatenate([one.chart_attitude for one in trajectories]),
             chart_start=np.concatenate([one.chart_start for one in trajectories]),
             chart_rate=np.concatenate([one.chart_rate for one in trajectories]),
-            mounts=spacecraft.mounts,
+            mountings=Mountings.of(spacecraft),
             fixed_boresights=fixed / np.linalg.norm(fixed, axis=-1, keepdims=True),
             views=views,
         )
@@ -363,10 +410,13 @@ class Motion:
 
     def _in_body(self, joints: np.ndarray) -> np.ndarray:
         """Sights (S, 3, n, m) in body axes."""
-        azimuth, elevation = np.split(joints, 2)
-        azimuth = azimuth + self.mounts[:, None, None]
+        azimuth, elevation = self.mountings.split(joints)
+        if len(self.mountings.tilts):
+            elevation[-len(self.mountings.tilts) :] += self.mountings.tilts[:, None, None]
         level = np.cos(elevation)
-        moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        own = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        axes = self.mountings.axes
+        moving = np.einsum("dcnm,dci->dinm", own, axes)
         fixed = self.fixed[..., None, None]
         seen = [moving, np.broadcast_to(fixed, (*fixed.shape[:2], *joints.shape[1:]))]
         if len(self.views.carrier):
@@ -375,5 +425,6 @@ class Motion:
             left = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=1)
             up = np.stack([tilt * np.cos(azimuth), tilt * np.sin(azimuth), np.cos(elevation)], axis=1)
             x, y, z = (self.views.carried[:, i, None, None, None] for i in range(3))
-            seen.append(x * moving[self.views.carrier] + y * left + z * up)
+            further = x * own[self.views.carrier] + y * left + z * up
+            seen.append(np.einsum("dcnm,dci->dinm", further, axes[self.views.carrier]))
         return np.concatenate(seen)

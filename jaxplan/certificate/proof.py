@@ -15,7 +15,7 @@ from jaxplan.certificate import bounds, form, limits, series
 from jaxplan.certificate.bounds import Errors, Evidence, Minima
 from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import Motion, Trajectory
+from jaxplan.certificate.motion import Motion, Mountings, Trajectory
 from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
 from jaxplan.model.spacecraft import Spacecraft
@@ -105,7 +105,7 @@ class Case:
             claim=claim,
             static=static,
             curve=form.held(curve) if static else curve,
-            bindings=Bindings.of(cones.at(0.0) if static else cones),
+            bindings=Bindings.of(cones.at(0.0) if static else cones, len(claim.spacecraft.terminals)),
         )
 
     @property
@@ -115,7 +115,10 @@ class Case:
             return id(self)  # alone
         craft = self.claim.spacecraft
         given = (quantity.given(craft) for quantity in QUANTITIES)
-        numbers = (craft.mounts, craft.fixed_boresights, craft.inertia, *given)
+        mountings = Mountings.of(craft)
+        centres = (quantity.centre(craft) for quantity in QUANTITIES if quantity.centre is not None)
+        turning = mountings.axes, mountings.tilts
+        numbers = (*turning, craft.fixed_boresights, craft.inertia, *given, *centres)
         return (
             craft.device_names,
             self.curve.coefficients.shape[1],

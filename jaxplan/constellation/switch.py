@@ -312,18 +312,19 @@ def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> t
     Raises:
         ScenarioError: if a satellite has none.
     """
-    attitudes, joints, found = nearest_attitudes(craft, nominal, directions, craft.joint_limits)
+    attitudes, joints, found = nearest_attitudes(craft, nominal, directions)
     still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(len(craft.joint_names))}
     nowhere = tabulate((), (), craft.device_names)
     for number in np.flatnonzero(~found):
         targets = Targets(directions=directions[number], **still)
         answer = decompose(craft, nominal[number], targets, nowhere, max_goals=1)
         if not answer.goals:
-            assert answer.worst_joint is not None  # without terminals there is always an answer
+            assert answer.worst_aim is not None  # without terminals there is always an answer
+            terminal, angle = answer.worst_aim
             fault = (
                 f"satellite {number}: no attitude lets its terminals point along its links before "
-                f"the switch; at best {craft.joint_names[answer.worst_joint]} is "
-                f"{np.rad2deg(answer.joint_excess):.3g} deg beyond its limit"
+                f"the switch; at best {craft.terminals[terminal].name} {('yaw', 'pitch')[angle]} is "
+                f"{np.rad2deg(answer.aim_excess):.3g} deg beyond its limit"
             )
             raise ScenarioError([fault], "the starts")
         attitudes[number], joints[number] = answer.goals[0].attitude, answer.goals[0].joints

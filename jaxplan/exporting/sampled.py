@@ -128,23 +128,22 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     return np.stack([-up, left, outward], axis=-1)
 
 
-def terminal_motion(sampled: Sampled, terminal: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frames and angular velocities of a terminal on the body.
+def device_motion(sampled: Sampled, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frames and angular velocities of a device with joints on the body.
 
     Args:
         sampled: the manoeuvre.
-        terminal: its number.
+        number: of the terminal, or after all of them of the drive.
 
     Returns:
-        (k, 3, 3) frames, terminal to body, and (k, 3) rad/s, their angular velocity in body axes.
+        (k, 3, 3) frames, device to body, and (k, 3) rad/s, their angular velocity in body axes.
     """
-    craft = sampled.spacecraft
-    joints = [terminal, terminal + len(craft.terminals)]
-    yaw, pitch = sampled.values.joints[:, joints].T
-    yaw_rate, pitch_rate = sampled.values.joint_rates[:, joints].T
-    azimuth = yaw + craft.terminals[terminal].mount
-    rates = [pitch_rate * np.sin(azimuth), -pitch_rate * np.cos(azimuth), yaw_rate]
-    return frames(azimuth, pitch), np.stack(rates, axis=-1)
+    gimbals, values = sampled.spacecraft.gimbals, sampled.values
+    azimuth, elevation = (part[:, number] for part in gimbals.angles(values.joints))
+    yaw_rate, pitch_rate = (part[:, number, None] for part in gimbals.parts(values.joint_rates))
+    yaw_axis, pitch_axis = gimbals.axes(azimuth, np.full(len(azimuth), number))
+    own = np.asarray(gimbals.frames[number] @ frames(azimuth, elevation))
+    return own, yaw_rate * yaw_axis + pitch_rate * pitch_axis
 
 
 def instrument_frames(boresights: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.exporting.sampled import Sampled, instrument_frames, labels, plain, progress, terminal_motion
+from jaxplan.exporting.sampled import Sampled, device_motion, instrument_frames, labels, plain, progress
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time
 from jaxplan.model.spacecraft import Spacecraft
@@ -70,23 +70,23 @@ def write_spice(sampled: Sampled, folder: Path) -> None:
 
     assert sampled.start is not None
     craft = sampled.spacecraft
-    terminals, instruments = _device_frames(craft)
-    kernel = _frame_kernel(sampled, terminals, instruments)
+    turning, instruments = _device_frames(craft)
+    kernel = _frame_kernel(sampled, turning, instruments)
     (folder / "frames.tf").write_text(kernel, encoding="ascii")
     (folder / "clock.tsc").write_text(_CLOCK, encoding="ascii")
     try:
         with _pool_holding(kernel + _CLOCK):
-            _write_c_kernel(sampled, terminals, folder / "attitude.bc")
+            _write_c_kernel(sampled, turning, folder / "attitude.bc")
     except SpiceyError as error:
         raise ValueError(f"SPICE cannot write the C-kernel: {error}") from error
 
 
 def _device_frames(craft: Spacecraft) -> tuple[list[_Frame], list[_Frame]]:
-    """Frames of terminals and of instruments."""
+    """Frames of devices with joints, and of instruments."""
     prefix = "JAXPLAN_"
     plain_names = (name.replace("-", "_") for name in craft.device_names)
     names = labels(plain_names, taken=["bus"], longest=_LONGEST_NAME - len(prefix))
-    count = len(craft.terminals)
+    count = craft.gimbals.count
     numbers = [_FIRST_TERMINAL - i for i in range(count)]
     numbers += [_FIRST_INSTRUMENT - i for i in range(len(craft.instruments))]
     frames = [
@@ -96,13 +96,13 @@ def _device_frames(craft: Spacecraft) -> tuple[list[_Frame], list[_Frame]]:
     return frames[:count], frames[count:]
 
 
-def _frame_kernel(sampled: Sampled, terminals: Sequence[_Frame], instruments: Sequence[_Frame]) -> str:
+def _frame_kernel(sampled: Sampled, turning: Sequence[_Frame], instruments: Sequence[_Frame]) -> str:
     lines = ["KPL/FK", "", f"   Frames of the spacecraft of: {plain(sampled.name)}", ""]
     lines += [f"   {_BUS_NAME:<26}  {_BUS}  the platform, based on J2000"]
-    lines += [f"   {f.name:<26}  {f.number}  {f.what}, turning on the bus" for f in terminals]
+    lines += [f"   {f.name:<26}  {f.number}  {f.what}, turning on the bus" for f in turning]
     lines += [f"   {f.name:<26}  {f.number}  {f.what}, fixed to the bus" for f in instruments]
     lines += ["", "   The boresight of a device is the z axis of its frame.", "", "\\begindata"]
-    for frame in (_Frame(number=_BUS, name=_BUS_NAME, what=""), *terminals):
+    for frame in (_Frame(number=_BUS, name=_BUS_NAME, what=""), *turning):
         lines += _definition(frame, kind=3)
         lines += [f"CK_{frame.number}_SCLK = {_CRAFT}", f"CK_{frame.number}_SPK = {_CRAFT}"]
     matrices = instrument_frames(sampled.spacecraft.fixed_boresights)
@@ -154,7 +154,7 @@ def _pool_holding(kernel: str) -> Iterator[None]:
             (spice.pcpool if kind == "C" else spice.pdpool)(name, values)
 
 
-def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -> None:
+def _write_c_kernel(sampled: Sampled, turning: Sequence[_Frame], path: Path) -> None:
     import spiceypy as spice
 
     assert sampled.start is not None
@@ -163,7 +163,7 @@ def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -
     ticks = np.array([spice.sce2c(_CRAFT, moment) for moment in ephemeris])
     handle = spice.ckopn(str(path), "jaxplan", 0)
     try:
-        for number, base, *motion in progress(_motions(sampled, terminals), 1 + len(terminals)):
+        for number, base, *motion in progress(_motions(sampled, turning), 1 + len(turning)):
             # The first and the last sample stand twice.
             inverse, rates = (np.pad(array, ((1, 1), (0, 0)), mode="edge") for array in motion)
             inverse, name = inverse * [1.0, -1.0, -1.0, -1.0], f"jaxplan {number} on {base}"
@@ -176,10 +176,10 @@ def _write_c_kernel(sampled: Sampled, terminals: Sequence[_Frame], path: Path) -
 
 
 def _motions(
-    sampled: Sampled, terminals: Sequence[_Frame]
+    sampled: Sampled, turning: Sequence[_Frame]
 ) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
     """Each moving frame's number and base, (k, 4) quaternions to it and (k, 3) rad/s in its components."""
     yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
-    for number, frame in enumerate(terminals):
-        matrices, rates = terminal_motion(sampled, number)
+    for number, frame in enumerate(turning):
+        matrices, rates = device_motion(sampled, number)
         yield frame.number, _BUS_NAME, quaternion.continuous(matrices), rates

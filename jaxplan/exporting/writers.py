@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.exporting.sampled import Sampled, labels, plain, progress, table_lines, terminal_motion
+from jaxplan.exporting.sampled import Sampled, device_motion, labels, plain, progress, table_lines
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import utc_texts
+from jaxplan.model.spacecraft import Spacecraft
 
 
 def write_aem(sampled: Sampled, path: Path) -> None:
@@ -67,7 +68,7 @@ def write_stk(sampled: Sampled, folder: Path) -> None:
     """Write STK's attitude file ``platform.a`` and a sensor file of each terminal, ``terminal-1.sp``.
 
     Quaternions turn the reference axes into the object's in STK's sense, which is ours of object to
-    reference, with the scalar last. The reference is J2000 for the platform, and for a terminal the
+    reference, with the scalar last. The reference is J2000 for the platform, and for a device with joints the
     platform's body axes, which is what STK takes where a sensor file names none. A sensor's boresight is its
     z axis.
 
@@ -77,9 +78,10 @@ def write_stk(sampled: Sampled, folder: Path) -> None:
     """
     axes = ("CentralBody Earth", "CoordinateAxes J2000")
     _write_stk(sampled, folder / "platform.a", sampled.quaternions, axes)
-    names = labels((t.name for t in sampled.spacecraft.terminals), taken=(), longest=100)
+    craft = sampled.spacecraft
+    names = labels(craft.device_names[: craft.gimbals.count], taken=(), longest=100)
     for number, name in enumerate(names):
-        frames, _ = terminal_motion(sampled, number)
+        frames, _ = device_motion(sampled, number)
         _write_stk(sampled, folder / f"{name}.sp", quaternion.continuous(frames), ())
 
 
@@ -170,19 +172,24 @@ def write_npz(sampled: Sampled, path: Path) -> None:
 
 def _arrays(sampled: Sampled) -> list[tuple[str, str, np.ndarray]]:
     """Name, unit and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
-    values, terminals = sampled.values, sampled.spacecraft.terminals
+    values, craft = sampled.values, sampled.spacecraft
     arrays = [
         ("time", "_s", sampled.times),
         ("quaternion", "", sampled.quaternions),
         ("angular_velocity", "_rad_s", values.angular_velocity),
         ("angular_acceleration", "_rad_s2", values.angular_acceleration),
     ]
-    for number, terminal in enumerate(terminals):
-        for joint, column in (("yaw", number), ("pitch", number + len(terminals))):
-            name = f"{terminal.name} {joint}"
-            arrays += [
-                (name, "_rad", values.joints[:, column]),
-                (f"{name}_rate", "_rad_s", values.joint_rates[:, column]),
-                (f"{name}_acceleration", "_rad_s2", values.joint_accelerations[:, column]),
-            ]
+    for column in sorted(range(craft.joint_count), key=lambda joint: _owner(craft, joint)):
+        name = craft.joint_names[column]
+        arrays += [
+            (name, "_rad", values.joints[:, column]),
+            (f"{name}_rate", "_rad_s", values.joint_rates[:, column]),
+            (f"{name}_acceleration", "_rad_s2", values.joint_accelerations[:, column]),
+        ]
     return arrays
+
+
+def _owner(craft: Spacecraft, joint: int) -> int:
+    """The number of the device that a joint is of."""
+    terminals = len(craft.terminals)
+    return joint % terminals if joint < 2 * terminals else joint - terminals

@@ -142,26 +142,6 @@ def frame(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vecto
     return outward(ca, sa, cb, sb), left, (-sb * ca, -sb * sa, cb)
 
 
-def slopes(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vector, Vector]:
-    """Components of the derivatives of ``v(a, b)`` by azimuth and by elevation, from what `outward` takes."""
-    _, (x, y, z), up = frame(ca, sa, cb, sb)
-    return (cb * x, cb * y, cb * z), up
-
-
-def turns(vector: Components, ca: AnyArray, sa: AnyArray) -> tuple[Vector, Vector]:
-    """Components of the derivatives by azimuth and elevation of any direction that turns with ``v(a, b)``.
-
-    The azimuth turns it about z, the elevation about the opposite of the left, ``(sin a, -cos a, 0)``.
-
-    Args:
-        vector: components of the direction.
-        ca: cosine of the azimuth.
-        sa: its sine.
-    """
-    x, y, z = vector
-    return (-y, x, array_module(z).zeros_like(z)), (-z * ca, -z * sa, x * ca + y * sa)
-
-
 def carried(vector: Components, ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
     """Components of what is ``vector`` ahead, to the left and upward of ``v(a, b)``, see `frame`."""
     x, y, z = (dot(vector, column) for column in zip(*frame(ca, sa, cb, sb), strict=True))

@@ -1,17 +1,18 @@
-"""Step 1: the attitudes from which all terminals can point at their targets, the nearest first.
+"""Step 1: the attitudes from which all devices can point at their targets, the nearest first.
 
 Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
 ``|eta| <= pi`` at which every joint is within its limits and every constraint holds that the attitude decides
 on, such as a zone that binds a body-fixed instrument. It has up to a dozen local minima; the first goal is
 the global one, the others are the next best.
 
-`caps` tells what the attitude decides on, and writes it in one form; `descent` finds local minima from many
+`aims` tells what must point where and what is known then; `caps` writes what the attitude decides on in one
+form; `descent` finds local minima from many
 starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
 ones; `beside` finds goals beside what the attitude does not decide on. `sensitivity` has the goals'
-derivatives. Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
+derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import numpy as np
@@ -25,7 +26,6 @@ from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 
@@ -37,8 +37,8 @@ _BROKEN = -1e-9  # rad, a margin
 @shown(
     "goals",
     "slew_angle deg",
-    "joint_excess deg",
-    "worst_joint",
+    "aim_excess deg",
+    "worst_aim",
     "zone_excess deg",
     "worst_zone",
     "worst_device",
@@ -57,8 +57,10 @@ class Decomposition:
             left open and the nearest breaks it, others that keep it are among them.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.
-        joint_excess: rad, how far the worst joint is beyond its limit at the goal; -inf without terminals.
-        worst_joint: its number in the joint vector; None without terminals.
+        aim_excess: rad, how far the worst device is from pointing at its target: a joint beyond its range, or
+            what has none off it; -inf where nothing has a target.
+        worst_aim: the device's number among those with targets, and 0 for its azimuth or 1 for its elevation;
+            None likewise.
         zone_excess: rad, how deep the worst sight is in a zone; -inf where no zone matters.
         worst_zone: row of that zone among the cones; None where no zone matters.
         worst_device: number of that sight: of a device, or beyond these of an axis of the body, likewise.
@@ -66,8 +68,8 @@ class Decomposition:
 
     goals: tuple[Goal, ...]
     slew_angle: float
-    joint_excess: float
-    worst_joint: int | None
+    aim_excess: float
+    worst_aim: tuple[int, int] | None
     zone_excess: float
     worst_zone: int | None
     worst_device: int | None
@@ -79,6 +81,7 @@ def decompose(
     targets: Targets,
     cones: Constraints,
     *,
+    start_joints: np.ndarray | None = None,
     max_slew: float = np.pi,
     max_goals: int = 3,
     seed: int = 0,
@@ -92,8 +95,9 @@ def decompose(
     Args:
         spacecraft: its terminals and instruments, any number of either.
         start_attitude: (3, 3) ``R0``, body to inertial.
-        targets: a direction for each terminal, and limits at the goal where those are tighter.
+        targets: directions for devices, and limits at the goal where those are tighter.
         cones: all constraints, for the devices of the spacecraft.
+        start_joints: (J,) rad, that devices without a target have; zero unless told.
         max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
         max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
             Where something is left open there may be more, to choose from.
@@ -102,14 +106,7 @@ def decompose(
     Returns:
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
-    limits = goal_limits(spacecraft, targets)
-    problem = GoalProblem(
-        spacecraft=spacecraft,
-        start=np.asarray(start_attitude, dtype=np.float64),
-        directions=np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3),
-        joint_limits=limits,
-        rows=cones,
-    )
+    problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     caps = assemble(problem)
     with jax.enable_x64(True):
         solutions = multistart.minima(caps, max(max_goals, CANDIDATES) if caps.open else max_goals, seed)
@@ -117,20 +114,20 @@ def decompose(
     attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
     joints = problem.joints(attitudes)
     goals = [
-        Goal(attitude=attitude, joints=np.clip(angles, -limits, limits), slew_angle=slew)
+        Goal(attitude=attitude, joints=np.clip(angles, *problem.ranges.T), slew_angle=slew)
         for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
         if slew <= max_slew
     ]
     if caps.open and goals and _breaks(problem, goals[0]):
         goals += goals_beside(problem, np.stack([goal.attitude for goal in goals]), max_slew, seed)
         goals.sort(key=lambda goal: goal.slew_angle)
-    joint_excess = np.abs(joints[0]) - limits
+    excess = problem.aims.excess(attitudes[0])
     zone_excess, worst_zone, worst_device = deepest_row(caps, problem, attitudes[0], joints[0])
     return Decomposition(
         goals=tuple(goals),
         slew_angle=slews[0],
-        joint_excess=float(np.max(joint_excess, initial=-np.inf)),
-        worst_joint=int(np.argmax(joint_excess)) if len(limits) else None,
+        aim_excess=float(np.max(excess, initial=-np.inf)),
+        worst_aim=divmod(int(np.argmax(excess)), 2) if excess.size else None,
         zone_excess=zone_excess,
         worst_zone=worst_zone,
         worst_device=worst_device,
@@ -145,23 +142,16 @@ def _breaks(problem: GoalProblem, goal: Goal) -> bool:
 
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""
-    nowhere = tabulate((), (), problem.spacecraft.device_names)
-
-    def wider_joints(by: float) -> Caps:
-        return assemble(replace(problem, joint_limits=problem.joint_limits + by, rows=nowhere))
 
     def easier_zones(by: float) -> Caps:
         return assemble(problem, widening=by)
 
+    def easier_aims(by: float) -> Caps:
+        return assemble(problem.wider(by))
+
     has_zones = np.any(easier_zones(0).row >= 0)
-    can_point = has_zones and len(multistart.minima(wider_joints(0), 1, seed)) > 0
-    return multistart.least_widening(easier_zones if can_point else wider_joints, np.pi, seed)[None]
-
-
-def goal_limits(spacecraft: Spacecraft, targets: Targets) -> np.ndarray:
-    """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
-    given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
-    return np.minimum(spacecraft.joint_limits, np.repeat(given, len(spacecraft.terminals)))
+    can_point = has_zones and len(multistart.minima(easier_aims(0), 1, seed)) > 0
+    return multistart.least_widening(easier_zones if can_point else easier_aims, np.pi, seed)[None]
 
 
 def tracking_rates(
@@ -171,6 +161,7 @@ def tracking_rates(
     targets: Targets,
     cones: Constraints,
     *,
+    start_joints: np.ndarray,
     target_rates: np.ndarray,
     axis_rates: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -180,14 +171,15 @@ def tracking_rates(
         goal: one that `decompose` found for this problem.
         spacecraft: terminals and instruments.
         start_attitude: (3, 3) ``R0``, body to inertial.
+        start_joints: (J,) rad, that devices without a target have.
         targets: where they are when the manoeuvre ends, with limits.
         cones: all constraints as they are then.
         target_rates: (n, 3) 1/s, derivatives of the targets' directions.
         axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
 
     Returns:
-        (3,) angular velocity, rad/s, body axes, and (2n,) joint rates, rad/s: together they turn every
-        terminal's beam as its target turns, exactly. Where the optimum has no derivative, the platform's is
+        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s: together they turn every
+        boresight as its target turns, exactly. Where the optimum has no derivative, the platform's is
         the one that `differentiable_goal` chooses.
     """
     place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
@@ -198,6 +190,7 @@ def tracking_rates(
             start_attitude,
             targets,
             cones,
+            start_joints=start_joints,
             target_rates=target_rates,
             axis_rates=axis_rates,
         )

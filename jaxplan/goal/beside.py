@@ -7,6 +7,10 @@ where all of it holds, and by which entries. From the nearest of these, sequenti
 that is nearer.
 """
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from jaxplan import so3
@@ -28,7 +32,31 @@ SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
 _STEP = 1e-5  # rad, of central differences
 _ITERATIONS = 60
+_NEWTON = 6  # steps onto the equations; each squares what is off
 _CHANGES = 4  # of the entries
+
+
+def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
+    """What must be zero at ``eta`` (..., 3), rad: azimuths and elevations with a tolerance and no range."""
+    aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
+    off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
+    return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
+
+
+def _met(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) near given ones at which all equations hold, by Newton's method."""
+    for _ in range(_NEWTON if problem.aims.has_equations else 0):
+        slopes = _slopes(lambda moved: _equations(problem, moved), eta)
+        off = _equations(problem, eta)
+        eta = eta - (np.linalg.pinv(slopes, rcond=1e-6) @ off[..., None])[..., 0]
+    return eta
+
+
+def _slopes(function: Callable[[np.ndarray], np.ndarray], eta: np.ndarray) -> np.ndarray:
+    """Central differences (..., c, 3) of a function of ``eta`` (..., 3)."""
+    steps = _STEP * np.eye(3)
+    ahead, behind = (function(eta[..., None, :] + way * steps) for way in (1, -1))
+    return np.swapaxes((ahead - behind) / (2 * _STEP), -1, -2)
 
 
 def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed: int) -> list[Goal]:
@@ -43,7 +71,7 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
     Returns:
         As many as were found, perhaps none, 2 deg or more apart.
     """
-    tried = _around(problem.start, around, seed)
+    tried = _met(problem, _around(problem.start, around, seed))
     left, margins = _spare(problem, tried)
     least = np.min(constraint_margins(problem.rows, margins), axis=-1)
     kept = (np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)
@@ -62,11 +90,11 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
 
 
 def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What joints have left of their ranges (..., 4n), and margins (..., Z, S), at ``eta`` (..., 3)."""
+    """What azimuths and elevations have left of ranges (..., r), and margins (..., Z, S), at ``eta``."""
     attitudes = problem.start @ np.asarray(so3.exp(eta))
-    joints = problem.joints(attitudes)
-    left = np.concatenate([problem.joint_limits - joints, problem.joint_limits + joints], axis=-1)
-    return left, problem.margins(attitudes, joints)
+    ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
+    left = -problem.aims.excess(attitudes)[..., ranged]
+    return left, problem.margins(attitudes, problem.joints(attitudes))
 
 
 def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
@@ -100,7 +128,7 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
         which = problem.rows.bound & best[:, None]
         if before is not None and np.all(which == before):
             break
-        eta, before = _descended(problem, eta, which), which
+        eta, before = _met(problem, _descended(problem, eta, which)), which
     left, margins = _spare(problem, eta)
     least = np.min([*left, *constraint_margins(problem.rows, margins)])
     return eta if least >= SPARE / 2 else None
@@ -114,17 +142,18 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
         left, margins = _spare(problem, eta)
         return np.concatenate([left, margins[..., which]], axis=-1) - SPARE
 
-    def slopes(eta: np.ndarray) -> np.ndarray:
-        steps = _STEP * np.concatenate([np.eye(3), -np.eye(3)])
-        ahead, behind = np.split(spare(eta + steps), 2)
-        return (ahead - behind).T / (2 * _STEP)
-
+    constraints: list[dict[str, Any]] = [
+        {"type": "ineq", "fun": spare, "jac": lambda eta: _slopes(spare, eta)},
+    ]
+    if problem.aims.has_equations:
+        equations = partial(_equations, problem)
+        constraints.append({"type": "eq", "fun": equations, "jac": lambda eta: _slopes(equations, eta)})
     found = minimize(
         lambda eta: eta @ eta / 2,
         eta,
         jac=lambda eta: eta,
         method="SLSQP",
-        constraints={"type": "ineq", "fun": spare, "jac": slopes},
+        constraints=constraints,
         options={"maxiter": _ITERATIONS, "ftol": 1e-14},
     )
     return np.asarray(found.x)

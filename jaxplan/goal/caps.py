@@ -1,16 +1,16 @@
 """The constraints of problem (7) in one form: cones about body axes, caps, that directions must stay out of.
 
-At a goal a terminal points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
+At a goal a device points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
 known, then, where they are in one of two frames: targets and inertial axes in the inertial one, boresights of
-instruments and axes of the body in the body's. A pair of a row and a sight in the same frame is *settled*
-whatever the attitude; one of either is a cap. So is a row of joints that bounds a yaw or a pitch alone. All
-other pairs depend on what the joints are: step 1 leaves them *open*.
+instruments, axes of the body and held devices in the body's (`jaxplan.goal.aims`). A pair of a row and a
+sight in the same frame is *settled* whatever the attitude; one of either is a cap. So is a row of joints that
+bounds a yaw or a pitch alone. All other pairs depend on what the joints are: step 1 leaves them *open*.
 
 With ``R = R0 E`` an inertial direction ``z`` has the body components ``E^T R0^T z``. Every constraint on the
 goal keeps one such vector out of a cap of the unit sphere in body axes, of axis ``a`` and half-angle ``h``:
 
-    yaw <= Y         half the sphere, beyond the plane at the yaw Y; likewise for the lower limit (equation 4)
-    pitch <= P       around the body's z axis, ``h = pi / 2 - P``; around -z for the lower limit
+    azimuth <= Y     half the sphere, beyond the plane at the azimuth Y; likewise for the least (equation 4)
+    elevation <= P   around the device's yaw axis, ``h = pi / 2 - P``; around its opposite for the least
     keep-out cone    around what is fixed to the body, for what is inertial: an instrument or an axis of the
                      body for a zone's direction or a target, or a cone's axis in the body for a target;
                      ``h`` is its half-angle
@@ -27,8 +27,9 @@ lanes are the last axis.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain, product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +38,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays, separation
+from jaxplan.goal.aims import AZIMUTH, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.model.constraints import (
     BODY,
     INERTIAL,
@@ -45,11 +47,14 @@ from jaxplan.model.constraints import (
     Constraints,
     best_entries,
     chosen_entries,
+    joint_values,
     pair_margins,
     state_margins,
 )
 from jaxplan.model.directions import Sights
+from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import padded_count
 
 HAIR = 1e-12
@@ -65,31 +70,75 @@ class GoalProblem:
     """What is asked of the attitude at a goal.
 
     Attributes:
-        spacecraft: its terminals and instruments.
+        spacecraft: its devices.
         start: (3, 3) attitude at the start, body to inertial, ``R0``.
-        directions: (n, 3) inertial unit vectors that the terminals point along.
-        joint_limits: (2n,) rad, at the goal; from pi for a yaw and from pi / 2 for a pitch there is no limit.
+        rest: (J,) rad, joints that devices without a target have at the goal; of angles of the others that
+            differ by whole turns the nearest to these are taken.
+        aims: what must point where.
+        ranges: (J, 2) rad, of the joints at the goal.
         rows: all constraints, at an instant.
     """
 
     spacecraft: Spacecraft
     start: np.ndarray
-    directions: np.ndarray
-    joint_limits: np.ndarray
+    rest: np.ndarray
+    aims: Aims
+    ranges: np.ndarray
     rows: Constraints
 
-    @property
+    @classmethod
+    def of(
+        cls,
+        spacecraft: Spacecraft,
+        start: ArrayLike,
+        targets: Targets,
+        rows: Constraints | None = None,
+        rest: ArrayLike | None = None,
+    ) -> Self:
+        """The problem of targets; without rows, and with other joints at zero, unless told."""
+        ranges = np.asarray(goal_ranges(spacecraft, targets))
+        return cls(
+            spacecraft=spacecraft,
+            start=np.asarray(start, float),
+            rest=np.zeros(len(ranges)) if rest is None else np.asarray(rest, float),
+            aims=aims_of(spacecraft, targets, float(targets.tolerance)),
+            ranges=ranges,
+            rows=tabulate((), (), spacecraft.device_names) if rows is None else rows,
+        )
+
+    @cached_property
     def sights(self) -> Sights:
         """The directions that the rows bind."""
-        return self.rows.sights(self.spacecraft.mounts, self.spacecraft.fixed_boresights)
+        return self.rows.sights(self.spacecraft.gimbals, self.spacecraft.fixed_boresights)
+
+    @cached_property
+    def known(self) -> Known:
+        """What is known of them."""
+        return known_sights(self.aims, self.sights, self.rest)
+
+    @cached_property
+    def pairs(self) -> "Pairs":
+        """All pairs of the rows."""
+        return pairs_at_goal(self.rows, self.sights, self.known, self.rest)
 
     def joints(self, attitudes: np.ndarray) -> np.ndarray:
-        """(..., 2n) rad, at attitudes (..., 3, 3) at which terminals point along their directions."""
-        return np.asarray(self.spacecraft.joints_toward(attitudes, self.directions))
+        """(..., J) rad, at attitudes (..., 3, 3) at which devices point along their targets."""
+        return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """(..., Z, S) rad, of every pair in states."""
         return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
+
+    def wider(self, by: float) -> "GoalProblem":
+        """The problem without rows, with azimuths and elevations so many rad easier."""
+        around = np.array([-by, by])
+        nowhere = tabulate((), (), self.spacecraft.device_names)
+        return replace(
+            self,
+            aims=replace(self.aims, ranges=self.aims.ranges + around),
+            ranges=self.ranges + around,
+            rows=nowhere,
+        )
 
 
 def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -156,57 +205,63 @@ class Pairs(NamedTuple):
     half_angle: AnyArray
 
 
-def pairs_at_goal(rows: Constraints, sights: Sights, directions: ArrayLike) -> Pairs:
+def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
     """All pairs of a scene as they are at a goal.
 
     Args:
         rows: the constraints, at an instant.
         sights: what they bind.
-        directions: (n, 3) inertial unit vectors that the terminals point along.
+        known: of these.
+        rest: (J,) rad, joints that held devices keep.
     """
-    xp, toward, fixed, axis = arrays(directions, sights.fixed, rows.axis)
+    xp, toward, along, axis = arrays(known.toward, known.along, rows.axis)
     side, half_angle = rows.side[:, None], rows.half_angle[:, None]
-    known = _known(sights)
-    seen = xp.concatenate([toward, fixed, xp.zeros(sights.carried.shape, toward.dtype)])
-    frame = rows.frame[:, None]
+    inertial, in_body = rows.frame == INERTIAL, rows.frame == BODY
+    outside, inside = axis, axis
     if rows.inner:
-        another = frame == SIGHT
-        axis = xp.where(another, seen[rows.partner], axis)
-        frame = xp.where(another, xp.asarray(known)[rows.partner][:, None], frame)
-    in_body = known == BODY
-    mixed = ((frame == INERTIAL) & in_body) | ((frame == BODY) & (known == INERTIAL))
+        another, partner = rows.frame == SIGHT, rows.partner
+        inertial = inertial | (another & xp.asarray(known.inertial)[partner])
+        in_body = in_body | (another & xp.asarray(known.in_body)[partner])
+        outside = xp.where(another[:, None], toward[partner], axis)
+        inside = xp.where(another[:, None], along[partner], axis)
+    both_outside = inertial[:, None] & known.inertial
+    both_inside = in_body[:, None] & known.in_body
+    settled = rows.bound & (both_outside | both_inside)
+    margin = xp.where(both_outside, pair_margins(rows, toward, outside), pair_margins(rows, along, inside))
+    by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
+    of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
     pairs = Pairs(
-        settled=rows.bound & (frame == known) & (known != JOINTS),
-        margin=pair_margins(rows, seen, axis),
-        capped=rows.bound & mixed,
-        axis=side[..., None] * xp.where(in_body[:, None], seen, axis[:, None]),
-        direction=xp.where(in_body[:, None], axis[:, None], seen),
+        settled=settled,
+        margin=margin,
+        capped=rows.bound & by_attitude & ~settled,
+        axis=side[..., None] * xp.where(of_body, along, inside[:, None]),
+        direction=xp.where(of_body, outside[:, None], toward),
         half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
     )
-    return _with_joints(pairs, rows, sights, seen) if rows.inner else pairs
+    return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
 
 
-def _known(sights: Sights) -> np.ndarray:
-    """The frame (S,) in which each sight is known at a goal; `JOINTS` where it takes the joints to know."""
-    counts = [sights.mounts.shape[0], sights.fixed.shape[0], sights.carried.shape[0]]
-    return np.repeat([INERTIAL, BODY, JOINTS], counts)
-
-
-def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, seen: AnyArray) -> Pairs:
-    """The pairs with caps for rows of joints that bound a yaw or a pitch alone."""
-    xp, normal, bound, mounts = arrays(rows.axis, rows.half_angle, sights.mounts)
+def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
+    """The pairs with those of rows of joints: settled of held devices, and caps of a yaw or a pitch alone."""
+    xp, normal, bound, frames = arrays(rows.axis, rows.half_angle, sights.gimbals.frames)
     of_yaw, sign = single_yaws(rows), xp.sign(normal[:, 0] + normal[:, 1])
-    rest = np.zeros(rows.bound.shape[1] - mounts.shape[0])
-    edge = xp.concatenate([mounts, rest]) + (sign * (bound - np.pi / 2))[:, None]
-    yaw_axis = xp.stack([xp.cos(edge), xp.sin(edge), xp.zeros_like(edge)], axis=-1)
-    pitch_axis = -sign[:, None, None] * np.array([0.0, 0.0, 1.0])
+    edge = sign * (bound - np.pi / 2)
+    across = frames[:, :, 0] * xp.cos(edge)[:, None, None] + frames[:, :, 1] * xp.sin(edge)[:, None, None]
+    upward = -sign[:, None, None] * frames[:, :, 2]
+    rest_of = ((0, 0), (0, rows.bound.shape[1] - frames.shape[0]), (0, 0))
+    axis = xp.pad(xp.where(of_yaw[:, None, None], across, upward), rest_of)
     half_angle = np.pi / 2 + xp.where(of_yaw, 0, bound)[:, None]
     ours = (rows.frame == JOINTS)[:, None]
-    alone = of_yaw | (normal[:, 0] == 0)
+    one_plane = of_yaw[:, None] & ~known.winds  # else no plane says which turn a yaw is in
+    alone = (one_plane | (normal[:, 0] == 0)[:, None]) & known.inertial
+    values = xp.swapaxes(joint_values(rows, sights.gimbals, rest), -1, -2)
+    held = ours & known.angles
     return pairs._replace(
-        capped=xp.where(ours, rows.bound & alone[:, None], pairs.capped),
-        axis=xp.where(ours[..., None], xp.where(of_yaw[:, None, None], yaw_axis, pitch_axis), pairs.axis),
-        direction=xp.where(ours[..., None], seen, pairs.direction),
+        settled=xp.where(ours, rows.bound & held, pairs.settled),
+        margin=xp.where(ours, values - bound[:, None], pairs.margin),
+        capped=xp.where(ours, rows.bound & alone, pairs.capped),
+        axis=xp.where(ours[..., None], axis, pairs.axis),
+        direction=xp.where(ours[..., None], known.toward, pairs.direction),
         half_angle=xp.where(ours, half_angle, pairs.half_angle),
     )
 
@@ -216,9 +271,9 @@ def single_yaws(rows: Constraints) -> AnyArray:
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
 
 
-def leaves_open(rows: Constraints, sights: Sights, directions: ArrayLike) -> bool:
+def leaves_open(problem: GoalProblem) -> bool:
     """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
-    return bool(np.any(_open(rows, pairs_at_goal(rows, sights, directions))))
+    return bool(np.any(_open(problem.rows, problem.pairs)))
 
 
 def _open(rows: Constraints, pairs: Pairs) -> AnyArray:
@@ -236,8 +291,8 @@ class Caps:
         half_angle: (m,) rad, -1 for an empty cap.
         member: (m,) number of the member that the cap belongs to, ascending.
         group: (m,) number of the group that the member belongs to.
-        row: (m,) the row of the constraints that the cap is of; -1 for limits of joints and empty ones.
-        sight: (m,) number of the sight, likewise.
+        row: (m,) the row of the constraints that the cap is of; -1 for aims and empty ones.
+        sight: (m,) number of the sight; -1 for empty ones.
         open: whether step 1 leaves something open.
     """
 
@@ -280,15 +335,13 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
         problem: what is asked.
         widening: rad by which every row is made easier.
     """
-    rows, sights, directions = problem.rows, problem.sights, problem.directions
-    pairs = pairs_at_goal(rows, sights, directions)
-    open_ = bool(np.any(_open(rows, pairs)))
+    rows, pairs = problem.rows, problem.pairs
+    open_ = leaves_open(problem)
     fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
     if widening:
         away = np.where(rows.frame == JOINTS, 1, rows.side)
-        rows = replace(rows, half_angle=rows.half_angle - away * widening)
-        pairs = pairs_at_goal(rows, sights, directions)
-    groups = [*_of_joints(problem), *_of_rows(pairs, fails, rows, sights, problem.joint_limits)]
+        problem = replace(problem, rows=replace(rows, half_angle=rows.half_angle - away * widening))
+    groups = [*_of_aims(problem.aims), *_of_rows(problem, fails)]
     members = [(number, member) for number, group in enumerate(groups) for member in group]
     found = [(number, group, cap) for number, (group, member) in enumerate(members) for cap in member]
     size = max(8, padded_count(len(found)))
@@ -308,18 +361,14 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
     )
 
 
-def _of_rows(
-    pairs: Pairs, fails: np.ndarray, rows: Constraints, sights: Sights, joint_limits: np.ndarray
-) -> Iterator[_Group]:
+def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
     """The groups of caps that all rows give, in the order of their constraints.
 
     Args:
-        pairs: of the rows.
+        problem: what is asked.
         fails: (Z,) bool, rows that cannot hold, since a pair is settled that breaks them.
-        rows: the constraints.
-        sights: that they bind.
-        joint_limits: (2n,) rad.
     """
+    rows, pairs = problem.rows, problem.pairs
     for constraint in np.unique(rows.group[np.any(pairs.capped, axis=-1)]):
         own = rows.group == constraint
         entries = np.unique(rows.entry[own])
@@ -328,35 +377,54 @@ def _of_rows(
         asked = []
         for entry in entries:
             of_entry = np.flatnonzero(own & (rows.entry == entry)).tolist()
-            asked.append(
-                [ways for row in of_entry for ways in _of_row(row, pairs, rows, sights, joint_limits)]
-            )
+            asked.append([ways for row in of_entry for ways in _of_row(row, problem)])
         yield from _groups(asked)
 
 
-def _of_row(
-    row: int, pairs: Pairs, cones: Constraints, sights: Sights, joint_limits: np.ndarray
-) -> Iterator[list[_Member]]:
+def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
     """For each pair of a row that asks for something the ways to meet it: one, or two of which one is enough.
 
-    A bound of a yaw is met on an arc from there to the joint's limit; see `_of_joints` for its caps.
+    A bound of a yaw is met on an arc from there to the end of the joint's range.
     """
-    of_yaw = single_yaws(cones)[row]
+    rows, pairs, aims = problem.rows, problem.pairs, problem.aims
+    of_yaw = single_yaws(rows)[row]
     for sight in np.flatnonzero(pairs.capped[row]).tolist():
         place = row, sight
         cap = _Cap(*place, pairs.axis[place], pairs.direction[place], pairs.half_angle[place])
         if not of_yaw:
             yield [[cap]]
             continue
-        sign, bound = np.sign(cones.axis[row, 0]), cones.half_angle[row]
-        limit = min(joint_limits[sight], np.pi)
-        far, middle = sights.mounts[sight] + sign * np.array([limit + np.pi / 2, (limit + bound) / 2])
-        beyond = cap._replace(axis=np.array([np.cos(far), np.sin(far), 0]))
-        behind = cap._replace(axis=-np.array([np.cos(middle), np.sin(middle), 0]))
-        if limit - bound < np.pi:
-            yield [[cap, beyond, behind]]
-        elif bound > -limit:
-            yield [[cap], [beyond]]
+        sign, bound = np.sign(rows.axis[row, 0]), rows.half_angle[row]
+        number = aims.devices.index(sight)
+        low, high = aims.ranges[number, AZIMUTH]
+        arc = (bound, high) if sign > 0 else (low, -bound)
+        if arc == (low, high) or arc[0] < low or arc[1] > high:
+            continue  # the range is narrower
+        ways = _of_arc(*arc, cap, aims.frames[number])
+        if ways:
+            yield ways
+
+
+def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
+    """The ways to keep an azimuth between two, rad, by planes; none where all are.
+
+    More than half a turn is the union of two half-spaces, so one of their caps is enough. Less is their
+    intersection. Of a narrow one the point right behind is nearly clear of both caps, too; the cap over the
+    whole back tells it apart.
+    """
+
+    def at(azimuth: float, half_angle: float = np.pi / 2) -> _Cap:
+        axis = frame @ np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        return cap._replace(axis=axis, half_angle=half_angle)
+
+    quarter, width = np.pi / 2, high - low
+    if width >= 2 * np.pi:
+        return []
+    planes = at(high + quarter), at(low - quarter)
+    if width > np.pi:
+        return [[plane] for plane in planes]
+    behind = [at((low + high) / 2 + np.pi)] if width < np.pi else []
+    return [[*planes, *behind]]
 
 
 def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
@@ -378,30 +446,18 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
         yield group
 
 
-def _of_joints(problem: GoalProblem) -> Iterator[_Group]:
-    """The groups of each terminal's five caps: two of its yaw, two of its pitch, and its back.
-
-    A yaw range wider than half a turn is the union of two half-spaces, so one of its caps is enough. A
-    narrower one is their intersection. Where it is very narrow the point right behind is nearly clear of
-    both caps, too; the cap over the whole back tells it apart. Where there is no limit of the yaw, one of two
-    opposite halves is always met, and neither asks for anything.
-    """
-    yaws, pitches = np.split(problem.joint_limits, 2)
-    limits = zip(np.minimum(yaws, np.pi).tolist(), pitches.tolist(), strict=True)
-    quarter = np.pi / 2
-    for mount, direction, (yaw, pitch) in zip(
-        problem.spacecraft.mounts.tolist(), problem.directions, limits, strict=True
+def _of_aims(aims: Aims) -> Iterator[_Group]:
+    """The groups of caps that azimuth and elevation of each device with a target give."""
+    for device, frame, direction, ranges in zip(
+        aims.devices, aims.frames, aims.directions, aims.ranges, strict=True
     ):
-
-        def cap(axis: tuple[float, float, float], half_angle: float, toward: np.ndarray = direction) -> _Cap:
-            return _Cap(-1, -1, np.array(axis), toward, half_angle)
-
-        edges = mount + (yaw + quarter), mount - (yaw + quarter)
-        sides = [cap((np.cos(edge), np.sin(edge), 0.0), quarter if yaw < np.pi else 0.0) for edge in edges]
-        yield from [[[side] for side in sides]] if yaw > quarter else [[[side]] for side in sides]
-        yield [[cap((0.0, 0.0, 1.0), quarter - pitch)]]
-        yield [[cap((0.0, 0.0, -1.0), quarter - pitch)]]
-        yield [[cap((-np.cos(mount), -np.sin(mount), 0.0), quarter if yaw < quarter else 0.0)]]
+        cap = _Cap(-1, device, np.zeros(3), direction, 0.0)
+        (low, high), (least, most) = ranges.tolist()
+        ways = _of_arc(low, high, cap, frame)
+        yield from [ways] if ways else []
+        upward = frame[:, 2]
+        yield [[cap._replace(axis=upward, half_angle=np.pi / 2 - most)]]
+        yield [[cap._replace(axis=-upward, half_angle=np.pi / 2 + least)]]
 
 
 def deepest_row(

@@ -14,6 +14,7 @@ about the body's z axis from the start; what has no answer then is left to `deco
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 
 import jax
@@ -21,10 +22,11 @@ import numpy as np
 from jax import Array
 
 from jaxplan.geometry import quaternion, rotations
+from jaxplan.goal.aims import pointed
 from jaxplan.goal.caps import Caps, GoalProblem, assemble, group_excess
 from jaxplan.goal.descent import CLEAR, LANES, Minima, descend, descent_ends
+from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
 
 POINTS = 4096
@@ -199,7 +201,7 @@ def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -
 
 
 def nearest_attitudes(
-    spacecraft: Spacecraft, start_attitudes: np.ndarray, directions: np.ndarray, joint_limits: np.ndarray
+    spacecraft: Spacecraft, start_attitudes: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For each satellite the attitude nearest to a given one at which its terminals see their targets.
 
@@ -207,34 +209,30 @@ def nearest_attitudes(
         spacecraft: the same for all.
         start_attitudes: (N, 3, 3) body to inertial, to which the answers are near.
         directions: (N, n, 3) inertial unit vectors, one a terminal.
-        joint_limits: (2n,) rad.
 
     Returns:
-        Attitudes (N, 3, 3), joints (N, 2n) within the limits, and (N,) bool whether they were found: without
+        Attitudes (N, 3, 3), joints (N, J) within their ranges, and (N,) bool whether they were found: without
         it an attitude may still exist.
     """
     count = len(start_attitudes)
-    attitudes, joints = np.empty((count, 3, 3)), np.empty((count, len(joint_limits)))
+    ranges = spacecraft.joint_ranges
+    attitudes, joints = np.empty((count, 3, 3)), np.empty((count, len(ranges)))
     found = np.empty(count, dtype=bool)
     for first in range(0, count, TOGETHER):
         rows = np.arange(first, min(first + TOGETHER, count))
         padded = np.resize(rows, TOGETHER)
-        part = _nearest(spacecraft, start_attitudes[padded], directions[padded], joint_limits)
+        part = _nearest(spacecraft, start_attitudes[padded], directions[padded])
         attitudes[rows], joints[rows], found[rows] = (values[: len(rows)] for values in part)
-    return attitudes, np.clip(joints, -joint_limits, joint_limits), found
+    return attitudes, np.clip(joints, *ranges.T), found
 
 
 def _nearest(
-    spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray, limits: np.ndarray
+    spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    nowhere = tabulate((), (), spacecraft.device_names)
-    first = GoalProblem(
-        spacecraft=spacecraft, start=starts[0], directions=directions[0], joint_limits=limits, rows=nowhere
-    )
+    first = GoalProblem.of(spacecraft, starts[0], Targets(directions=directions[0]))
     caps = assemble(first)  # the same for all
-    used = np.repeat(directions, 5, axis=1) @ starts  # five caps a terminal, see `caps`
-    toward = np.zeros((len(starts), *caps.direction.shape))
-    toward[:, : used.shape[1]] = used
+    toward = np.take(directions, np.maximum(caps.sight, 0), axis=1) @ starts
+    toward[:, caps.half_angle < 0] = 0
     with jax.enable_x64(True):
         packed = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
     ends = Minima(np.swapaxes(packed[:, :4], 1, 2), *np.swapaxes(packed[:, 4:], 0, 1))
@@ -242,7 +240,11 @@ def _nearest(
     best = np.argmin(np.where(good, ends.slew, np.inf), axis=-1)
     chosen = ends.quaternion[np.arange(len(best)), best]
     attitudes = starts @ quaternion.to_matrix(chosen)
-    return attitudes, spacecraft.joints_toward(attitudes, directions), np.any(good, axis=-1)
+    joints = [
+        pointed(spacecraft.gimbals, replace(first.aims, directions=own), attitude, first.rest)
+        for own, attitude in zip(directions, attitudes, strict=True)
+    ]
+    return attitudes, np.stack(joints), np.any(good, axis=-1)
 
 
 @quick_jit

@@ -11,7 +11,7 @@ At the goal found ``d`` is zero, and Newton's method changes nothing but roundin
 and caps is in the equations' matrix. As the goal is followed in time, so are its rates (`goal_in_time`): they
 are derivatives already, and have first ones themselves.
 
-Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches.
+Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
 from dataclasses import replace
@@ -27,12 +27,15 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
+from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, known_sights, pointed
 from jaxplan.goal.caps import pairs_at_goal, single_yaws
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
+from jaxplan.model.directions import Sights
+from jaxplan.model.gimbals import TURN
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
-from jaxplan.model.spacecraft import Spacecraft, joints_toward, stacked
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 
 
@@ -42,11 +45,13 @@ def differentiable_goal(
     start_attitude: ArrayLike,
     targets: Targets,
     cones: Constraints,
+    *,
+    start_joints: ArrayLike | None = None,
 ) -> Goal:
     """A goal of step 1 as a function of the problem that it solves.
 
     Its first derivatives, forward and backward, are those of the optimum: by the start, the targets, the
-    limits at the goal, the mounting angles and limits of terminals, the boresights of instruments, axes of
+    limits at the goal, how devices are mounted and their ranges, the boresights of instruments, axes of
     the body, the axes and half-angles of cones, and the bounds of rows of joints. There are no second ones.
     It composes with ``jit`` and ``vmap``: scenes with as many devices and rows can be stacked, whatever
     their goals lean on. What step 1 leaves open is held by nothing here either.
@@ -54,11 +59,13 @@ def differentiable_goal(
     Args:
         goal: one that `decompose` found for this problem; a constant. For a problem slightly off the one it
             was found for, the answer is right to first order.
-        spacecraft: terminals and instruments.
+        spacecraft: its devices.
         start_attitude: (3, 3) ``R0``, body to inertial; only its derivatives along rotations mean something.
-        targets: a direction for each terminal, of any length, and limits at the goal. Where such a limit is
-            equal to the joint's own, the derivative is by the joint's own.
+        targets: directions for devices, of any length, and limits at the goal. Where such a limit is
+            equal to the joint's own, the derivative is by the joint's own. Instruments and drives meet their
+            targets exactly here.
         cones: all constraints, for the devices of the spacecraft; axes of any length.
+        start_joints: (J,) rad, that devices without a target have; those of the goal unless told.
 
     Returns:
         The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
@@ -73,7 +80,7 @@ def differentiable_goal(
         ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
         >>> jax.grad(slew)(cones.half_angle)
     """
-    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones)
+    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints)
 
 
 def goal_in_time(
@@ -83,6 +90,7 @@ def goal_in_time(
     targets: Targets,
     cones: Constraints,
     *,
+    start_joints: ArrayLike | None = None,
     target_rates: ArrayLike,
     axis_rates: ArrayLike,
 ) -> Goal:
@@ -90,22 +98,23 @@ def goal_in_time(
 
     Args:
         goal: as of `differentiable_goal`, and so are all others.
-        spacecraft: terminals and instruments.
+        spacecraft: its devices.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: where they are when the manoeuvre ends, with limits.
         cones: all constraints as they are then.
-        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
+        start_joints: (J,) rad, that devices without a target have.
+        target_rates: (k, 3) 1/s, derivatives of the targets' directions.
         axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
 
     Returns:
         The goal as of `differentiable_goal`, with the platform's angular velocity and the joints' rates that
-        keep every terminal on its target; these have first derivatives, too.
+        keep every device on its target; these have first derivatives, too.
     """
 
     def at(directions: Array, axes: Array) -> Goal:
         moved: Targets = replace(targets, directions=directions)
         zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
-        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones)
+        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones, start_joints)
 
     directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
     rates = jnp.asarray(target_rates, directions.dtype), jnp.asarray(axis_rates, axes.dtype)
@@ -122,31 +131,91 @@ def _optimum(
     start_attitude: ArrayLike,
     targets: Targets,
     cones: Constraints,
+    start_joints: ArrayLike | None,
 ) -> Goal:
     """The goal as `differentiable_goal` describes it, differentiable once or again as the equations are."""
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
-    caps = _caps(spacecraft, start, targets, cones)
-    matter = _matter(found, *jax.lax.stop_gradient((spacecraft, targets, cones)))
-    number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter)
+    rest = _rest(goal, start_joints, found.dtype)
+    state = _State.of(spacecraft, targets, cones, rest, found.dtype)
+    caps = _caps(state, start)
+    matter = _matter(found, jax.lax.stop_gradient(state))
+    number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)
     conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
     guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
     optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
 
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
-    directions = jnp.asarray(targets.directions, found.dtype)
-    joints = joints_toward(spacecraft.mounts, attitude, directions)
+    joints = pointed(state.sights.gimbals, state.aims, attitude, rest)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
     return Goal(**arrays)  # for once of jax's arrays
+
+
+def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
+    """Joints (J,) of devices without a target: as at the start, or where they moved, as at the goal found."""
+    at_goal = jax.lax.stop_gradient(jnp.asarray(goal.joints, dtype))
+    if start_joints is None:
+        return at_goal
+    start = jnp.asarray(start_joints, dtype)
+    return jnp.where(jax.lax.stop_gradient(start) == at_goal, start, at_goal)
+
+
+class _State(NamedTuple):
+    """What is asked at the goal, in jax's arrays.
+
+    Attributes:
+        aims: of devices with targets, exactly.
+        rows: all constraints.
+        sights: that they bind.
+        rest: (J,) joints of devices without a target.
+    """
+
+    aims: Aims
+    rows: Constraints
+    sights: Sights
+    rest: Array
+
+    @classmethod
+    def of(
+        cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
+    ) -> "_State":
+        aims = aims_of(spacecraft, targets)
+        directions = _unit(jnp.asarray(aims.directions, dtype))
+        frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
+        aims = replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
+        parts: dict[str, Any] = {
+            name: _unit(jnp.asarray(getattr(cones, name), dtype)) for name in ("axis", "body")
+        }
+        parts |= {
+            name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")
+        }
+        rows = replace(cones, **parts)  # for once of jax's arrays
+        boresights = _unit(jnp.asarray(spacecraft.fixed_boresights, dtype))
+        gimbals = jax.tree.map(lambda part: jnp.asarray(part, dtype), spacecraft.gimbals)
+        return cls(aims=aims, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
+
+    @property
+    def known(self) -> Known:
+        """What is known of the sights."""
+        return known_sights(self.aims, self.sights, self.rest)
+
+    @property
+    def columns(self) -> slice | np.ndarray:
+        """The sights that rows may be caps for."""
+        count = self.sights.gimbals.count
+        if self.rows.inner or self.aims.held:
+            return slice(None)
+        aimed = np.isin(np.arange(self.sights.count), self.aims.devices)
+        return np.flatnonzero((np.arange(self.sights.count) >= count) & ~aimed)
 
 
 class _Caps(NamedTuple):
     """Every cap that a goal may lean on, in the form of `caps.Caps`, and one at the end that never matters.
 
-    First those of the yaws' upper limits (n,) and of the pitches', then likewise of the lower ones, then for
-    each row one a sight; where all rows are inertial only for the sights that these are caps for.
+    First those of the largest azimuths (k,) and elevations, then likewise of the least, then for each row
+    one a sight; where all rows are inertial only for the sights that these are caps for.
     """
 
     axis: Array  # (m, 3) unit vectors in body axes
@@ -168,18 +237,28 @@ class _Conditions(NamedTuple):
     used: Array
 
 
-def _leant_on(turn: Array, caps: _Caps, matter: Array) -> tuple[Array, Array]:
+def _leant_on(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Array, Array]:
     """Numbers (3,) of the caps that the goal found leans on, -1 for none, and their multipliers (3,).
 
     They are told by the quadratic program of the least turn with the caps taken as linear. At an optimum its
-    answer is no turn at all; where more than three caps are touched, it chooses.
+    answer is no turn at all; where more than three caps are touched, it chooses. An equation is leant on from
+    whichever side the turn would leave it, if any; else from above, with no multiplier.
     """
     _, eta, _ = angle_terms(turn)
     _, excess, gradients = cap_terms(turn, *caps)
+    of_equations = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
+    below = of_equations + 2 * len(aims.devices)
+    excess = excess.at[np.concatenate([of_equations, below])].set(0.0)
     excess = jnp.where(matter[:, None], excess, MET)
     identity = jnp.eye(3, dtype=turn.dtype)
     _, active, _ = descent.solve(identity[:, :, None], eta, gradients, excess)
-    return active.number[:, 0], active.multiplier[:, 0]
+    number, multiplier = active.number[:, 0], active.multiplier[:, 0]
+    for upper, lower in zip(of_equations.tolist(), below.tolist(), strict=True):
+        missing = ~jnp.any((number == upper) | (number == lower))
+        slot = jnp.argmin(number)  # a free one, if any
+        put = missing & (number[slot] < 0)
+        number = jnp.where(put & (np.arange(3) == slot), upper, number)
+    return number, multiplier
 
 
 def _gradient(own: _Conditions, z: Array) -> Array:
@@ -208,65 +287,45 @@ _ONCE = Equations(residual=_gradient, factor=_inverse_curvature, solve=jnp.matmu
 _AGAIN = replace(_ONCE, again=True)
 
 
-def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: Constraints) -> _Caps:
-    dtype = start.dtype
-    mounts = jnp.asarray(spacecraft.mounts, dtype)
-    boresights = jnp.asarray(spacecraft.fixed_boresights, dtype)
-    yaw, pitch = jnp.split(_limits(spacecraft, targets, dtype), 2)
-    edges = jnp.stack([mounts + yaw + jnp.pi / 2, mounts - yaw - jnp.pi / 2])
-    of_yaw = jnp.stack([jnp.cos(edges), jnp.sin(edges), jnp.zeros_like(edges)], axis=-1)  # (2, n, 3)
-    zero = jnp.zeros_like(mounts)
-    up = jnp.stack([zero, zero, zero + 1], axis=-1)
-    of_joints = jnp.concatenate([of_yaw[0], up, of_yaw[1], -up])
-    joint_half_angle = jnp.pi / 2 - jnp.concatenate([zero, pitch])
-
-    directions = _unit(jnp.asarray(targets.directions, dtype))
-    parts: dict[str, Any] = {"axis": _unit(jnp.asarray(cones.axis, dtype))}
-    parts["body"] = _unit(jnp.asarray(cones.body, dtype))
-    parts |= {name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")}
-    rows = replace(cones, **parts)  # for once of jax's arrays
-    pairs = pairs_at_goal(rows, rows.sights(mounts, _unit(boresights)), directions)
-    own = _columns(cones, len(mounts))
+def _caps(state: _State, start: Array) -> _Caps:
+    aims, dtype, own = state.aims, start.dtype, state.columns
+    frames, (low, high) = jnp.asarray(aims.frames), jnp.moveaxis(jnp.asarray(aims.ranges), -1, 0)
+    edges = jnp.stack([high[:, AZIMUTH] + jnp.pi / 2, low[:, AZIMUTH] - jnp.pi / 2])  # (2, k)
+    of_azimuth = jnp.cos(edges)[..., None] * frames[..., 0] + jnp.sin(edges)[..., None] * frames[..., 1]
+    up, flat = frames[..., 2], jnp.full(len(frames), jnp.pi / 2, dtype)
+    of_aims = jnp.concatenate([of_azimuth[0], up, of_azimuth[1], -up])
+    half_angles = [flat, flat - high[:, ELEVATION], flat, flat + low[:, ELEVATION]]
+    pairs = pairs_at_goal(state.rows, state.sights, state.known, state.rest)
     end = jnp.zeros((1, 3), dtype)
+    directions = jnp.asarray(aims.directions)
     return _Caps(
-        axis=jnp.concatenate([of_joints, pairs.axis[:, own].reshape(-1, 3), end]),
+        axis=jnp.concatenate([of_aims, pairs.axis[:, own].reshape(-1, 3), end]),
         direction=jnp.concatenate([jnp.tile(directions, (4, 1)), pairs.direction[:, own].reshape(-1, 3), end])
         @ start,
-        half_angle=jnp.concatenate(
-            [joint_half_angle, joint_half_angle, pairs.half_angle[:, own].ravel(), end[:, 0]]
-        ),
+        half_angle=jnp.concatenate([*half_angles, pairs.half_angle[:, own].ravel(), end[:, 0]]),
     )
 
 
-def _columns(cones: Constraints, terminals: int) -> slice:
-    """The sights that rows may be caps for."""
-    return slice(None) if cones.inner else slice(terminals, None)
+def _matter(attitude: Array, state: _State) -> Array:
+    """Which caps (m,) must be kept: of a range the nearer end, of a constraint its best entry."""
+    aims, rows = state.aims, state.rows
+    ranges, angles = jnp.asarray(aims.ranges), jnp.stack(aims.angles(attitude), axis=-1)  # (k, 2)
+    above = angles >= jnp.mean(ranges, axis=-1)
+    equations = np.array(aims.equations, bool).reshape(-1, 2)
+    limited = jnp.stack(
+        [ranges[:, AZIMUTH, 1] - ranges[:, AZIMUTH, 0] < TURN, jnp.ones(len(ranges), bool)], -1
+    )
+    upper, lower = ((part & limited) | equations for part in (above, ~above))
 
-
-def _matter(attitude: Array, spacecraft: Spacecraft, targets: Targets, cones: Constraints) -> Array:
-    """Which caps (m,) must be kept: of a joint's two limits the nearer, of a constraint its best entry."""
-    boresights = jnp.asarray(spacecraft.fixed_boresights, attitude.dtype)
-    directions = jnp.asarray(targets.directions, attitude.dtype)
-    joints = joints_toward(spacecraft.mounts, attitude, directions)
-    above = joints >= 0
-    limited = _limits(spacecraft, targets, attitude.dtype) < jnp.pi
-
-    sights = cones.sights(jnp.asarray(spacecraft.mounts, attitude.dtype), boresights)
-    margins = state_margins(cones, sights, attitude, joints)
-    chosen = chosen_entries(cones, jnp.min(margins, axis=-1, initial=jnp.inf))
-    capped = pairs_at_goal(cones, sights, directions).capped & (cones.entry == chosen)[:, None]
-    if cones.inner:  # a yaw more than a quarter turn off its bound is on the other side of that's plane
-        capped = capped & ~(single_yaws(cones)[:, None] & (margins > jnp.pi / 2))
-    of_rows = capped[:, _columns(cones, len(directions))]
-    return jnp.concatenate([above & limited, ~above & limited, of_rows.ravel(), jnp.zeros(1, bool)])
-
-
-def _limits(spacecraft: Spacecraft, targets: Targets, dtype: jnp.dtype) -> Array:
-    """Limits (2n,) of the joints at the goal: the tighter of a joint's own and the one given for the goal."""
-    own = jnp.asarray(spacecraft.joint_limits, dtype)
-    given = [jnp.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
-    at_goal = jnp.repeat(jnp.asarray(stacked(given), dtype), len(spacecraft.terminals))
-    return jnp.where(at_goal < own, at_goal, own)
+    joints = pointed(state.sights.gimbals, aims, attitude, state.rest)
+    margins = state_margins(rows, state.sights, attitude, joints)
+    chosen = chosen_entries(rows, jnp.min(margins, axis=-1, initial=jnp.inf))
+    capped = pairs_at_goal(rows, state.sights, state.known, state.rest).capped
+    capped = capped & (rows.entry == chosen)[:, None]
+    if rows.inner:  # a yaw more than a quarter turn off its bound is on the other side of that's plane
+        capped = capped & ~(single_yaws(rows)[:, None] & (margins > jnp.pi / 2))
+    of_rows = capped[:, state.columns]
+    return jnp.concatenate([upper.T.ravel(), lower.T.ravel(), of_rows.ravel(), jnp.zeros(1, bool)])
 
 
 def _unit(vectors: Array) -> Array:

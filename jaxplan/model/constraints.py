@@ -27,7 +27,7 @@ of joints ``-f . (yaw, pitch)``, so the larger it is, the smaller is the margin.
 
 Rows are padded to a few fixed sizes with such that bind nothing (margin +inf), so that scenes of different
 size share compiled kernels. All of it computes with numpy or JAX, as its arguments do. Shapes: S sights,
-devices first (terminals, then instruments), then axes of the body, then vectors of moving parts; Z rows.
+devices first (terminals, drives, instruments), then axes of the body, then vectors of moving parts; Z rows.
 """
 
 from collections.abc import Callable
@@ -40,6 +40,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, separation
 from jaxplan.model.directions import DirectionPath, Sights
+from jaxplan.model.gimbals import Gimbals
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -89,11 +90,11 @@ class Constraints:
     inner: bool = field(default=False, metadata={"static": True})
     nested: bool = field(default=False, metadata={"static": True})
 
-    def sights(self, mounts: ArrayLike, instruments: ArrayLike) -> Sights:
-        """What the rows bind on a spacecraft with mounts (n,) and boresights of instruments (i, 3)."""
-        xp, turned, fixed, body = arrays(mounts, instruments, self.body)
+    def sights(self, gimbals: Gimbals, instruments: ArrayLike) -> Sights:
+        """What the rows bind on a spacecraft with some gimbals, and boresights of instruments (i, 3)."""
+        xp, fixed, body = arrays(instruments, self.body)
         still = xp.concatenate([fixed, body]) if body.shape[0] else fixed
-        return Sights(mounts=turned, fixed=still, carrier=self.carrier, carried=self.carried)
+        return Sights(gimbals=gimbals, fixed=still, carrier=self.carrier, carried=self.carried)
 
     def spread(self, trailing: int) -> Self:
         """The constraints for elementwise functions of arrays whose first axis is the rows'."""
@@ -190,7 +191,7 @@ def axes_in_body(rows: Constraints, inertial: ArrayLike, sights: ArrayLike) -> A
 
 
 def pair_margins(
-    rows: Constraints, sights: ArrayLike, axes: ArrayLike, joints: ArrayLike | None = None
+    rows: Constraints, sights: ArrayLike, axes: ArrayLike, values: ArrayLike | None = None
 ) -> AnyArray:
     """Margin of every sight to every row.
 
@@ -198,7 +199,7 @@ def pair_margins(
         rows: the constraints.
         sights: (..., S, 3) unit vectors.
         axes: (..., Z, 3) unit vectors in the same frame.
-        joints: (..., 2n) rad, for rows of joints; without them the margins of these mean nothing.
+        values: (..., S, Z) of `joint_values`; without them the margins of rows of joints mean nothing.
 
     Returns:
         (..., Z, S) rad; +inf where a row does not bind a sight, -inf where a margin is not a number.
@@ -206,8 +207,8 @@ def pair_margins(
     xp, seen, along, side, half_angle = arrays(sights, axes, rows.side, rows.half_angle)
     apart = separation(seen[..., None, :, :], along[..., :, None, :])
     found = side[:, None] * (apart - half_angle[:, None])
-    if rows.inner and joints is not None:
-        beyond = xp.swapaxes(joint_values(rows, joints), -1, -2) - half_angle[:, None]
+    if rows.inner and values is not None:
+        beyond = xp.swapaxes(values, -1, -2) - half_angle[:, None]
         found = xp.where((rows.frame == JOINTS)[:, None], beyond, found)
     return xp.where(rows.bound, xp.where(xp.isnan(found), -xp.inf, found), xp.inf)
 
@@ -221,7 +222,7 @@ def state_margins(
         rows: the constraints.
         sights: what they bind.
         attitude: (..., 3, 3) body to inertial.
-        joints: (..., 2n) rad.
+        joints: (..., 2n + d) rad.
         times: (...) s, at which axes that move are taken; None where none does.
 
     Returns:
@@ -229,23 +230,25 @@ def state_margins(
     """
     _, turn, axis = arrays(attitude, rows.axis if times is None else rows.axes(times))
     seen = sights.in_body(joints)
-    return pair_margins(rows, seen, axes_in_body(rows, axis @ turn, seen), joints)
+    values = joint_values(rows, sights.gimbals, joints) if rows.inner else None
+    return pair_margins(rows, seen, axes_in_body(rows, axis @ turn, seen), values)
 
 
-def joint_values(rows: Constraints, joints: ArrayLike) -> AnyArray:
+def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyArray:
     """Left sides ``f . (yaw, pitch)`` of the rows of joints, of every terminal.
 
     Args:
         rows: the constraints; of rows of another sort the answer means nothing.
-        joints: (..., 2n) rad.
+        gimbals: of the spacecraft.
+        joints: (..., 2n + d) rad.
 
     Returns:
         (..., S, Z) rad; zero of sights that are no terminal's boresight.
     """
     xp, q, normal = arrays(joints, rows.axis)
-    count = q.shape[-1] // 2
-    value = q[..., :count, None] * normal[:, 0] + q[..., count:, None] * normal[:, 1]
-    rest = xp.zeros((*value.shape[:-2], rows.bound.shape[1] - count, value.shape[-1]), value.dtype)
+    yaw, pitch = gimbals.parts(q)
+    value = yaw[..., None] * normal[:, 0] + pitch[..., None] * normal[:, 1]
+    rest = xp.zeros((*value.shape[:-2], rows.bound.shape[1] - gimbals.count, value.shape[-1]), value.dtype)
     return xp.concatenate([value, rest], axis=-2)
 
 

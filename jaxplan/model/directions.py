@@ -11,8 +11,8 @@ that is sampled every 10 s by about 1e-9 rad. Times are seconds from the start o
 
 **Sights** are what pointing constraints bind, fixed to what carries them. A sight is the boresight of a
 device, an axis of the body, or another vector of a device's moving part. Shapes: S sights, devices first
-(terminals, then instruments), then axes of the body, then vectors of moving parts. All of it computes with
-numpy or JAX, as its arguments do.
+(terminals, drives, instruments), then axes of the body, then vectors of moving parts; g gimbals, which are
+the first sights. All of it computes with numpy or JAX, as its arguments do.
 """
 
 from dataclasses import dataclass, field
@@ -25,8 +25,8 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.keys import key
-from jaxplan.model.spacecraft import body_boresights
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -222,20 +222,20 @@ def too_far(interval: int) -> str:
     return f"the direction turns too far between the samples {interval} and {interval + 1}: give more samples"
 
 
-@shown("mounts deg", "fixed", "carrier", "carried")
+@shown("gimbals", "fixed", "carrier", "carried")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sights:
     """The directions that constraints bind, fixed to what carries them.
 
     Attributes:
-        mounts: (n,) rad, of the terminals, whose boresights come first.
+        gimbals: of the devices with joints, whose boresights come first.
         fixed: (f, 3) unit vectors in body axes: boresights of the instruments, then axes of the body.
-        carrier: (v,) int, the terminal whose moving part each further vector is fixed to.
-        carried: (v, 3) unit vectors along the terminal's boresight, to its left and upward, at any angles.
+        carrier: (v,) int, the gimbal to whose moving part each further vector is fixed.
+        carried: (v, 3) unit vectors along that device's boresight, to its left and upward, at any angles.
     """
 
-    mounts: np.ndarray
+    gimbals: Gimbals
     fixed: np.ndarray
     carrier: np.ndarray
     carried: np.ndarray
@@ -243,41 +243,43 @@ class Sights:
     @property
     def count(self) -> int:
         """Number of sights, S."""
-        return self.mounts.shape[0] + self.fixed.shape[0] + self.carried.shape[0]
+        return self.gimbals.count + self.fixed.shape[0] + self.carried.shape[0]
 
     @property
     @made_once
     def carriers(self) -> AnyArray:
-        """(S,) int, the terminal whose moving part each sight is fixed to; -1 of those fixed to the body."""
+        """(S,) int, the gimbal to whose moving part each sight is fixed; -1 of those fixed to the body."""
         xp = array_module(self.carrier)
-        own, still = xp.arange(self.mounts.shape[0]), xp.full(self.fixed.shape[0], -1)
+        own, still = xp.arange(self.gimbals.count), xp.full(self.fixed.shape[0], -1)
         return xp.concatenate([own, still, xp.asarray(self.carrier, int)])
 
     @property
     @made_once
     def turning(self) -> AnyArray:
-        """(2, S), one where the yaw, and the pitch, of its terminal turns a sight, else zero."""
-        carried: AnyArray = self.carriers >= 0
-        return array_module(carried).stack([carried, carried]).astype(float)
+        """(2, S), one where the yaw, and the pitch, of its gimbal turns a sight, else zero."""
+        xp = array_module(self.carrier)
+        carriers: AnyArray = self.carriers
+        return xp.stack([carriers >= 0, (carriers >= 0) & (carriers < self.gimbals.terminals)]).astype(float)
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
-        """Unit vectors (..., S, 3) in body axes at joints (..., 2n), by equation (13)."""
-        xp, q, mounts = arrays(joints, self.mounts)
-        seen = body_boresights(mounts, self.fixed, q)
-        if not self.carried.shape[0]:
-            return seen
-        count = mounts.shape[0]
-        a, e = (q[..., :count] + mounts)[..., self.carrier], q[..., count:][..., self.carrier]
-        own = self.carried_at(xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e))
-        return xp.concatenate([seen, xp.stack(own, axis=-1)], axis=-2)
+        """Unit vectors (..., S, 3) in body axes at joints (..., 2n + d), by equation (13)."""
+        xp, moving, fixed = arrays(self.gimbals.boresights(joints), self.fixed)
+        still = xp.broadcast_to(fixed.astype(moving.dtype), (*moving.shape[:-2], *fixed.shape))
+        seen = [moving, still]
+        if self.carried.shape[0]:
+            a, e = (part[..., self.carrier] for part in self.gimbals.angles(joints))
+            own = xp.stack(self.carried_at(xp.cos(a), xp.sin(a), xp.cos(e), xp.sin(e)), axis=-1)
+            _, frames = arrays(self.gimbals.frames)
+            seen.append(xp.sum(frames[self.carrier] * own[..., None, :], axis=-1))
+        return xp.concatenate(seen, axis=-2)
 
     def carried_at(
         self, ca: AnyArray, sa: AnyArray, ce: AnyArray, se: AnyArray, *, behind: int = 0
     ) -> vectors.Vector:
-        """Components of the further vectors of moving parts.
+        """Components of the further vectors of moving parts, in the axes of their gimbals at zero angles.
 
         Args:
-            ca: (..., v, ...) cosine of the azimuth of each vector's terminal.
+            ca: (..., v, ...) cosine of the azimuth of each vector's gimbal.
             sa: (..., v, ...) its sine.
             ce: (..., v, ...) cosine of the elevation.
             se: (..., v, ...) its sine.
@@ -295,18 +297,16 @@ class Sights:
         ``cos^2 pitch``: at most ``(y^2 + p^2)^2`` (pitch 0) or ``p^2 (p^2 + 4 y^2)`` (pitch 90 deg).
 
         Args:
-            joint_change: (..., 2n) rad over the motion.
+            joint_change: (..., 2n + d) rad over the motion.
 
         Returns:
             (..., S) each: bounds of the first and second derivative in the share of the motion.
         """
         xp, given = arrays(joint_change)
-        change = xp.abs(given)
-        count = self.mounts.shape[0]
-        yaw, pitch = change[..., :count], change[..., count:]
+        yaw, pitch = self.gimbals.parts(xp.abs(given))
         rate = length(xp.stack([yaw, pitch], axis=-1))
         bend = xp.maximum(rate * rate, pitch * length(xp.stack([pitch, 2 * yaw], axis=-1)))
-        still = xp.zeros((*change.shape[:-1], self.fixed.shape[0]), change.dtype)
+        still = xp.zeros((*given.shape[:-1], self.fixed.shape[0]), given.dtype)
         rates, bends = [rate, still], [bend, still]
         if self.carried.shape[0]:
             rates.append(rate[..., self.carrier])

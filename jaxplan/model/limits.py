@@ -30,13 +30,21 @@ class Kinematics(NamedTuple):
 
     Attributes:
         spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
-        joints: angles and their derivatives by time, each (2n, ...), rad, rad/s, rad/s^2.
+        joints: angles and their derivatives by time, each (2n + d, ...), rad, rad/s, rad/s^2.
+        drives: number of the joints, d, that are drives' angles.
         inertia: (3, 3) or (3, 3, ...) kg m^2.
     """
 
     spin: Sequence[AnyArray] = ()
     joints: Sequence[AnyArray] = ()
+    drives: int = 0
     inertia: AnyArray | None = None
+
+    def angles(self, which: int) -> AnyArray:
+        """Angles of the terminals' yaws (0) or pitches (1), or of the drives (2)."""
+        joints = self.joints[0]
+        terminals = (len(joints) - self.drives) // 2
+        return joints[which * terminals : (which + 1) * terminals if which < 2 else None]
 
     @property
     def momentum(self) -> AnyArray:
@@ -82,7 +90,9 @@ class Quantity:
             derivative, its square is smooth everywhere.
         by_inertia: whether it depends on the inertia, without which it cannot be limited.
         values: its components (c, ...) in SI units, of a motion.
-        given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit.
+        given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit. Of
+            what has a range it is half of that.
+        centre: what it is measured from, one a component, of a spacecraft; None for zero.
     """
 
     name: str
@@ -96,6 +106,7 @@ class Quantity:
     by_inertia: bool = False
     values: Callable[[Kinematics], AnyArray]
     given: Callable[[Spacecraft], Any]
+    centre: Callable[[Spacecraft], Any] | None = None
 
     def __reduce__(self) -> tuple[Callable[[str], "Quantity"], tuple[str]]:
         """Pickle the name alone, since every process has the same list."""
@@ -116,12 +127,25 @@ class Quantity:
         return np.rad2deg(values) if self.angular else np.asarray(values, float)
 
 
-def _yaws(joints: AnyArray) -> AnyArray:
-    return joints[: len(joints) // 2]
+def _ranges(craft: Spacecraft, which: int) -> AnyArray:
+    """Ranges (c, 2) of the terminals' yaws (0) or pitches (1), or of the drives (2)."""
+    terminals = len(craft.terminals)
+    return craft.joint_ranges[which * terminals : (which + 1) * terminals if which < 2 else None]
 
 
-def _pitches(joints: AnyArray) -> AnyArray:
-    return joints[len(joints) // 2 :]
+def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
+    """The quantity of a kind of joint angle, see `_ranges`."""
+    return Quantity(
+        name=name,
+        word=word,
+        label=label,
+        unit="deg",
+        power=0,
+        of_joints=True,
+        values=lambda motion: motion.angles(which),
+        given=lambda craft: (_ranges(craft, which)[:, 1] - _ranges(craft, which)[:, 0]) / 2,
+        centre=lambda craft: (_ranges(craft, which)[:, 1] + _ranges(craft, which)[:, 0]) / 2,
+    )
 
 
 QUANTITIES = (
@@ -185,26 +209,9 @@ QUANTITIES = (
         values=lambda motion: motion.joints[2],
         given=lambda craft: craft.joint_acceleration_limits,
     ),
-    Quantity(
-        name="yaw",
-        word="yaw",
-        label="Yaw angles",
-        unit="deg",
-        power=0,
-        of_joints=True,
-        values=lambda motion: _yaws(motion.joints[0]),
-        given=lambda craft: _yaws(craft.joint_limits),
-    ),
-    Quantity(
-        name="pitch",
-        word="pitch",
-        label="Pitch angles",
-        unit="deg",
-        power=0,
-        of_joints=True,
-        values=lambda motion: _pitches(motion.joints[0]),
-        given=lambda craft: _pitches(craft.joint_limits),
-    ),
+    _angle("yaw", "yaw", "Yaw angles", 0),
+    _angle("pitch", "pitch", "Pitch angles", 1),
+    _angle("drive", "angle", "Drive angles", 2),
     Quantity(
         name="torque",
         word="torque",
@@ -250,23 +257,28 @@ def _named(name: str) -> Quantity:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limit:
-    """``|f| <= bound`` at every instant, for each component ``f`` of a quantity.
+    """``|f - centre| <= bound`` at every instant, for each component ``f`` of a quantity.
 
     Attributes:
         quantity: what is limited.
         owners: (c,) of each component the body axis, the joint, or for angles the terminal, by name; of a
             length "length".
         bound: (c,) positive, in SI units.
+        centre: (c,) in SI units; None for zero.
     """
 
     quantity: Quantity = field(metadata={"static": True})
     owners: tuple[str, ...] = field(metadata={"static": True})
     bound: AnyArray
+    centre: AnyArray | None = None
 
     def shares(self, motion: Kinematics) -> AnyArray:
         """Magnitudes over bounds, (c, ...), of a motion."""
-        xp, magnitudes, bound = arrays(self.quantity.values(motion), self.bound)
-        return xp.abs(magnitudes) / bound.reshape(-1, *[1] * (magnitudes.ndim - 1))
+        xp, values, bound = arrays(self.quantity.values(motion), self.bound)
+        shape = (-1, *[1] * (values.ndim - 1))
+        if self.centre is not None:
+            values = values - xp.asarray(self.centre).reshape(shape)
+        return xp.abs(values) / bound.reshape(shape)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -296,14 +308,18 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
         owners = _owners(quantity, craft)
         if owners:
             bound = array_module(given).full(len(owners), given)
-            found.append(Limit(quantity=quantity, owners=owners, bound=bound))
+            centre = None if quantity.centre is None else quantity.centre(craft)
+            found.append(Limit(quantity=quantity, owners=owners, bound=bound, centre=centre))
     return tuple(found)
 
 
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     if not quantity.of_joints:
         return _LENGTH if quantity.of_length else _AXES
-    return craft.joint_names if quantity.power else tuple(terminal.name for terminal in craft.terminals)
+    if quantity.power:
+        return craft.joint_names
+    devices = craft.drives if quantity.name == "drive" else craft.terminals
+    return tuple(device.name for device in devices)
 
 
 def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:

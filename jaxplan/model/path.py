@@ -39,11 +39,11 @@ class Goal:
 
     Attributes:
         attitude: (3, 3) body to inertial.
-        joints: (2n,) rad, all yaws then all pitches.
+        joints: (2n + d,) rad, yaws, pitches, drives.
         slew_angle: rotation of the platform from the start, rad.
         time: s, when the manoeuvre must end, since then what moves is where it is met; 0 where nothing moves.
         angular_velocity: (3,) rad/s of the platform then, body axes; None for what the scenario asks for.
-        joint_rates: (2n,) rad/s, likewise; with the platform's they let devices follow their targets.
+        joint_rates: (2n + d,) rad/s, likewise; with the platform's they let devices follow their targets.
     """
 
     attitude: np.ndarray
@@ -62,7 +62,7 @@ class Path:
 
     Attributes:
         attitudes: (m + 1, 3, 3) body to inertial.
-        joints: (m + 1, 2n) rad.
+        joints: (m + 1, 2n + d) rad.
         edge_costs: (m,) cost of each edge in steps; a trajectory shares its time out by them.
     """
 
@@ -105,9 +105,9 @@ def step_cost(
 
     Args:
         rotation: (...) angle of the platform's rotation, rad.
-        joint_change: (..., 2n) rad.
+        joint_change: (..., 2n + d) rad.
         attitude_step: rad a step.
-        joint_steps: (2n,) rad a step.
+        joint_steps: (2n + d,) rad a step.
 
     Returns:
         (...) steps.
@@ -123,13 +123,13 @@ def motion(
 
     Args:
         attitude: (3, 3) where the edge starts.
-        joints: (2n,) likewise.
+        joints: (2n + d,) likewise.
         turn: (3,) rotation vector ``phi`` of the edge, body axes.
-        joint_change: (2n,) ``dq``.
+        joint_change: (2n + d,) ``dq``.
         fraction: (k,) in [0, 1].
 
     Returns:
-        (k, 3, 3) attitudes and (k, 2n) joints.
+        (k, 3, 3) attitudes and (k, 2n + d) joints.
     """
     xp, start, angles, phi, change, s = arrays(attitude, joints, turn, joint_change, fraction)
     steps = so3.exp(s[:, None] * phi)
@@ -153,9 +153,9 @@ def interval_scores(
         rows: the constraints, of which no axis moves.
         sights: what they bind.
         attitude: (3, 3) at the edge's start.
-        joints: (2n,) at the edge's start.
+        joints: (2n + d,) at the edge's start.
         turn: (3,) rotation vector ``phi`` of the edge, body axes.
-        joint_change: (2n,) ``dq``.
+        joint_change: (2n + d,) ``dq``.
         intervals: number of equal intervals, static; more make the bound sharper.
 
     Returns:
@@ -168,7 +168,7 @@ def interval_scores(
     turned = jnp.sum(attitudes[:, None] * jnp.asarray(rows.axis)[:, :, None], axis=-2)
     axes = constraints.axes_in_body(rows, turned, seen)
     cosines = jnp.sum(seen[:, :, None] * axes[:, None], axis=-1)  # (intervals + 1, S, Z)
-    values = constraints.joint_values(rows, angles) if rows.inner else None
+    values = constraints.joint_values(rows, sights.gimbals, angles) if rows.inner else None
     score = constraints.scores(rows, cosines, values)
     bend = constraints.score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
     bound = constraints.edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))

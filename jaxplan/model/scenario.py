@@ -63,9 +63,9 @@ class GivenState:
 
     Attributes:
         rotation_vector: (3,) rad; the attitude, body to inertial, is its exponential.
-        joints: (2n,) rad, all yaws then all pitches.
+        joints: (2n + d,) rad, all yaws, all pitches, all drives.
         angular_velocity: (3,) rad/s, body axes; zero if left out.
-        joint_rates: (2n,) rad/s; zero if left out.
+        joint_rates: (2n + d,) rad/s; zero if left out.
     """
 
     rotation_vector: np.ndarray = field(
@@ -86,28 +86,65 @@ class GivenState:
         return attitude
 
 
-@shown("directions", "yaw_limit deg", "pitch_limit deg", "angular_velocity deg/s", "joint_rates deg/s")
+@shown("device", "direction")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wish:
+    """A direction that a device without a target shall come near to at the goal.
+
+    Attributes:
+        device: its name.
+        direction: (3,) inertial unit vector, or its path, of one that moves; where it is at the goal counts.
+    """
+
+    device: str = field(metadata=key("device", "without a target", kind="device", static=True))
+    direction: np.ndarray | DirectionPath = field(
+        metadata=key("direction", "that it shall come near to, inertial", kind="aim")
+    )
+
+
+@shown(
+    "directions",
+    "devices",
+    "prefer",
+    "hold",
+    "yaw_limit deg",
+    "pitch_limit deg",
+    "tolerance deg",
+    "angular_velocity deg/s",
+    "joint_rates deg/s",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Targets:
     """A goal given as directions: step 1 finds attitude and joints.
 
     Attributes:
-        directions: (n, 3) inertial unit vectors, one a terminal; where some move a tuple of what each is, a
+        directions: (k, 3) inertial unit vectors, one a device; where some move a tuple of what each is, a
             vector (3,) or its path. These are met where they are at the end, and at their rates.
+        devices: names of the devices that point along them; empty for the terminals, all of them in order.
+        prefer: what devices without a target shall come near to, the first before the second: of the goals
+            that meet all targets the one is taken that comes nearest.
+        hold: names of devices that keep their joints; others without a target move where a zone asks for it.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
+        tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.
         angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
-        joint_rates: (2n,) rad/s at the goal; likewise.
+        joint_rates: (2n + d,) rad/s at the goal; likewise.
     """
 
+    devices: tuple[str, ...] = field(default=(), metadata=key("", kind="target devices", static=True))
     directions: Any = field(
         metadata=key(
             "targets",
-            "where each terminal shall point, inertial; one that moves as { direction_samples, times_s }, or "
-            "the name of a satellite or body of [sky]",
+            "where devices point, inertial: an array of one a terminal, or a table by names of devices; "
+            "one that moves as { direction_samples, times_s }, or the name of a satellite or body of [sky]",
             kind="targets",
         )
+    )
+    prefer: tuple[Wish, ...] = keyed((), "prefer", "what devices without a target shall come near to")
+    hold: tuple[str, ...] = keyed(
+        (), "hold", "devices without a target that keep their joints", kind="devices", static=True
     )
     yaw_limit: float | None = keyed(
         None, "yaw_limit_deg", "tighter than the joints' own, at the goal", "(0, 180]"
@@ -115,8 +152,38 @@ class Targets:
     pitch_limit: float | None = keyed(
         None, "pitch_limit_deg", "tighter than the joints' own, at the goal", "(0, 90)"
     )
+    tolerance: float = keyed(
+        math.radians(1e-6), "tolerance_deg", "to which instruments and drives meet targets", "[1e-8, 1]"
+    )
     angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
     joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
+
+    @classmethod
+    def of(cls, targets: Mapping[str, Any], **more: Any) -> Self:
+        """Targets by names of devices.
+
+        Args:
+            targets: of each device by name an inertial unit vector (3,), or its path.
+            more: other attributes.
+
+        Example:
+            >>> jp.Targets.of({"telescope": [1.0, 0.0, 0.0]}, hold=("antenna",))
+        """
+        each = tuple(targets.values())
+        moving = any(isinstance(direction, DirectionPath) for direction in each)
+        return cls(
+            directions=each if moving else np.array(each, float).reshape(-1, 3),
+            devices=tuple(targets),
+            **more,
+        )
+
+    def names(self, craft: Spacecraft) -> tuple[str, ...]:
+        """Names of the devices that have the targets, in their order."""
+        return self.devices or tuple(terminal.name for terminal in craft.terminals)
+
+    def numbers(self, craft: Spacecraft) -> tuple[int, ...]:
+        """Numbers of these devices, as of `Spacecraft.device_names`."""
+        return tuple(craft.device_names.index(name) for name in self.names(craft))
 
     @property
     def paths(self) -> tuple[DirectionPath, ...]:
@@ -126,7 +193,8 @@ class Targets:
     @property
     def moves(self) -> bool:
         """Whether any moves."""
-        each = self.directions if isinstance(self.directions, list | tuple) else ()
+        each = list(self.directions) if isinstance(self.directions, list | tuple) else []
+        each += [wish.direction for wish in self.prefer]
         return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
@@ -134,13 +202,13 @@ class Targets:
         if not self.moves:
             return self
         each = [path.at(time) for path in self.paths]
-        seen = array_module(*each).stack(each)
+        wishes = tuple(replace(wish, direction=as_path(wish.direction).at(time)) for wish in self.prefer)
         return replace(
-            self, directions=seen, angular_velocity=np.zeros(3), joint_rates=np.zeros(2 * len(seen))
+            self, directions=array_module(*each).stack(each) if each else np.zeros((0, 3)), prefer=wishes
         )
 
     def rates(self, time: ArrayLike) -> AnyArray:
-        """(n, 3) 1/s, how fast the directions turn at an instant, s."""
+        """(k, 3) 1/s, how fast the directions turn at an instant, s."""
         each = [path.rate(time) for path in self.paths]
         return array_module(*each).stack(each) if each else np.zeros((0, 3))
 
@@ -361,10 +429,14 @@ def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
-    if scenario.goal.moves:
-        for terminal, path in zip(scenario.spacecraft.terminals, scenario.goal.paths, strict=True):
+    goal = scenario.goal
+    if isinstance(goal, Targets) and goal.moves:
+        for name, path in zip(goal.names(scenario.spacecraft), goal.paths, strict=True):
             if path.moves:
-                yield f"the target of {terminal.name}", path
+                yield f"the target of {name}", path
+        for wish in goal.prefer:
+            if as_path(wish.direction).moves:
+                yield f"what {wish.device} prefers", as_path(wish.direction)
 
 
 def moves(scenario: Scenario) -> bool:

@@ -1,20 +1,19 @@
-"""The spacecraft: a platform that carries two-axis terminals and body-fixed instruments.
+"""The spacecraft: a platform that carries terminals, drives and body-fixed instruments.
 
-Devices are numbered terminals first, then instruments. Joints are one vector ``(2n,)``: the yaws of all
-``n`` terminals, then their pitches (rad). A terminal mounted at angle ``mount`` about the body's z axis
-points, in body axes, along ``v(yaw + mount, pitch)`` of equation (13). Attitudes map body to inertial.
+Devices are numbered terminals first, then drives, then instruments. Joints are one vector ``(2n + d,)``: the
+yaws of all ``n`` terminals, their pitches, and the angles of the ``d`` drives (rad). How the joints turn the
+devices is in `jaxplan.model.gimbals`. Attitudes map body to inertial.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, azimuth_elevation, pointing
+from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.gimbals import Gimbals, angles_toward, frame_about_z, frame_of, stacked
 from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
@@ -23,74 +22,45 @@ from jaxplan.runtime.once import made_once
 EachAxis: TypeAlias = float | np.ndarray
 """A number for every body axis, or (3,)."""
 
+NEAREST_TO_POLE = np.deg2rad(0.1)
+"""rad; a pitch stays as far from 90 deg, where the yaw loses its meaning, whatever its range says."""
 
-def body_boresights(mounts: ArrayLike, fixed: ArrayLike, joints: ArrayLike) -> AnyArray:
-    """Directions of all devices in body axes.
 
-    Args:
-        mounts: (n,) rad.
-        fixed: (i, 3) boresights of the instruments.
-        joints: (..., 2n) rad.
+@shown("yaw_axis", "boresight")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """How a terminal is mounted, in body axes.
 
-    Returns:
-        (..., n + i, 3) unit vectors.
+    Attributes:
+        yaw_axis: (3,) unit vector that the yaw turns about, and to which a rising pitch lifts the boresight.
+        boresight: (3,) unit vector along which it points at zero angles, at right angles to the yaw axis.
     """
-    xp, q, mount, still = arrays(joints, mounts, fixed)
-    count = mount.shape[0]
-    moving = pointing(q[..., :count] + mount.astype(q.dtype), q[..., count:])
-    still = xp.broadcast_to(still.astype(q.dtype), (*q.shape[:-1], *still.shape))
-    return xp.concatenate([moving, still], axis=-2)
+
+    yaw_axis: np.ndarray = field(
+        metadata=key("yaw_axis", "that the yaw turns about; the pitch lifts towards it", kind="unit vector")
+    )
+    boresight: np.ndarray = field(
+        metadata=key(
+            "boresight", "where it points at zero angles, at right angles to the yaw axis", kind="unit vector"
+        )
+    )
 
 
-def wrap(angle: ArrayLike) -> AnyArray:
-    """An angle brought into (-pi, pi]."""
-    xp, a = arrays(angle)
-    return a - 2 * xp.pi * xp.ceil((a - xp.pi) / (2 * xp.pi))
-
-
-def joints_toward(mounts: ArrayLike, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
-    """Joint angles at which each terminal points along its direction, limits aside.
-
-    Corrects equations (3) and (4): the azimuth is ``atan2(s2, s1)`` of ``R^T z``, less the mounting
-    angle, wrapped.
-
-    Args:
-        mounts: (n,) rad.
-        attitude: (..., 3, 3) body to inertial.
-        directions: (n, 3) inertial unit vectors, one a terminal.
-
-    Returns:
-        (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
-    """
-    _, rotation, toward, mount = arrays(attitude, directions, mounts)
-    return joints_along(mount, toward @ rotation)
-
-
-def joints_along(mounts: ArrayLike, body: ArrayLike) -> AnyArray:
-    """Joint angles at which each terminal points along a direction in body axes, limits aside.
-
-    Args:
-        mounts: (n,) rad.
-        body: (..., n, 3), one direction a terminal.
-
-    Returns:
-        (..., 2n) rad; see `joints_toward`.
-    """
-    xp, mount, directions = arrays(mounts, body)
-    azimuth, elevation = azimuth_elevation(directions)
-    return xp.concatenate([wrap(azimuth - mount.astype(azimuth.dtype)), elevation], axis=-1)
-
-
-def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
-    """The values stacked to a read-only array of numpy, or to one of JAX where one of them is."""
-    if array_module(*values) is jnp:
-        return jnp.stack([jnp.asarray(value) for value in values])  # type: ignore[return-value]
-    array = np.array(values)
-    array.flags.writeable = False
-    return array
-
-
-@shown("mount deg", "yaw_limit deg", "pitch_limit deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
+@shown(
+    "mount deg",
+    "mounting",
+    "yaw_limit deg",
+    "yaw_range deg",
+    "pitch_limit deg",
+    "pitch_range deg",
+    "rate_limit deg/s",
+    "yaw_rate_limit deg/s",
+    "pitch_rate_limit deg/s",
+    "acceleration_limit deg/s^2",
+    "yaw_acceleration_limit deg/s^2",
+    "pitch_acceleration_limit deg/s^2",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terminal:
@@ -98,27 +68,143 @@ class Terminal:
 
     Attributes:
         name: unique among the devices.
-        mount: angle of the mounting about the body's z axis, rad (0, +120, -120 deg in the paper).
-        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad, at most pi and without wrap.
-        pitch_limit: likewise for the pitch, below pi / 2.
-        rate_limit: bound of either joint's rate, rad/s.
-        acceleration_limit: bound of either joint's acceleration, rad/s^2.
+        mount: angle of the mounting about the body's z axis, rad (0, +120, -120 deg in the paper), of a
+            terminal whose yaw turns about that axis. One of this and `mounting` is given.
+        mounting: any other way that it is mounted.
+        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad. One of this and `yaw_range` is given.
+        yaw_range: (2,) rad, least and largest yaw; it may span more than a turn.
+        pitch_limit: the pitch stays in [-pitch_limit, pitch_limit], rad. One of this and `pitch_range`.
+        pitch_range: (2,) rad, least and largest pitch; `NEAREST_TO_POLE` is kept whatever it says.
+        rate_limit: bound of either joint's rate, rad/s, but for a joint that has its own.
+        yaw_rate_limit: bound of the yaw's rate, rad/s; None for `rate_limit`.
+        pitch_rate_limit: likewise of the pitch's.
+        acceleration_limit: bound of either joint's acceleration, rad/s^2, but for a joint that has its own.
+        yaw_acceleration_limit: bound of the yaw's acceleration, rad/s^2; None for `acceleration_limit`.
+        pitch_acceleration_limit: likewise of the pitch's.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
-    mount: float = field(
-        metadata=key("mount_deg", "turn of the mounting about the body's z axis", "[-5e4, 5e4]")
+    mount: float | None = keyed(
+        None, "mount_deg", "turn of the mounting about the body's z axis", "[-5e4, 5e4]", required=True
     )
-    # beyond half a turn an angle would have two values
-    yaw_limit: float = field(metadata=key("yaw_limit_deg", "range of the yaw to either side", "(0, 180]"))
+    mounting: Mount | None = keyed(None, "mount", "any other way that it is mounted", instead_of="mount")
+    # beyond half a turn to either side an angle would have two values
+    yaw_limit: float | None = keyed(
+        None, "yaw_limit_deg", "range of the yaw to either side", "(0, 180]", required=True
+    )
+    yaw_range: np.ndarray | None = keyed(
+        None,
+        "yaw_range_deg",
+        "least and largest yaw, may span more than a turn",
+        "[-720, 720]",
+        kind="range",
+        instead_of="yaw_limit",
+    )
     # at a right angle the yaw loses its meaning
-    pitch_limit: float = field(
-        metadata=key("pitch_limit_deg", "range of the pitch to either side", "(0, 90)")
+    pitch_limit: float | None = keyed(
+        None, "pitch_limit_deg", "range of the pitch to either side", "(0, 90)", required=True
     )
-    rate_limit: float = field(metadata=key("rate_limit_deg_s", "of each joint", "[1e-6, 1e6]"))
+    pitch_range: np.ndarray | None = keyed(
+        None,
+        "pitch_range_deg",
+        "least and largest pitch; 0.1 deg is kept from 90, where the yaw has no meaning",
+        "[-90, 90]",
+        kind="range",
+        instead_of="pitch_limit",
+    )
+    rate_limit: float | None = keyed(None, "rate_limit_deg_s", "of each joint without its own", "[1e-6, 1e6]")
+    yaw_rate_limit: float | None = keyed(None, "yaw_rate_limit_deg_s", "of the yaw", "[1e-6, 1e6]")
+    pitch_rate_limit: float | None = keyed(None, "pitch_rate_limit_deg_s", "of the pitch", "[1e-6, 1e6]")
+    acceleration_limit: float | None = keyed(
+        None, "acceleration_limit_deg_s2", "of each joint without its own", "[1e-9, 1e9]"
+    )
+    yaw_acceleration_limit: float | None = keyed(
+        None, "yaw_acceleration_limit_deg_s2", "of the yaw", "[1e-9, 1e9]"
+    )
+    pitch_acceleration_limit: float | None = keyed(
+        None, "pitch_acceleration_limit_deg_s2", "of the pitch", "[1e-9, 1e9]"
+    )
+
+    @property
+    def frame(self) -> AnyArray:
+        """(3, 3) body from the terminal's axes at zero angles: boresight, left of it, and yaw axis."""
+        if self.mounting is None:
+            return frame_about_z(_given(self.mount))
+        return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
+
+    @property
+    def ranges(self) -> AnyArray:
+        """(2, 2) rad, least and largest yaw, then pitch."""
+        yaw: Any = self.yaw_range
+        pitch: Any = self.pitch_range
+        if yaw is None:
+            yaw = -_given(self.yaw_limit), self.yaw_limit
+        if pitch is None:
+            pitch = -_given(self.pitch_limit), self.pitch_limit
+        steepest = np.pi / 2 - NEAREST_TO_POLE
+        xp, found = arrays(stacked([yaw[0], yaw[1], pitch[0], pitch[1]]))
+        most = np.array([np.inf, np.inf, steepest, steepest])
+        return xp.clip(found, -most, most).reshape(2, 2)
+
+    @property
+    def rate_limits(self) -> tuple[Any, Any]:
+        """Bounds of the rates of yaw and pitch, rad/s."""
+        own = self.yaw_rate_limit, self.pitch_rate_limit
+        return tuple(self.rate_limit if each is None else each for each in own)  # type: ignore[return-value]
+
+    @property
+    def acceleration_limits(self) -> tuple[Any, Any]:
+        """Bounds of the accelerations of yaw and pitch, rad/s^2."""
+        own = self.yaw_acceleration_limit, self.pitch_acceleration_limit
+        return tuple(self.acceleration_limit if each is None else each for each in own)  # type: ignore[return-value]
+
+
+def _given(number: float | None) -> float:
+    """What stands for None in no spacecraft that was checked; NaN there."""
+    return np.nan if number is None else number
+
+
+@shown("axis", "boresight", "range deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive:
+    """A device that turns about one axis, such as a solar array or a one-axis antenna.
+
+    Attributes:
+        name: unique among the devices.
+        axis: (3,) unit vector in body axes that it turns about, counter-clockwise seen from its tip.
+        boresight: (3,) unit vector in body axes along which it points at zero angle; at any angle to the
+            axis, but not along it.
+        range: (2,) rad, least and largest angle; it may span more than a turn.
+        rate_limit: rad/s.
+        acceleration_limit: rad/s^2.
+    """
+
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    axis: np.ndarray = field(metadata=key("axis", "that it turns about, body axes", kind="unit vector"))
+    boresight: np.ndarray = field(
+        metadata=key("boresight", "where it points at zero angle, body axes", kind="unit vector")
+    )
+    range: np.ndarray = field(
+        metadata=key(
+            "range_deg", "least and largest angle, may span more than a turn", "[-720, 720]", kind="range"
+        )
+    )
+    rate_limit: float = field(metadata=key("rate_limit_deg_s", "of its angle", "[1e-6, 1e6]"))
     acceleration_limit: float = field(
-        metadata=key("acceleration_limit_deg_s2", "of each joint", "[1e-9, 1e9]")
+        metadata=key("acceleration_limit_deg_s2", "of its angle", "[1e-9, 1e9]")
     )
+
+    @property
+    def frame(self) -> AnyArray:
+        """(3, 3) body from its axes at zero angle: the boresight's part across the axis, left, and axis."""
+        return frame_of(self.axis, self.boresight)
+
+    @property
+    def tilt(self) -> AnyArray:
+        """rad, of the boresight above the plane across the axis; the same at all angles."""
+        xp, axis, boresight = arrays(self.axis, self.boresight)
+        return xp.arcsin(xp.sum(axis * boresight) / xp.sqrt(xp.sum(axis * axis) * xp.sum(boresight**2)))
 
 
 @shown("boresight")
@@ -138,6 +224,7 @@ class Instrument:
 
 @shown(
     "terminals",
+    "drives",
     "instruments",
     "rate_limit deg/s",
     "rate_norm_limit deg/s",
@@ -151,7 +238,7 @@ class Instrument:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spacecraft:
-    """A platform with any number of terminals and instruments, none of either being legal.
+    """A platform with any number of terminals, drives and instruments, none of each being legal.
 
     Attributes:
         rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s; a number
@@ -164,7 +251,8 @@ class Spacecraft:
         inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
         torque_limit: of the torque, N m; None for no bound.
         wheel_momentum_limit: of the angular momentum ``J omega``, N m s; None for no bound.
-        terminals: devices with joints.
+        terminals: devices with two joints.
+        drives: devices with one.
         instruments: devices without.
     """
 
@@ -196,43 +284,63 @@ class Spacecraft:
         None, "wheel_momentum_limit_nms", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
     )
     terminals: tuple[Terminal, ...] = keyed((), "terminal", "devices with a yaw and a pitch joint")
+    drives: tuple[Drive, ...] = keyed((), "drive", "devices that turn about one axis")
     instruments: tuple[Instrument, ...] = keyed((), "instrument", "devices fixed to the body")
 
     @property
     @made_once
     def device_names(self) -> tuple[str, ...]:
-        """Names of terminals, then instruments: the order of every device axis."""
-        return tuple([t.name for t in self.terminals] + [i.name for i in self.instruments])
+        """Names of terminals, drives and instruments: the order of every device axis."""
+        names = [one.name for one in self.terminals] + [one.name for one in self.drives]
+        return (*names, *(one.name for one in self.instruments))
 
     @property
     @made_once
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints in the order of the joint vector, such as ``terminal-1 yaw``."""
-        return tuple(f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals)
+        of_terminals = [f"{t.name} {axis}" for axis in ("yaw", "pitch") for t in self.terminals]
+        return (*of_terminals, *(f"{drive.name} angle" for drive in self.drives))
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints, ``2n + d``."""
+        return 2 * len(self.terminals) + len(self.drives)
 
     @property
     @made_once
-    def joint_limits(self) -> np.ndarray:
-        """(2n,) rad: the bound of each joint's angle."""
-        return stacked([t.yaw_limit for t in self.terminals] + [t.pitch_limit for t in self.terminals])
+    def joint_ranges(self) -> np.ndarray:
+        """(2n + d, 2) rad: least and largest angle of each joint."""
+        ranges = [t.ranges for t in self.terminals]
+        rows = (
+            [own[0] for own in ranges] + [own[1] for own in ranges] + [drive.range for drive in self.drives]
+        )
+        return stacked(rows).reshape(-1, 2)
 
     @property
     @made_once
     def joint_rate_limits(self) -> np.ndarray:
-        """(2n,) rad/s: the bound of each joint's rate."""
-        return stacked([t.rate_limit for t in self.terminals] * 2)
+        """(2n + d,) rad/s: the bound of each joint's rate."""
+        return self._each_joint([t.rate_limits for t in self.terminals], "rate_limit")
 
     @property
     @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
-        """(2n,) rad/s^2: the bound of each joint's acceleration."""
-        return stacked([t.acceleration_limit for t in self.terminals] * 2)
+        """(2n + d,) rad/s^2: the bound of each joint's acceleration."""
+        return self._each_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
+
+    def _each_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:
+        """Numbers (2n + d,), from yaw's and pitch's of each terminal and an attribute of drives."""
+        rows = [own[axis] for axis in range(2) for own in of_terminals]
+        return stacked(rows + [getattr(drive, of_drives) for drive in self.drives])
 
     @property
     @made_once
-    def mounts(self) -> np.ndarray:
-        """(n,) rad: the angle of each terminal's mounting."""
-        return stacked([t.mount for t in self.terminals])
+    def gimbals(self) -> Gimbals:
+        """How joints turn the devices that have any."""
+        frames = [one.frame for one in self.terminals] + [one.frame for one in self.drives]
+        return Gimbals(
+            frames=stacked(frames).reshape(-1, 3, 3), tilts=stacked([drive.tilt for drive in self.drives])
+        )
 
     @property
     @made_once
@@ -245,7 +353,7 @@ class Spacecraft:
 
         Args:
             attitude: (..., 3, 3) body to inertial.
-            joints: (..., 2n) rad.
+            joints: (..., 2n + d) rad.
 
         Returns:
             (..., devices, 3) unit vectors.
@@ -254,24 +362,28 @@ class Spacecraft:
             ValueError: if an argument has another shape, or is not made of real numbers.
         """
         expect_numbers("attitude", attitude, 3, 3)
-        expect_numbers("joints", joints, 2 * len(self.terminals))
-        body = body_boresights(self.mounts, self.fixed_boresights, joints)
-        xp, rotation = arrays(attitude)
-        return body @ xp.swapaxes(rotation, -1, -2)
+        expect_numbers("joints", joints, self.joint_count)
+        xp, rotation, moving, fixed = arrays(attitude, self.gimbals.boresights(joints), self.fixed_boresights)
+        still = xp.broadcast_to(fixed.astype(moving.dtype), (*moving.shape[:-2], *fixed.shape))
+        return xp.concatenate([moving, still], axis=-2) @ xp.swapaxes(rotation, -1, -2)
 
     def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
         """Joint angles at which each terminal points along its direction, limits aside.
+
+        Corrects equations (3) and (4), see `Gimbals.joints_along`.
 
         Args:
             attitude: (..., 3, 3) body to inertial.
             directions: (n, 3) inertial unit vectors, one a terminal.
 
         Returns:
-            (..., 2n) rad. The yaw of a terminal that must point along the body's z axis is arbitrary.
+            (..., 2n) rad. The yaw of a terminal that must point along its yaw axis is arbitrary.
 
         Raises:
             ValueError: if an argument has another shape, or is not made of real numbers.
         """
         expect_numbers("attitude", attitude, 3, 3)
         expect_numbers("directions", directions, len(self.terminals), 3)
-        return joints_toward(self.mounts, attitude, directions)
+        xp, rotation, toward, frames = arrays(attitude, directions, self.gimbals.frames)
+        yaw, pitch = angles_toward(frames[: len(self.terminals)], rotation, toward)
+        return xp.concatenate([yaw, pitch], axis=-1)

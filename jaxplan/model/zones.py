@@ -21,8 +21,8 @@ import numpy as np
 
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
+from jaxplan.model.gimbals import stacked
 from jaxplan.model.keys import key, keyed
-from jaxplan.model.spacecraft import stacked
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 

@@ -71,7 +71,8 @@ def propose(
         ]
     )
     choice = _joint_moves(len(left), rng)
-    inside = np.abs(node.joints + chosen(options, choice)) <= scene.joint_limits
+    moved = node.joints + chosen(options, choice)
+    inside = (moved >= scene.joint_ranges[:, 0]) & (moved <= scene.joint_ranges[:, 1])
     repeated = snap & (choice == _DOWN)  # a joint on its way to the goal has one move, not two
     allowed = np.broadcast_to(np.all(inside & ~repeated, axis=1), (len(turns), len(choice))).copy()
     if reached:

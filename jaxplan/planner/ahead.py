@@ -76,7 +76,8 @@ def _kind(scenario: Scenario) -> Hashable:
     craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     return (
-        len(craft.terminals), len(craft.instruments), rows.bound.shape, single, rows.inner, rows.nested,
+        len(craft.terminals), len(craft.drives), len(craft.instruments),
+        rows.bound.shape, single, rows.inner, rows.nested,
         scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
         tuple(limit.quantity.name for limit in loads), moves(scenario),
     )  # fmt: skip

@@ -343,7 +343,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
         "device": tuple(sight_names(craft.device_names, scenario.constraints)),
         "zone": tuple(zone.name for zone in scenario.zones),
     }
-    root = Place(Reading(names, {"joint": 2 * len(craft.terminals)}))
+    root = Place(Reading(names, {"joint": craft.joint_count}))
     rest = {key: value for key, value in content.items() if key not in ("schema_version", "scenario")}
     read = _plan_table(moves(scenario)).read(rest, root)
     if not root.reading.faults:

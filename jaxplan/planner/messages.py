@@ -6,9 +6,10 @@ import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.goal import Decomposition
+from jaxplan.goal.aims import AZIMUTH
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import Scenario, moves
+from jaxplan.model.scenario import Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, sight_names
 from jaxplan.planner.record import Plan
@@ -23,12 +24,18 @@ def when(scenario: Scenario, time: float) -> str:
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
     """Why no attitude reaches the targets beside the rows of the scenario's constraints."""
     craft = scenario.spacecraft
-    if found.worst_joint is not None and found.joint_excess > 0:
-        return (
-            f"at best {craft.joint_names[found.worst_joint]} is "
-            f"{np.rad2deg(found.joint_excess):.4g} deg beyond its limit at the goal: "
-            "change goal.targets or the limits"
-        )
+    asked = scenario.goal
+    if found.worst_aim is not None and found.aim_excess > 0 and isinstance(asked, Targets):
+        number, angle = found.worst_aim
+        device = asked.numbers(craft)[number]
+        name, off = craft.device_names[device], f"{np.rad2deg(found.aim_excess):.4g} deg"
+        terminals, gimbals = len(craft.terminals), craft.gimbals.count
+        if device < terminals or (device < gimbals and angle == AZIMUTH):
+            joint = (craft.gimbals.yaws if angle == AZIMUTH else craft.gimbals.pitches)[device]
+            what = f"{craft.joint_names[joint]} is {off} beyond its limit at the goal"
+        else:
+            what = f"{name} is {off} off its target at the goal"
+        return f"at best {what}: change goal.targets or the limits"
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = sight_names(craft.device_names, rows)[found.worst_device]
         zone = rows.zone[found.worst_zone]

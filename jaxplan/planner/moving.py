@@ -52,7 +52,7 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
     if not rows.paths:
         return rows
     craft, start = scenario.spacecraft, scenario.start
-    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     ends = []
     for time, attitude, joints in (
         (0.0, start.attitude, start.joints),

@@ -3,7 +3,7 @@
 `jaxplan.certificate` proves that a trajectory keeps limits and zones and goes from one state to another.
 That these states are what the scenario asks for is checked here: the goal meets its targets, and where these
 move, it is there when the manoeuvre ends, along their directions and at their rates. That is plain numpy, so
-that no NaN passes, from equation (13) and the derivative of ``p = R v(q)``, ``p' = R (omega x v + v_q q')``;
+that no NaN passes, from equation (13) and the derivative of ``p = R u(q)``, ``p' = R (omega x u + u_q q')``;
 nothing of what finds goals is used.
 """
 
@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
-from jaxplan.geometry.vectors import outward, slopes
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, known_until, moves
 from jaxplan.model.zones import sight_names
@@ -160,23 +159,38 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
 
     It is in numpy, so that no NaN passes. Of the directions of targets that move `_arrival_faults` tells.
     """
-    asked, attitude = scenario.goal, goal.attitude
+    asked, attitude, joints = scenario.goal, goal.attitude, goal.joints
     if not abs(so3.distance(scenario.start.attitude, attitude) - goal.slew_angle) <= TOLERANCE:
         yield "the goal's slew angle is not that from the start"
     if isinstance(asked, GivenState):
-        attitude, joints = asked.attitude, asked.joints
-    else:
-        limits = (("yaw", asked.yaw_limit), ("pitch", asked.pitch_limit))
-        for (name, limit), angles in zip(limits, np.split(goal.joints, 2), strict=True):
-            if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
-                yield f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}"
-        if asked.moves:
-            return
-        joints = scenario.spacecraft.joints_toward(attitude, asked.directions)
-    if not np.linalg.norm(goal.attitude - attitude) <= TOLERANCE:
-        yield "the goal's attitude is not the scenario's"
-    if not np.all(np.abs(goal.joints - joints) <= TOLERANCE):
-        yield "the goal's joints do not point where the scenario asks"
+        if not np.linalg.norm(attitude - asked.attitude) <= TOLERANCE:
+            yield "the goal's attitude is not the scenario's"
+        if not np.all(np.abs(joints - asked.joints) <= TOLERANCE):
+            yield "the goal's joints are not the scenario's"
+        return
+    terminals = len(scenario.spacecraft.terminals)
+    for number, (name, limit) in enumerate((("yaw", asked.yaw_limit), ("pitch", asked.pitch_limit))):
+        angles = joints[number * terminals : (number + 1) * terminals]
+        if limit is not None and not np.all(np.abs(angles) <= limit + TOLERANCE):
+            yield f"a {name} at the goal is beyond goal.{name}_limit_deg = {np.rad2deg(limit):g}"
+    names = scenario.spacecraft.joint_names
+    held = [number for number, name in enumerate(names) if name.rsplit(" ", 1)[0] in asked.hold]
+    if not np.all(np.abs(joints[held] - scenario.start.joints[held]) <= TOLERANCE):
+        yield "a device of goal.hold has not kept its joints at the goal"
+    if asked.moves:
+        return
+    spin, rates = np.zeros(3), np.zeros(len(joints))
+    beams, _ = _beam_motion(scenario, goal, spin, rates)
+    for name, beam, direction in zip(asked.names(scenario.spacecraft), beams, asked.directions, strict=True):
+        off = np.linalg.norm(beam - direction)
+        if not off <= _allowed(scenario, name):
+            yield f"at the goal {name} points {off:.3g} rad off its target"
+
+
+def _allowed(scenario: Scenario, name: str) -> float:
+    """Rad by which a device may point off its target: terminals only by rounding, others by the tolerance."""
+    of_terminal = any(terminal.name == name for terminal in scenario.spacecraft.terminals)
+    return TOLERANCE if of_terminal else TOLERANCE + float(scenario.goal.tolerance)  # type: ignore[union-attr]
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
@@ -197,21 +211,42 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     beams, rates = _beam_motion(scenario, goal, goal.angular_velocity, goal.joint_rates)
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)
-    for terminal, off, too_fast in zip(scenario.spacecraft.terminals, apart, slip, strict=True):
-        if not off <= TOLERANCE:
-            yield f"at the goal {terminal.name} points {off:.3g} rad off its moving target"
-        if not too_fast <= TOLERANCE:
-            yield f"at the goal {terminal.name} turns {too_fast:.3g} rad/s otherwise than its moving target"
+    for name, off, too_fast in zip(asked.names(scenario.spacecraft), apart, slip, strict=True):
+        if not off <= _allowed(scenario, name):
+            yield f"at the goal {name} points {off:.3g} rad off its moving target"
+        if not too_fast <= _allowed(scenario, name):
+            yield f"at the goal {name} turns {too_fast:.3g} rad/s otherwise than its moving target"
 
 
 def _beam_motion(
     scenario: Scenario, goal: Goal, angular_velocity: np.ndarray, joint_rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inertial directions (n, 3) of the terminals' beams at a goal, and how fast they turn (n, 3), 1/s."""
-    yaw, pitch = np.split(np.asarray(goal.joints, float), 2)
-    yaw_rate, pitch_rate = (part[:, None] for part in np.split(np.asarray(joint_rates, float), 2))
-    azimuth = yaw + scenario.spacecraft.mounts
-    circles = np.cos(azimuth), np.sin(azimuth), np.cos(pitch), np.sin(pitch)
-    body, by_yaw, by_pitch = (np.stack(one, axis=-1) for one in (outward(*circles), *slopes(*circles)))
-    moving = np.cross(angular_velocity, body) + yaw_rate * by_yaw + pitch_rate * by_pitch
-    return body @ goal.attitude.T, moving @ goal.attitude.T
+    """Inertial directions (k, 3) of the devices with targets at a goal, and how fast they turn (k, 3), 1/s.
+
+    A boresight ``u`` of a device with joints turns at ``y' Y + p' P`` in the body, about the yaw axis ``Y``
+    and the pitch axis ``P``, that is the opposite of what is to the left.
+    """
+    craft, asked = scenario.spacecraft, scenario.goal
+    terminals = len(craft.terminals)
+    body, turning = [], []
+    for number in asked.numbers(craft):  # type: ignore[union-attr]
+        if number >= terminals + len(craft.drives):
+            body.append(craft.instruments[number - terminals - len(craft.drives)].boresight)
+            turning.append(np.zeros(3))
+            continue
+        if number < terminals:
+            frame, lifts = craft.terminals[number].frame, number + terminals
+            yaw, pitch = goal.joints[number], goal.joints[lifts]
+            rates = joint_rates[number], joint_rates[lifts]
+        else:
+            drive, joint = craft.drives[number - terminals], number + terminals
+            frame, yaw, pitch = drive.frame, goal.joints[joint], float(drive.tilt)
+            rates = joint_rates[joint], 0.0
+        ahead, left, up = np.asarray(frame).T
+        level = np.cos(yaw) * ahead + np.sin(yaw) * left
+        beam = np.cos(pitch) * level + np.sin(pitch) * up
+        body.append(beam)
+        turning.append(np.cross(rates[0] * up + rates[1] * np.cross(level, up), beam))
+    seen, moved = np.array(body).reshape(-1, 3), np.array(turning).reshape(-1, 3)
+    moving = np.cross(angular_velocity, seen) + moved
+    return seen @ goal.attitude.T, moving @ goal.attitude.T

@@ -53,6 +53,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
             start,
             asked.at(end),
             rows,
+            start_joints=scenario.start.joints,
             max_slew=most,
             max_goals=wanted,
             seed=scenario.search.seed,
@@ -105,6 +106,7 @@ def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
     return {
         "spacecraft": scenario.spacecraft,
         "start_attitude": scenario.start.attitude,
+        "start_joints": scenario.start.joints,
         "targets": targets.at(time),
         "cones": rows.at(time),
         "target_rates": targets.rates(time),

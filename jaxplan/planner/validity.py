@@ -49,9 +49,7 @@ def breaches(
     found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
     found += [
         f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
-        for name, excess, limit in zip(
-            craft.joint_names, np.abs(joints) - craft.joint_limits, craft.joint_limits, strict=True
-        )
+        for name, excess, limit in zip(craft.joint_names, *_beyond(scenario, joints), strict=True)
         if not excess <= ROUNDING
     ]
     bounds, norm = np.full(3, craft.rate_limit), craft.rate_norm_limit
@@ -82,6 +80,17 @@ def breaches(
     return (*found, *constraint_breaches(rows, craft, attitude, joints, names, groups))
 
 
+def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far joints are beyond the nearer end of their ranges, and the size of that end; (J,) rad each.
+
+    Of a range that is not the same to either side the end has its sign.
+    """
+    low, high = scenario.spacecraft.joint_ranges.T
+    upper = joints - high >= low - joints
+    end = np.where(upper, high, np.where(low == -high, high, low))
+    return np.where(upper, joints - high, low - joints), end
+
+
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Everything that the scenario's start breaks, a phrase each."""
     start = scenario.start
@@ -93,11 +102,12 @@ def _overruns(
 ) -> Iterator[str]:
     """Joints within limits that full braking cannot keep there, or that must come from beyond."""
     craft = scenario.spacecraft
-    room = craft.joint_limits - np.abs(joints)
-    outward = np.where(arriving, -1, 1) * np.sign(joints) * joint_rates
+    beyond, ends = _beyond(scenario, joints)
+    room, side = -beyond, np.where(joints >= np.mean(craft.joint_ranges, axis=-1), 1, -1)
+    outward = np.where(arriving, -1, 1) * side * joint_rates
     braking = joint_rates**2 / (2 * craft.joint_acceleration_limits)
     for j in np.flatnonzero((room >= -ROUNDING) & (outward > 0) & (braking > room + ROUNDING)):
-        gap, rate, limit = np.rad2deg([max(room[j], 0), abs(joint_rates[j]), craft.joint_limits[j]])
+        gap, rate, limit = np.rad2deg([max(room[j], 0), abs(joint_rates[j]), ends[j]])
         where = f"{craft.joint_names[j]}, {gap:.4g} deg from its limit of {limit:.4g} deg,"
         if arriving:
             yield f"{where} moves away from it at {rate:.4g} deg/s, so it must have been beyond it"
@@ -126,7 +136,7 @@ def constraint_breaches(
     Yields:
         The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
     """
-    sights = rows.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+    sights = rows.sights(spacecraft.gimbals, spacecraft.fixed_boresights)
     table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
     worst = np.min(table, axis=-1, initial=np.inf)
     leaders = np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING))

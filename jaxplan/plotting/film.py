@@ -18,7 +18,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from jaxplan.geometry.vectors import pointing
 from jaxplan.planner import Plan
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.projections import PALE, GlobeView
@@ -218,7 +217,7 @@ class _Picture:
         craft = plan.scenario.spacecraft
         self.margins = [margin.values for margin in margins_over_time(plan.scenario, moves)]
         # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
-        outward = np.concatenate([pointing(craft.mounts, 0.0 * craft.mounts), craft.fixed_boresights])
+        outward = np.concatenate([craft.gimbals.frames[..., 0], craft.fixed_boresights])
         self.feet = outward * np.min(_BODY / np.maximum(np.abs(outward), 1e-9), axis=1, keepdims=True)
         self.faces = PolyCollection([], edgecolor="0.35", linewidth=0.8, zorder=2.7)
         axes.add_collection(self.faces, autolim=False)

@@ -273,7 +273,7 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
         moves: the motion.
     """
     rows, craft, values = scenario.constraints, scenario.spacecraft, moves.values
-    sights = rows.sights(craft.mounts, craft.fixed_boresights)
+    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     table = state_margins(rows, sights, values.attitude, values.joints, moves.times)  # (k, Z, S)
     chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
     table = np.where(chosen[..., None] & rows.bound, table, np.nan)

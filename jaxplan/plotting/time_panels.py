@@ -173,7 +173,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         ValueError: if the plan has no trajectory, or other than two axes are given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    shown = _joint_panels(craft, moves.values.kinematics(), 0)
+    shown = _joint_panels(craft, moves.values.kinematics(craft), 0)
     owners = _terminals(craft)
     if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
         nodes = np.split(plan.path.joints.T, 2)
@@ -222,7 +222,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
     """Draw a derivative of pitches, yaws (the paper's order) and the platform's attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
-    values = moves.values.kinematics()
+    values = moves.values.kinematics(craft)
     joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
     groups = [(_terminals(craft), joints)] * bool(joints)
     spin = _SPIN[power - 1]
@@ -254,7 +254,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
             f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
             "so there is no torque to draw; give it spacecraft.inertia_kg_m2 or spacecraft.jerk_limit_deg_s3"
         )
-    values = moves.values.kinematics(craft.inertia)
+    values = moves.values.kinematics(craft)
     group = [_platform_panel(craft, values, quantity) for quantity in shown]
     return _figure(plan, ax, [(_AXIS_ENTRIES, group)], moves, legend)
 
@@ -267,7 +267,7 @@ def limited_loads(craft: Spacecraft) -> list[Quantity]:
 
 def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
-    panel = _platform_panel(craft, moves.values.kinematics(), _SPIN[0])
+    panel = _platform_panel(craft, moves.values.kinematics(craft), _SPIN[0])
     return [*_axis_entries(craft, _SPIN[0]), *panel.draw(axes, moves)]
 
 

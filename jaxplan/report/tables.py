@@ -25,19 +25,38 @@ from jaxplan.trajectory import excess
 
 _STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
 _AIM = ("Azimuth|deg", "Elevation|deg")
+_AIM_AT = ("azimuth|deg", "elevation|deg")
 
 
 def spacecraft_tables(craft: Spacecraft) -> Markup:
     """The platform's limits, and the devices with theirs."""
     parts = [facts(_platform(craft), "Platform, limits of each body axis")]
+    frames = craft.gimbals.frames
     if craft.terminals:
-        titles = [
-            *("Terminal", "Mount|deg", "Yaw \N{PLUS-MINUS SIGN}|deg", "Pitch \N{PLUS-MINUS SIGN}|deg"),
-            *("Rate|deg/s", "Acceleration|deg/s\N{SUPERSCRIPT TWO}"),
+        rows = [
+            [one.name, *_direction(frame[:, 0]), *_direction(frame[:, 2])]
+            for one, frame in zip(craft.terminals, frames, strict=False)
         ]
-        keys = ("mount", "yaw_limit", "pitch_limit", "rate_limit", "acceleration_limit")
-        rows = [[one.name, *(degrees(getattr(one, key)) for key in keys)] for one in craft.terminals]
-        parts.append(table(titles, rows, "Terminals, with the limits of their joints"))
+        titles = ["Terminal", *(f"{what} {angle}" for what in ("Boresight", "Yaw axis") for angle in _AIM_AT)]
+        parts.append(table(titles, rows, "Terminals, how they are mounted; body axes, at zero angles"))
+    if craft.drives:
+        rows = [[one.name, *_direction(one.boresight), *_direction(one.axis)] for one in craft.drives]
+        titles = ["Drive", *(f"{what} {angle}" for what in ("Boresight", "Axis") for angle in _AIM_AT)]
+        parts.append(table(titles, rows, "Drives, how they are mounted; body axes, at zero angle"))
+    if craft.joint_count:
+        limits_of = zip(
+            craft.joint_names,
+            craft.joint_ranges,
+            craft.joint_rate_limits,
+            craft.joint_acceleration_limits,
+            strict=True,
+        )
+        rows = [
+            [name, *(degrees(end) for end in ends), degrees(rate), degrees(acceleration)]
+            for name, ends, rate, acceleration in limits_of
+        ]
+        titles = ["Joint", "Least|deg", "Largest|deg", "Rate|deg/s", "Acceleration|deg/s\N{SUPERSCRIPT TWO}"]
+        parts.append(table(titles, rows, "Limits of the joints"))
     if craft.instruments:
         rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
         caption = "Instruments, fixed to the body; boresights in body axes"
@@ -143,16 +162,16 @@ def ends_tables(plan: Plan) -> Markup:
         turn = f"{degrees(goal.slew_angle, 3)} deg, {number(goal.slew_angle, 4)} rad"
         rows.append(("Platform turns by", turn))
     parts = [facts(rows, "Attitude, body to inertial")]
-    if scenario.spacecraft.terminals:
+    if scenario.spacecraft.joint_count:
         parts.append(_joints_table(plan))
     asked = scenario.goal
     if not isinstance(asked, GivenState) and len(asked.directions):
         then = asked.at(0.0 if goal is None else goal.time)
         targets = [
-            [terminal.name, *_direction(direction)]
-            for terminal, direction in zip(scenario.spacecraft.terminals, then.directions, strict=True)
+            [name, *_direction(direction)]
+            for name, direction in zip(asked.names(scenario.spacecraft), then.directions, strict=True)
         ]
-        parts.append(table(["Terminal", *_AIM], targets, "Targets asked for, inertial"))
+        parts.append(table(["Device", *_AIM], targets, "Targets asked for, inertial"))
     return join(parts)
 
 
@@ -163,8 +182,8 @@ def _joints_table(plan: Plan) -> Markup:
         end = [NONE, NONE]
         if plan.goal is not None:
             end = [degrees(plan.goal.joints[i]), degrees(plan.goal.joints[i] - start[i])]
-        rows.append([name, degrees(start[i]), *end, degrees(craft.joint_limits[i])])
-    titles = ["Joint", "Start|deg", "Goal|deg", "Change|deg", "Limit \N{PLUS-MINUS SIGN}|deg"]
+        rows.append([name, degrees(start[i]), *end, *(degrees(bound) for bound in craft.joint_ranges[i])])
+    titles = ["Joint", "Start|deg", "Goal|deg", "Change|deg", "Least|deg", "Largest|deg"]
     return table(titles, rows, "Joints")
 
 

@@ -289,6 +289,13 @@ def rising(times: np.ndarray, value: Any, place: Place) -> Any:
     return WRONG if len(falls) or times[0] > 0 else times
 
 
+def range_of(ends: np.ndarray, value: Any, place: Place) -> Any:
+    """The two ends of a range, the first below the second."""
+    if ends[0] < ends[1]:
+        return ends
+    return place.fault("must be two numbers, the first below the second", _told(ends, value, place))
+
+
 DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)
 PLANE_DIRECTION = Array((2,), noun="a unit vector of 2 numbers", rule=unit)
 QUATERNION = Array((4,), noun="a unit quaternion of 4 numbers, w x y z", rule=rotation_vector)
@@ -299,6 +306,11 @@ def each_terminal(of: Number) -> Array:
     return Array(("terminal",), of, noun="numbers, one a terminal")
 
 
+def each_drive(of: Number) -> Array:
+    """A number for each drive."""
+    return Array(("drive",), of, noun="numbers, one a drive")
+
+
 def each_joint(of: Number, *, zero: bool = False) -> Array:
     """A number for each joint."""
-    return Array(("joint",), of, noun="numbers, one a joint, all yaws and then all pitches", zero=zero)
+    return Array(("joint",), of, noun="numbers, one a joint, all yaws, all pitches, all drives", zero=zero)

@@ -20,7 +20,11 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
-_DEVICES = {"terminal": "terminals", "instrument": "instruments"}
+_DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
+SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; it is made right
+APART = np.deg2rad(
+    1.0
+)  # rad, least angle between a drive's boresight and its axis, which it would not move on
 
 
 def check_count(zones: Sequence[Any], root: Place) -> bool:
@@ -53,18 +57,69 @@ def check_parts(scenario: Scenario, root: Place) -> None:
     _check_duration(scenario, root)
 
 
+def check_mount(mount: Any, place: Place) -> None:
+    """The boresight of a mount stands at right angles to its yaw axis."""
+    axis, boresight = mount.yaw_axis, mount.boresight
+    if axis is WRONG or boresight is WRONG:
+        return
+    cosine = float(np.dot(axis, boresight))
+    if not abs(cosine) <= SQUARE:
+        angle = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+        place["boresight"].fault(
+            f"must be at right angles to yaw_axis, the angle is {angle:.6g} deg", boresight.tolist()
+        )
+
+
+def check_terminal(terminal: Any, place: Place) -> None:
+    """Each joint has a limit of its rate and of its acceleration, of its own or for both."""
+    for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
+        key = f"{quantity}_limit_{unit}"
+        both = getattr(terminal, f"{quantity}_limit")
+        own = [getattr(terminal, f"{axis}_{quantity}_limit") for axis in ("yaw", "pitch")]
+        if both is None and any(limit is None for limit in own):
+            names = " and ".join(
+                place[f"{axis}_{key}"].path.removeprefix(f"{place.path}.") for axis in ("yaw", "pitch")
+            )
+            place[key].fault(f"missing (or {names}), must be a number")
+        elif both is not None and all(limit is not None for limit in own):
+            place[key].fault("has no joint to be of, since both have their own", shown(both, place))
+
+
+def shown(angle: Any, place: Place) -> Any:
+    """An angle, or what is made of one, as messages of a file or of Python tell it."""
+    return angle if place.reading.python or not isinstance(angle, float) else shortest_degrees(angle)
+
+
+def check_drive(drive: Any, place: Place) -> None:
+    """The boresight of a drive stands off its axis."""
+    axis, boresight = drive.axis, drive.boresight
+    if axis is WRONG or boresight is WRONG:
+        return
+    off = float(np.arctan2(np.linalg.norm(np.cross(axis, boresight)), abs(np.dot(axis, boresight))))
+    if not off >= APART:
+        place["boresight"].fault(
+            f"must be at least 1 deg off the axis, about which it turns; it is {np.rad2deg(off):.3g} deg off",
+            boresight.tolist(),
+        )
+
+
 def check_spacecraft(craft: Any, place: Place) -> None:
     """Devices need names of their own, by which others refer to them; torque and momentum the inertia."""
     reading = place.reading
     _check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
     names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
-    terminals, others = names["terminal"], reading.terminals
+    terminals, drives, others = names["terminal"], names["drive"], reading.terminals
     if terminals is not None and others not in (None, len(terminals)):
         place["terminal"].fault(f"must be as many as start and goal are for, {others}, not {len(terminals)}")
     elif terminals is not None:
         reading.names["terminal"] = terminals
-        reading.sizes |= {"terminal": len(terminals), "joint": 2 * len(terminals)}
-        reading.names["device"] = None if names["instrument"] is None else terminals + names["instrument"]
+        reading.sizes["terminal"] = len(terminals)
+        reading.names["gimbal"] = None if drives is None else terminals + drives
+        if drives is not None:
+            reading.sizes |= {"drive": len(drives), "joint": 2 * len(terminals) + len(drives)}
+        reading.ranges = _joint_ranges(craft)
+        each = names.values()
+        reading.names["device"] = None if None in each else tuple(name for own in each for name in own or ())
     for key, limit in (
         ("torque_limit_nm", craft.torque_limit),
         ("wheel_momentum_limit_nms", craft.wheel_momentum_limit),
@@ -72,6 +127,20 @@ def check_spacecraft(craft: Any, place: Place) -> None:
         if limit is not None and limit is not WRONG and craft.inertia is None:
             told = PerAxis(NUMBER).write(limit)
             place[key].fault(f"needs {place['inertia_kg_m2'].path}", told)
+
+
+def _joint_ranges(craft: Any) -> np.ndarray | None:
+    """Ranges of the joints, (J, 2) rad; None where devices have faults."""
+    parts = ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range")
+    if any(getattr(one, part) is WRONG for one in craft.terminals for part in parts):
+        return None
+    if any(
+        own[0] is None and own[1] is None
+        for one in craft.terminals
+        for own in ((one.yaw_limit, one.yaw_range), (one.pitch_limit, one.pitch_range))
+    ):
+        return None
+    return None if any(drive.range is WRONG for drive in craft.drives) else craft.joint_ranges
 
 
 def _names(devices: Any) -> tuple[str, ...] | None:
@@ -104,8 +173,24 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
         place["entry"].fault("needs any_of, the name of its group", zone.entry)
 
 
-def check_goal_rates(goal: Any, place: Place) -> None:
-    """Where targets move, the rates at the goal are theirs."""
+def check_targets(goal: Any, place: Place) -> None:
+    """What is held or has a wish has no target; and where targets move, the rates at the goal are theirs."""
+    names = place.reading.names
+    aimed = goal.devices or names.get("terminal") or ()
+    for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
+        if name is not WRONG and name in aimed:
+            place["hold"][i].fault("has a target, so it cannot keep its joints", name)
+        elif name is not WRONG and names.get("gimbal") is not None and name not in names["gimbal"]:  # type: ignore[operator]
+            place["hold"][i].fault("has no joints to keep", name)
+    wished: list[str] = []
+    for here, wish in placed(goal.prefer, place["prefer"]):
+        if wish.device is WRONG:
+            continue
+        if wish.device in aimed:
+            here["device"].fault("has a target, which it meets", wish.device)
+        elif goal.hold is not WRONG and wish.device in goal.hold:
+            here["device"].fault("keeps its joints, by hold", wish.device)
+        wished.append(wish.device)
     if not isinstance(goal.directions, tuple):
         return
     for key, name in RATES.items():
@@ -123,7 +208,7 @@ def _check_goal_limits(scenario: Scenario, root: Place) -> None:
         terminals = getattr(scenario.spacecraft, "terminals", ())
         for place, terminal in placed(terminals, root["spacecraft"]["terminal"]):
             own = getattr(terminal, name)
-            if own is not WRONG and limit > own:
+            if own is not WRONG and own is not None and limit > own:
                 goal, there = root["goal"][key], place[key]
                 if not root.reading.python:
                     limit, own = shortest_degrees(limit), shortest_degrees(own)

@@ -97,6 +97,7 @@ class Reading:
         names: that may be referred to, by what they name ("device", "terminal", ...); any where None.
         sizes: lengths of arrays by their names; any where None, set by the first array where absent.
         terminals: how many there must be, None where that cannot be told.
+        ranges: (J, 2) rad, of the joints; None where that cannot be told.
     """
 
     python = False
@@ -112,6 +113,7 @@ class Reading:
         self.names = dict(names or {})
         self.sizes: dict[str, int | None] = dict(sizes or {"terminal": None, "joint": None})
         self.terminals: int | None = None
+        self.ranges: Any = None
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
         """How messages name the place that keys and indices lead to."""

@@ -18,8 +18,15 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.keys import Key
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.scenario import (
+    GivenState,
+    Scenario,
+    SearchSettings,
+    Targets,
+    TrajectorySettings,
+    Wish,
+)
+from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.schema.arrays import (
     DIRECTION,
@@ -27,14 +34,22 @@ from jaxplan.schema.arrays import (
     QUATERNION,
     Array,
     PerAxis,
+    each_drive,
     each_joint,
     each_terminal,
     inertia,
+    range_of,
     rising,
     units,
 )
-from jaxplan.schema.checks import check_goal_rates, check_spacecraft
-from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.checks import (
+    check_drive,
+    check_mount,
+    check_spacecraft,
+    check_targets,
+    check_terminal,
+)
+from jaxplan.schema.faults import WRONG, Place, Reading, nearest
 from jaxplan.schema.kinds import (
     ByName,
     Choice,
@@ -97,34 +112,64 @@ class Axis(Kind):
         return PATH.write(value) if value.moves else DIRECTION.write(value.samples[0])
 
 
+class TargetDevices(Names):
+    """Names of the devices that have targets, in Python; none for the terminals."""
+
+    def read(self, value: Any, place: Place) -> Any:
+        read = super().read(value, place)
+        reading = place.reading
+        reading.sizes["target"] = len(read) if read and read is not WRONG else reading.sizes["terminal"]
+        return read
+
+
 @dataclass(frozen=True)
 class TargetList(Kind):
-    """A direction for each terminal: an array of them where none moves, else a tuple of what each is."""
+    """A direction for each terminal, or by names of devices: an array of them, or a tuple where some move."""
 
-    still = Array(("terminal", 3), noun="directions, one a terminal", rule=units)
-    wanted = still.wanted
+    still = Array(("target", 3), noun="directions, one a terminal", rule=units)
+    wanted = f"an array of {still.wanted}, or a table of them by names of devices"
     fields = property(lambda self: PATH.attributes)
 
     def read(self, value: Any, place: Place) -> Any:
+        if isinstance(value, dict) and not place.reading.python:
+            return self._by_name(value, place)
+        if not place.reading.python:
+            place.reading.sizes["target"] = place.reading.sizes["terminal"]
         entries = value if isinstance(value, list | tuple) else ()
         if not any(isinstance(one, str | dict | DirectionPath) for one in entries):
             read = self.still.read(value, place)
             return read.reshape(-1, 3) if isinstance(read, np.ndarray) else read  # also of no terminals
-        count = place.reading.sizes["terminal"]
+        count = place.reading.sizes["target"]
         if count not in (None, len(value)):
-            complaint = f"must be an array of {count} {self.wanted}, not of {len(value)}"
+            complaint = f"must be an array of {count} {self.still.wanted}, not of {len(value)}"
             return place.refuse(complaint, value)
-        each = tuple(Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value))
-        if any(one is WRONG for one in each):
-            return WRONG
-        moving = any(isinstance(one, Followed | DirectionPath) for one in each)
-        return each if moving else np.array(each)
+        return _together([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
+
+    def _by_name(self, value: dict[str, Any], place: Place) -> Any:
+        """The names and directions of a table of a file."""
+        known = place.reading.names.get("device")
+        for name in value:
+            if known is not None and name not in known:
+                place[name].fault(f"no such device, {nearest(name, known, 'devices')}")
+        return tuple(value), _together(
+            [Axis(inline=True).read(own, place[name]) for name, own in value.items()]
+        )
 
     def may_miss(self, reading: Reading) -> bool:
-        return self.still.may_miss(reading)
+        return reading.sizes.get("terminal") == 0
 
-    def write(self, value: Any) -> list[Any]:
+    def write(self, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: Axis().write(direction) for name, direction in value.items()}
         return [Axis().write(direction) for direction in value]
+
+
+def _together(each: Sequence[Any]) -> Any:
+    """Directions as targets hold them."""
+    if any(one is WRONG for one in each):
+        return WRONG
+    moving = any(isinstance(one, Followed | DirectionPath) for one in each)
+    return tuple(each) if moving else np.array(each).reshape(-1, 3)
 
 
 def _path(parts: dict[str, Any], place: Place) -> Any:
@@ -166,7 +211,9 @@ _KINDS: dict[Any, Any] = {
     "unit vector": Axis(moving=False),
     "plane unit vector": PLANE_DIRECTION,
     "axis": Axis(),
+    "aim": Axis(inline=True),
     "targets": TargetList(),
+    "target devices": TargetDevices(),
     "rotation vector": Array(
         (3,),
         _ANGLE,
@@ -177,6 +224,7 @@ _KINDS: dict[Any, Any] = {
     "joints": each_joint(_ANGLE),
     "joint rates": each_joint(_ANGLE, zero=True),
     "per axis": _of_number(PerAxis),
+    "range": _of_number(lambda each: Array((2,), each, noun="2 numbers, least and largest", rule=range_of)),
     "inertia": _of_number(
         lambda each: Array(
             (3, 3),
@@ -189,7 +237,7 @@ _KINDS: dict[Any, Any] = {
     "device": Name("device"),
     "terminal": Name("terminal"),
     "devices": Names(),
-    "factors": _of_number(lambda each: ByName(each, "terminal")),
+    "factors": _of_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
     "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
@@ -206,7 +254,9 @@ def _table(model: type, **more: Any) -> Table:
 
 
 PATH: Table = _table(DirectionPath, make=_path)
-TERMINAL = _table(Terminal)
+MOUNT = _table(Mount, check=check_mount)
+TERMINAL = _table(Terminal, check=check_terminal)
+DRIVE = _table(Drive, check=check_drive)
 INSTRUMENT = _table(Instrument)
 SPACECRAFT = _table(Spacecraft, check=check_spacecraft)
 VECTOR = _table(FixedVector)
@@ -278,19 +328,92 @@ KEEP_OUT, KEEP_IN = (
 JOINT_BOUND = _table(JointBound)
 
 
+_JOINT_PARTS = ("yaws", "pitches", "drives")
+
+
 def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
-    """A state, whose joints a file has as yaws and pitches."""
-    none = np.zeros(0)
-    halves = [parts.pop(f"{of}_deg", parts.pop(of, none)) for of in ("yaws", "pitches")]
-    joints = WRONG if any(half is WRONG for half in halves) else np.concatenate(halves)
+    """A state, whose joints a file has as yaws, pitches and angles of drives, or by names of devices."""
+    by_name = parts.pop("joints_by_name", None)
+    found = {of: parts.pop(f"{of}_deg", parts.pop(of, None)) for of in _JOINT_PARTS}
+    given = [own for own in found.values() if own is not None]
+    reading = place.reading
+    if by_name is not None:
+        if given:
+            place["joints_deg"].fault("stands in the place of the arrays of angles, give either")
+        joints = _joints_by_name(by_name, reading)
+    else:
+        for of, own in found.items():
+            count = reading.sizes.get("drive" if of == "drives" else "terminal")
+            if own is None and count:
+                key = {"yaws": "yaw_rad", "pitches": "pitch_rad", "drives": "drive_rad"}[of]
+                alternatives = f"{key.replace('rad', 'deg')}, joints_deg"
+                wrong = place[key].fault(f"missing (or {alternatives}), must be {_counted(key, count)}")
+                given.append(wrong)
+        joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
     turned = parts.pop("quaternion", None)
     return GivenState(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
 
 
-def _split_state(state: GivenState) -> dict[str, Any]:
-    parts = _without_zero_rates(state)
-    yaws, pitches = np.split(np.asarray(parts.pop("joints")), 2)
-    return parts | ({"yaws": yaws, "pitches": pitches} if len(yaws) else {})
+def _counted(key: str, count: int) -> str:
+    what = "drive" if key.startswith("drive") else "terminal"
+    return (
+        f"an array of {count} numbers, one a {what}" if count > 1 else f"an array of 1 number, one a {what}"
+    )
+
+
+def _joints_by_name(by_name: Any, reading: Reading) -> Any:
+    """Joints (J,) of devices by name; those that are not named at zero, or at what is nearest in range."""
+    gimbals, terminals, ranges = (reading.names.get("gimbal"), reading.names.get("terminal"), reading.ranges)
+    if by_name is WRONG or gimbals is None or terminals is None or ranges is None:
+        return WRONG
+    joints = np.clip(0.0, *ranges.T)
+    for name, angles in by_name.items():
+        number = gimbals.index(name)
+        if number < len(terminals):
+            joints[[number, number + len(terminals)]] = angles
+        else:
+            joints[number + len(terminals)] = angles[0]
+    return joints
+
+
+@dataclass(frozen=True)
+class _StateOf:
+    """A state that is to be written, and for how many terminals it is."""
+
+    state: GivenState
+    terminals: int
+
+
+def _split_state(given: _StateOf) -> dict[str, Any]:
+    parts = _without_zero_rates(given.state)
+    ends = [given.terminals, 2 * given.terminals]
+    own = zip(_JOINT_PARTS, np.split(np.asarray(parts.pop("joints")), ends), strict=True)
+    return parts | {of: angles for of, angles in own if len(angles)}
+
+
+class JointsByName(Kind):
+    """Angles of devices by name: two of a terminal, one of a drive."""
+
+    wanted = "a table from names of devices to arrays of their angles: yaw and pitch, or a drive's one"
+
+    @property
+    def range(self) -> str | None:
+        return _ANGLE_DEG.range
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, dict):
+            return place.refuse(f"must be {self.wanted}", value)
+        gimbals, terminals = (place.reading.names.get(noun) for noun in ("gimbal", "terminal"))
+        found: dict[str, Any] = {}
+        for name, angles in value.items():
+            if gimbals is not None and name not in gimbals:
+                place[name].fault(f"no such device with joints, {nearest(name, gimbals, 'devices')}")
+                found[name] = WRONG
+            elif terminals is not None:
+                count = 2 if name in terminals else 1
+                noun = "numbers, yaw and pitch" if count == 2 else "number, the angle of a drive"
+                found[name] = Array((count,), _ANGLE_DEG, noun=f"{count} {noun}").read(angles, place[name])
+        return WRONG if any(own is WRONG for own in found.values()) else found
 
 
 def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
@@ -304,13 +427,25 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
 
 def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
     """The two keys of a joint's angles."""
-    meaning = f"angle of each terminal's {axis} joint"
-    radians = Field(f"{axis}_rad", each_terminal(_ANGLE), attribute, meaning, required=True, held="joints")
-    degrees = Field(f"{axis}_deg", each_terminal(_ANGLE_DEG), f"{attribute}_deg", meaning, held="joints")
+    meaning = "angle of each drive" if axis == "drive" else f"angle of each terminal's {axis} joint"
+    each = each_drive if axis == "drive" else each_terminal
+    radians = Field(f"{axis}_rad", each(_ANGLE), attribute, meaning, held="joints")
+    degrees = Field(f"{axis}_deg", each(_ANGLE_DEG), f"{attribute}_deg", meaning, held="joints")
     return radians, replace(degrees, instead_of=attribute)
 
 
-_ANGLES = (*_angles("yaw", "yaws"), *_angles("pitch", "pitches"))
+_ANGLES = (
+    *_angles("yaw", "yaws"),
+    *_angles("pitch", "pitches"),
+    *_angles("drive", "drives"),
+    Field(
+        "joints_deg",
+        JointsByName(),
+        "joints_by_name",
+        "angles by names of devices, in place of the arrays; of others zero, or the nearest in range",
+        held="joints",
+    ),
+)
 _QUATERNION = Field(
     "quaternion_wxyz",
     QUATERNION,
@@ -325,24 +460,51 @@ STATE = _table(
     split=_split_state,
 )
 _STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
+WISH = _table(Wish)
+
+
+def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
+    """Targets, which a file may have by names of devices."""
+    if isinstance(parts.get("directions"), tuple) and len(parts["directions"]) == 2:
+        names, directions = parts["directions"]
+        if isinstance(names, tuple) and all(isinstance(name, str) for name in names):
+            parts |= {"devices": names, "directions": directions}
+    return Targets(**parts)
+
+
+def _split_targets(targets: Targets) -> dict[str, Any]:
+    parts = _without_zero_rates(targets)
+    if targets.devices:
+        parts["directions"] = dict(zip(targets.devices, targets.directions, strict=True))
+    return parts
+
+
 TARGETS = _table(
     Targets,
-    split=_without_zero_rates,
-    check=check_goal_rates,
+    make=_make_targets,
+    split=_split_targets,
+    check=check_targets,
     refused=dict.fromkeys(
         _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
 )
 GIVEN_GOAL = replace(
     STATE,
-    refused=dict.fromkeys(("yaw_limit_deg", "pitch_limit_deg"), "only a goal with targets has it"),
+    refused=dict.fromkeys(
+        ("yaw_limit_deg", "pitch_limit_deg", "prefer", "hold", "tolerance_deg"),
+        "only a goal with targets has it",
+    ),
 )
 
 
 # A goal that is neither: its keys are read to note their faults.
 _UNDECIDED = replace(
     STATE,
-    fields=[replace(entry, required=False) for entry in (*TARGETS.fields[:3], *STATE.fields)],
+    fields=[
+        replace(entry, required=False)
+        for entry in (*TARGETS.fields, *STATE.fields)
+        if entry.attribute not in ("angular_velocity", "joint_rates") or entry in STATE.fields
+    ],
     make=lambda parts, place: WRONG,
 )
 
@@ -367,7 +529,7 @@ class Goal(Either):
         return (TARGETS if isinstance(value, dict) and "targets" in value else GIVEN_GOAL).read(value, place)
 
     def write(self, value: Any) -> dict[str, Any]:
-        return (STATE if isinstance(value, GivenState) else TARGETS).write(value)
+        return (STATE if isinstance(value, _StateOf) else TARGETS).write(value)
 
 
 def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
@@ -378,7 +540,12 @@ def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
 
 
 def _split_scenario(scenario: Scenario) -> dict[str, Any]:
-    return {"schema_version": SCHEMA_VERSION, **vars(scenario)}
+    terminals = len(scenario.spacecraft.terminals)
+    ends = {
+        name: _StateOf(end, terminals) if isinstance(end, GivenState) else end
+        for name, end in (("start", scenario.start), ("goal", scenario.goal))
+    }
+    return {"schema_version": SCHEMA_VERSION, **vars(scenario), **ends}
 
 
 _KINDS["goal"] = Goal()

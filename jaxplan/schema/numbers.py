@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import array_module
 from jaxplan.model.scenario import GivenState, Scenario
-from jaxplan.schema.arrays import Array, PerAxis
+from jaxplan.schema.arrays import Array, PerAxis, range_of
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO, STATE, TARGETS, Axis, Goal, TargetList
@@ -92,19 +92,22 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     held = next(other.key for other in table.fields if other.says == entry.says)
     if held != key and not hasattr(value, entry.attribute):
         raise KeyError(f"{name}: {key} is held as {held}")
-    steps, kind = _number(entry, row, value, name)
+    steps, kind = _number(entry, row, value, name, len(scenario.spacecraft.terminals))
     interval = None if kind.interval is ANY else kind.interval
     return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, interval)
 
 
-def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple[Any, ...], Number]:
+def _number(
+    entry: Field, row: int | None, table: Any, name: str, terminals: int
+) -> tuple[tuple[Any, ...], Number]:
     """The steps from a table to a number of it, and the number's kind."""
     key, kind = entry.key, entry.kind
     attribute = entry.held or entry.attribute
     value: Any = getattr(table, attribute, None)
     if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
         return (attribute,), kind
-    apart = isinstance(kind, Array) and kind.rule is None  # whether each number may change by itself
+    # whether each number may change by itself
+    apart = isinstance(kind, Array) and kind.rule in (None, range_of)
     if value is None and (isinstance(kind, Number | PerAxis) or apart):
         raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
     if isinstance(kind, PerAxis):
@@ -115,10 +118,15 @@ def _number(entry: Field, row: int | None, table: Any, name: str) -> tuple[tuple
             raise KeyError(f"{name}: {key} has three numbers{differ}, write {key}[0] for the first")
         return (attribute, row), kind.of
     if isinstance(kind, Array) and apart:
-        count = len(value) // (2 if entry.held else 1)
+        first, last = 0, len(value)
+        if entry.held:  # joints: yaws, pitches, drives
+            ends = [0, terminals, 2 * terminals, last]
+            part = ("yaw", "pitch", "drive").index(key.split("_")[0])
+            first, last = ends[part], ends[part + 1]
+        count = last - first
         if row is None or not row < count:
             raise KeyError(f"{name}: {key} has {count} numbers, write {key}[0] for the first")
-        return (attribute, row + count * key.startswith("pitch")), kind.of
+        return (attribute, first + row), kind.of
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"
     elif isinstance(kind, Number) and isinstance(value, str):

@@ -180,7 +180,9 @@ def checked_spacecraft(given: object) -> Spacecraft:
 
 def _terminals(scenario: Scenario) -> int | None:
     """For how many terminals start and goal are; None where they do not agree, or it cannot be told."""
-    start, goal = scenario.start, scenario.goal
+    start, goal, craft = scenario.start, scenario.goal, scenario.spacecraft
+    if getattr(goal, "devices", ()) or getattr(craft, "drives", ()):
+        return None
     directions = getattr(goal, "directions", None)
     if directions is None:
         count = _length(getattr(goal, "joints", None), 2)

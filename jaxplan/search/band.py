@@ -33,7 +33,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan.geometry import rotations, vectors
+from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -73,7 +73,7 @@ class Problem:
         rows: all constraints; where two sights must keep apart, each is the axis of a row.
         grouped: whether any constraint has several entries.
         steps: (C,) rad a step, of rotation (3 times) and joints.
-        limits: (2n,) rad, bound of each joint's angle.
+        ranges: (2, J) rad, least and largest angle of each joint.
         axes: (3, z) of all rows, taken for inertial, in the body axes of the start.
         scale: (z,) rad for a unit of the score, near the row's edge.
         wanted: (z, s) score at which a row is as far as wanted from each node.
@@ -83,7 +83,7 @@ class Problem:
     sights: Sights
     rows: Constraints
     steps: Array
-    limits: Array
+    ranges: Array
     axes: Array
     scale: Array
     wanted: Array
@@ -107,14 +107,16 @@ def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
     at = jnp.arange(PIECES + 1) / PIECES
     # at most ten: near the axis of a narrow cone the cosine tells little
     scale = 1 / jnp.maximum(jnp.sin(jnp.asarray(rows.half_angle)), 0.1)
-    ends = jnp.maximum(jnp.abs(scene.start_joints), jnp.abs(scene.goal_joints))
-    limits = jnp.asarray(scene.joint_limits) - JOINT_RESERVE * jnp.asarray(scene.joint_steps)
+    ends = jnp.stack([jnp.asarray(scene.start_joints), jnp.asarray(scene.goal_joints)])
+    low, high = jnp.asarray(scene.joint_ranges).T
+    reserve = jnp.minimum(JOINT_RESERVE * jnp.asarray(scene.joint_steps), (high - low) / 2)
+    low, high = jnp.minimum(low + reserve, jnp.min(ends, 0)), jnp.maximum(high - reserve, jnp.max(ends, 0))
     return Problem(
         sights=scene.sights,
         rows=rows,
         grouped=scene.grouped_cones.half_angle.shape[0] > 0,
         steps=jnp.concatenate([jnp.full(3, scene.attitude_step), jnp.asarray(scene.joint_steps)]),
-        limits=jnp.maximum(limits, ends),
+        ranges=jnp.stack([low, high]),
         axes=jnp.asarray(scene.start_attitude).T @ jnp.asarray(rows.axis).T,
         scale=jnp.where(rows.frame == JOINTS, 1, scale) if rows.inner else scale,
         wanted=thresholds(rows, tapered(clearance + BUFFER, jnp.minimum(at, 1 - at) * length)).T,
@@ -186,8 +188,10 @@ def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Arr
 def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
     """(z, d, f, s) how much nearer each sight might be to each row, about rad; FAR where it is free."""
     rows = problem.rows
-    values = joint_values(rows, jnp.moveaxis(joints, 0, -1)) if rows.inner else None  # (f, s, d, z)
-    values = None if values is None else jnp.moveaxis(values, (-1, -2), (0, 1))
+    values = None
+    if rows.inner:
+        values = joint_values(rows, problem.sights.gimbals, jnp.moveaxis(joints, 0, -1))  # (f, s, d, z)
+        values = jnp.moveaxis(values, (-1, -2), (0, 1))
     score = scores(rows.spread(3), dot(axes[:, :, None], body[:, None]), values)
     slacks = (problem.wanted[:, None, None] - score) * spread(problem.scale, 3)
     counts = jnp.broadcast_to(spread(jnp.asarray(rows.bound), 2), slacks.shape)
@@ -207,8 +211,9 @@ def _same(number: ArrayLike) -> Array:
 
 
 def beyond_limits(problem: Problem, joints: Array) -> Array:
-    """(2n, f, s) rad that joints are beyond their limits."""
-    return jnp.maximum(jnp.abs(joints) - spread(problem.limits, 2), 0)
+    """(J, f, s) rad that joints are beyond their ranges, below zero where that is beneath them."""
+    low, high = (spread(bound, 2) for bound in problem.ranges)
+    return joints - jnp.clip(joints, low, high)
 
 
 def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
@@ -279,7 +284,7 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
     second = jnp.sum(weight * rows[:, None] * rows[None], axis=2)
     first, second = (_of_devices(problem.sights, part) for part in (first, second))
     beyond = beyond_limits(problem, joints[:, None])[:, 0]
-    return first, second, 2 * PENALTY * jnp.sign(joints) * beyond, 2 * PENALTY * (beyond > 0)
+    return first, second, 2 * PENALTY * beyond, 2 * PENALTY * (beyond != 0)
 
 
 def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
@@ -288,22 +293,24 @@ def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
     Args:
         sights: what is bound.
         body: (3, d, s) where they are.
-        joints: (2n, s) rad.
+        joints: (J, s) rad.
     """
-    count = sights.mounts.shape[0]
-    if not count:
+    gimbals = sights.gimbals
+    if not gimbals.count:
         return [jnp.zeros_like(body)] * 2
-    azimuth = joints[:count] + jnp.asarray(sights.mounts)[:, None]
-    circles = jnp.stack([jnp.cos(azimuth), jnp.sin(azimuth)])[:, jnp.maximum(sights.carriers, 0)]
-    both = vectors.turns(tuple(body), *circles)
-    return [jnp.stack(own) * part[:, None] for own, part in zip(both, sights.turning, strict=True)]
+    ahead, left, up = jnp.transpose(jnp.asarray(gimbals.frames), (2, 1, 0))[..., None]  # (3, g, 1)
+    azimuth = joints[gimbals.yaws]
+    across = jnp.sin(azimuth) * ahead - jnp.cos(azimuth) * left
+    of_sights = [axis[:, jnp.maximum(sights.carriers, 0)] for axis in (up, across)]
+    both = [jnp.stack(cross(axis, body)) for axis in of_sights]
+    return [own * part[:, None] for own, part in zip(both, sights.turning, strict=True)]
 
 
 def _of_devices(sights: Sights, terms: Array) -> Array:
-    """Terms (..., d, s) of sights, those of vectors that a terminal carries added to its own."""
+    """Terms (..., d, s) of sights, those of vectors that a device carries added to its own."""
     if not sights.carried.shape[0]:
         return terms
-    count = sights.mounts.shape[0] + sights.fixed.shape[0]
+    count = sights.gimbals.count + sights.fixed.shape[0]
     own, carried = terms[..., :count, :], terms[..., count:, :]
     return own.at[..., sights.carrier, :].add(carried)
 
@@ -323,16 +330,16 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
     return 2 * (squares / norm + TRAVEL) * u * scale / PIECES, second * scale[:, None] * scale / PIECES
 
 
-def _places(terminals: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
+def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
     """Where each element of the system stands among the packed terms.
 
     Returns:
         (K C, K C) places of the terms that do not belong to a device, then of those of devices; the packed
         terms are (C, C, p), (5, 5, d, p), (3, 3, p) and zeros, (p,).
     """
-    size = 3 + 2 * terminals
-    row = [0, 1, 2] + [3] * terminals + [4] * terminals
-    device = [-1] * 3 + 2 * list(range(terminals))
+    size = 3 + 2 * terminals + drives
+    row = [0, 1, 2] + [3] * terminals + [4] * terminals + [3] * drives
+    device = [-1] * 3 + 2 * list(range(terminals)) + list(range(terminals, terminals + drives))
     of_devices = size * size
     of_rotation = of_devices + 25 * devices
     zero = of_rotation + 9
@@ -357,11 +364,13 @@ def _places(terminals: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
     """The displacement (C, s) that would end the descent if the energy were what it looks like."""
-    terminals = problem.sights.mounts.shape[0]
-    devices = terminals + problem.sights.fixed.shape[0]
+    gimbals = problem.sights.gimbals
+    terminals, drives = gimbals.terminals, gimbals.tilts.shape[0]
+    devices = gimbals.count + problem.sights.fixed.shape[0]
     push, bend, limit_push, limit_bend = _zone_terms(problem, quaternions, joints)
     pull, stiff = _piece_terms(problem, quaternions, joints)
-    joint_push = jnp.concatenate([push[3, :terminals], push[4, :terminals]]) + limit_push
+    of_joints = [push[3, :terminals], push[4, :terminals], push[3, terminals : gimbals.count]]
+    joint_push = jnp.concatenate(of_joints) + limit_push
     force = jnp.concatenate([jnp.sum(push[:3], axis=1), joint_push])
     gradient = (force @ _AT_NODES + pull @ _ON_PIECES).T  # (K, C)
 
@@ -370,7 +379,7 @@ def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
     every += own[:, None] * np.eye(len(own))[..., None]
     parts = [every, zone, jnp.sum(zone[:3, :3], axis=2), jnp.zeros(len(_PAIRS))]
     packed = jnp.concatenate([part.ravel() for part in parts])
-    places = _places(terminals, devices)
+    places = _places(terminals, drives, devices)
     factor = jax.lax.linalg.cholesky(packed[places[0]] + packed[places[1]], symmetrize_input=False)
     half = jax.lax.linalg.triangular_solve(factor, gradient.reshape(-1, 1), left_side=True, lower=True)
     whole = jax.lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)

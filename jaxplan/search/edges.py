@@ -167,7 +167,7 @@ def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
     def of_table(rows: Constraints, axes: Array) -> Array:
         if rows.inner:
             axes = jnp.where(rows.frame == SIGHT, body[..., rows.partner], axes)
-        values = joint_values(rows, joints) if rows.inner else None
+        values = joint_values(rows, scene.gimbals, joints) if rows.inner else None
         score = scores(rows, dot(axes[:, :, :, None], body[..., None]), values)  # (a, k + 1, d, z)
         over = edge_bound(score[:, :-1], score[:, 1:], lines.chord_error(rows))
         return fold(jnp.maximum, jnp.where(rows.bound.T, over, -jnp.inf), 2, -jnp.inf)

@@ -1,11 +1,11 @@
 """The jitted expansion: all children of a node with their slack, cost and heuristics, in one call.
 
 A child is one of ``A`` attitude moves combined with one of ``M`` joint moves. What a device sees depends only
-on the attitude move and on its own terminal's two joints, each of which has three options. So zones are
+on the attitude move and on its own one or two joints, each of which has three options. So zones are
 looked at once for every (attitude move, option pair, device) and the children read the result: nine entries a
 device instead of one a joint move. Attitude moves and joint moves are priced apart, too. Edges are checked
 whole by `jaxplan.search.edges`, which has the letters of axes; besides, m is a joint move, and the option
-pair of a device is 3 * yaw option + pitch option.
+pair of a device is 3 * yaw option + pitch option, of a drive 3 * the option of its angle.
 """
 
 from dataclasses import dataclass
@@ -123,11 +123,13 @@ def _expand(
     edges: bool,
 ) -> Array:
     """The children of a node as one array, see `expansion`."""
-    terminals = scene.mounts.shape[0]
+    gimbals = scene.gimbals
+    terminals = gimbals.terminals
     since, joints = node[:4], node[None, None, 7:]
-    yaw = jnp.repeat(options[..., :terminals], 3, axis=1)
-    pitch = jnp.tile(options[..., terminals:], (1, 3, 1))
-    pairs = jnp.concatenate([yaw, pitch], axis=-1)  # (a or 1, o, 2n)
+    yaw = jnp.repeat(options, 3, axis=1)
+    pitch = jnp.tile(options, (1, 3, 1))
+    is_pitch = np.isin(np.arange(gimbals.joint_count), gimbals.pitches)
+    pairs = jnp.where(is_pitch, pitch, yaw)  # (a or 1, o, J)
     moved, whole_turns = lines_of_sight(
         scene, axes_at(scene, since[None]), joints, turns, pairs, EDGE_INTERVALS
     )
@@ -143,7 +145,8 @@ def _expand(
         scene.attitude_step, (moved, onward, places, attitude_costs, joint_costs, wanted)
     )
 
-    option = 3 * choice[:, :terminals] + choice[:, terminals:]
+    option = 3 * choice[:, gimbals.yaws]
+    option = option.at[:, :terminals].add(choice[:, gimbals.pitches])
     still = jnp.zeros((choice.shape[0], scene.sights.fixed.shape[0]), option.dtype)
     of_sights = jnp.concatenate([option, still, option[:, scene.sights.carrier]], axis=-1)  # (m, d)
     first = 0 if edges else EDGE_INTERVALS - 1
@@ -219,7 +222,7 @@ def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tabl
     """
     rows = scene.cones
     dots = dot(lines.axes[0][:, :, None, :, None, :], lines.body[..., None])  # (a, o, k + 1, d, z)
-    values = constraints.joint_values(rows, lines.joints) if rows.inner else None
+    values = constraints.joint_values(rows, scene.gimbals, lines.joints) if rows.inner else None
     score = constraints.scores(rows, dots, values)
     if edges:
         error = lines.chord_error(rows)[:, :, None]
@@ -259,7 +262,11 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         of sights to each other (a or 1, m, d, z).
         """
         seen = jnp.take(body, sample, axis=3)  # (3, a or 1, o, d)
-        values = constraints.joint_values(rows, jnp.take(joints, sample, axis=2)) if rows.inner else None
+        values = (
+            constraints.joint_values(rows, scene.gimbals, jnp.take(joints, sample, axis=2))
+            if rows.inner
+            else None
+        )
         along = jnp.take(axes, sample, axis=2)[:, :, None, None]
         alone = constraints.scores(rows, dot(along, seen[..., None]), values)
         if not rows.inner:

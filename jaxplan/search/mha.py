@@ -37,9 +37,9 @@ from typing import Any
 import numpy as np
 
 from jaxplan.geometry import rotations
+from jaxplan.model.gimbals import angles_along, in_range
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.model.spacecraft import joints_along
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
 from jaxplan.search.calls import Scenes, SearchRun, completed, picked
@@ -108,36 +108,42 @@ def propose(
     options = np.zeros((3, len(remaining)))
     options[_TOWARD] = np.maximum(np.minimum(remaining, joint_steps), -joint_steps)
     away = node.joints + np.where(remaining > 0, -joint_steps, joint_steps)
-    bound = np.maximum(scene.joint_limits - JOINT_RESERVE * scene.joint_steps, np.abs(node.joints))
-    options[_AWAY] = np.maximum(np.minimum(away, bound), -bound) - node.joints
+    low, high = scene.joint_ranges.T
+    reserve = np.minimum(JOINT_RESERVE * scene.joint_steps, (high - low) / 2)
+    bounds = np.minimum(low + reserve, node.joints), np.maximum(high - reserve, node.joints)
+    options[_AWAY] = np.clip(away, *bounds) - node.joints
     choice = _joint_moves(scene, rng)
     if not scene.held_axes:
         return Moves(turns, options[None], choice)
     every = np.repeat(options[None], len(turns), axis=0)
-    every[:, _STAY] = _following(scene, node, turns, bound)
+    every[:, _STAY] = _following(scene, node, turns, bounds)
     return Moves(turns, every, choice)
 
 
-def _following(scene: Scene, node: Node, turns: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    """Joint changes, (A, 2n), that turn held terminals onto the axis of their keep-in cone; else zero."""
+def _following(
+    scene: Scene, node: Node, turns: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Joint changes, (A, J), that turn held terminals onto the axis of their keep-in cone; else zero."""
     held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
     now = unrotated(node.since, axes @ scene.start_attitude)  # (held, 3), body axes
     turned = np.stack(rotations.exp(turns.T), axis=-1)
     seen = unrotated(turned, now)
     joints = np.repeat(node.joints[None], len(turns), axis=0)
-    joints[:, np.append(held, held + len(scene.mounts))] = joints_along(scene.mounts[held], seen)
-    return np.maximum(np.minimum(joints, bound), -bound) - node.joints
+    azimuth, elevation = angles_along(scene.gimbals.frames[held], seen)
+    yaw = in_range(azimuth, scene.joint_ranges[held], node.joints[held])
+    joints[:, np.append(held, scene.gimbals.pitches[held])] = np.concatenate([yaw, elevation], axis=-1)
+    return np.clip(joints, *bounds) - node.joints
 
 
 def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """(M, 2n) options of each joint move: all combinations where they are few, else a sample."""
-    joints = len(scene.joint_limits)
+    joints = len(scene.joint_ranges)
     if 3**joints <= JOINT_MOVES:
         return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
     choice = rng.integers(0, 3, (JOINT_MOVES, joints), dtype=np.int32)
     choice[0] = _TOWARD
     for terminal in scene.held_axes:  # half of the moves keep every link
-        choice[1 : JOINT_MOVES // 2, terminal :: len(scene.mounts)] = _STAY
+        choice[1 : JOINT_MOVES // 2, [terminal, scene.gimbals.pitches[terminal]]] = _STAY
     return choice
 
 

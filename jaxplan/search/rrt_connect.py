@@ -26,9 +26,9 @@ import numpy as np
 from jax import Array
 
 from jaxplan.geometry import quaternion
+from jaxplan.model.gimbals import angles_toward, in_range
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.model.spacecraft import joints_toward
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
 from jaxplan.search.calls import Call, Kernel, Scenes, SearchRun, completed, picked
@@ -80,8 +80,9 @@ def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
     """(count, 4 + 2n)."""
     turns = rng.standard_normal((count, 4))
     turns /= np.sqrt(np.sum(turns * turns, axis=1, keepdims=True))
-    limits = scene.joint_limits
-    return np.concatenate([turns, rng.uniform(-1.0, 1.0, (count, len(limits))) * limits], axis=1)
+    low, high = scene.joint_ranges.T
+    share = rng.uniform(-1.0, 1.0, (count, len(low)))
+    return np.concatenate([turns, (low + high) / 2 + share * (high - low) / 2], axis=1)
 
 
 def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
@@ -92,10 +93,11 @@ def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
     """
     held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
     toward = axes @ scene.start_attitude
-    joints = joints_toward(scene.mounts[held], quaternion.to_matrix(states[:, :4]), toward)
-    places = np.concatenate([held, held + len(scene.mounts)])
-    limits = scene.joint_limits[places]
-    inside = np.maximum(np.minimum(joints, limits), -limits)
+    places = np.concatenate([held, scene.gimbals.pitches[held]])
+    ranges = scene.joint_ranges[places]
+    angles = angles_toward(scene.gimbals.frames[held], quaternion.to_matrix(states[:, :4]), toward)
+    joints = in_range(np.concatenate(angles, axis=-1), ranges)
+    inside = np.clip(joints, *ranges.T)
     states[:, 4 + places] = inside
     return np.max(np.abs(joints - inside), axis=1)
 

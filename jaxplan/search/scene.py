@@ -22,6 +22,7 @@ from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import INERTIAL, SIGHT, Constraints
 from jaxplan.model.directions import Sights
+from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
@@ -39,7 +40,7 @@ JOINT_RESERVE = 0.2
     "goal_joints deg",
     "attitude_step rad",
     "joint_steps rad",
-    "joint_limits deg",
+    "joint_ranges deg",
     "cones",
     "grouped_cones",
 )
@@ -52,9 +53,9 @@ class Scene:
         cones: the rows that ask something of one device at a time, padded.
         grouped_cones: those that couple devices, padded apart: of constraints of which one entry must hold,
             and about another device's boresight.
-        mounts: (n,) rad.
+        gimbals: how its joints turn devices.
         fixed_boresights: (i, 3) body axes.
-        joint_limits: (2n,) rad.
+        joint_ranges: (J, 2) rad, least and largest.
         attitude_step: rad.
         joint_steps: (2n,) rad.
         start_attitude: (3, 3); with the joints, the root of the search.
@@ -67,9 +68,9 @@ class Scene:
 
     cones: Constraints
     grouped_cones: Constraints
-    mounts: np.ndarray
+    gimbals: Gimbals
     fixed_boresights: np.ndarray
-    joint_limits: np.ndarray
+    joint_ranges: np.ndarray
     attitude_step: float
     joint_steps: np.ndarray
     start_attitude: np.ndarray
@@ -87,7 +88,7 @@ class Scene:
     @property
     def sights(self) -> Sights:
         """The directions that constraints bind."""
-        return self.cones.sights(self.mounts, self.fixed_boresights)
+        return self.cones.sights(self.gimbals, self.fixed_boresights)
 
     @cached_property
     def ends(self) -> np.ndarray:
@@ -106,7 +107,7 @@ class Scene:
     def held_axes(self) -> dict[int, np.ndarray]:
         """Inertial axes (3,) of the zones on which terminals are held, by the terminal's number."""
         axes: dict[int, np.ndarray] = {}
-        for terminal, looks in enumerate(self.seen[:, : len(self.mounts)].swapaxes(0, 1)):
+        for terminal, looks in enumerate(self.seen[:, : self.gimbals.terminals].swapaxes(0, 1)):
             alone, grouped = (
                 rows.axis[(rows.side < 0) & (rows.frame == INERTIAL) & rows.bound[:, terminal]]
                 for rows in self.tables
@@ -116,6 +117,11 @@ class Scene:
             elif len(grouped):
                 axes[terminal] = grouped[np.argmax(np.max(grouped @ looks.T, axis=1))]
         return axes
+
+    def within_ranges(self, joints: np.ndarray) -> np.ndarray:
+        """Joints (..., J) brought into their ranges."""
+        low, high = self.joint_ranges.T
+        return np.maximum(np.minimum(joints, high), low)
 
     @cached_property
     def straight_steps(self) -> float:
@@ -191,9 +197,9 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
     return Scene(
         cones=rows.part(~coupled & (rows.zone >= 0)),
         grouped_cones=rows.part(coupled & (rows.zone >= 0)),
-        mounts=craft.mounts,
+        gimbals=craft.gimbals,
         fixed_boresights=craft.fixed_boresights,
-        joint_limits=craft.joint_limits,
+        joint_ranges=craft.joint_ranges,
         attitude_step=float(scenario.search.attitude_step),
         joint_steps=joint_steps(scenario),
         start_attitude=start.attitude,
@@ -211,10 +217,11 @@ def derived_seed(seed: int, *key: int) -> int:
 
 
 def joint_steps(scenario: Scenario) -> np.ndarray:
-    """(2n,) rad a step of each joint: the joint step times its terminal's scale."""
-    search = scenario.search
-    scales = [search.terminal_step_scale.get(t.name, 1.0) for t in scenario.spacecraft.terminals]
-    return search.joint_step * np.array(scales * 2, dtype=float)
+    """(J,) rad a step of each joint: the joint step times its device's scale."""
+    search, craft = scenario.search, scenario.spacecraft
+    owners = [one.name for one in craft.terminals] * 2 + [one.name for one in craft.drives]
+    scales = [search.terminal_step_scale.get(name, 1.0) for name in owners]
+    return search.joint_step * np.array(scales, dtype=float)
 
 
 def tapered(clearance: AnyArray, steps: AnyArray) -> AnyArray:

@@ -144,7 +144,7 @@ def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edg
     """
     problem = elastic.make_problem(scene, length, clearance)
     q, j = elastic.descend(problem, states[:, :4].T, states[:, 4:].T, ITERATIONS)
-    j = jnp.clip(j, -problem.limits[:, None], problem.limits[:, None])
+    j = jnp.clip(j, *problem.ranges[..., None])
 
     states, most = jnp.concatenate([q, j]).T, edges.shape[0]
     costs, _ = edge_costs(scene, states)

@@ -18,7 +18,6 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
 from jaxplan.trajectory.motion import (
@@ -251,14 +250,15 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     differences = [own.space.basis.differences for own in stack.members]
     if np.any(np.isfinite(at.margins)):
         yield MarginBlock(at=at, slack=at.margins - stack.wanted[:, None])
-    if stack.ranges.shape[1]:
+    if stack.reaches.shape[1]:
         yield LinearBlock(
             name="range",
             tolerance=_NEAR_ANGLE,
             coefficients=c,
             matrix=stacked([own[0] for own in differences]),
-            scale=np.ones_like(stack.ranges),
-            bound=stack.ranges[:, None, None],
+            scale=np.ones_like(stack.reaches),
+            bound=stack.reaches[:, None, None],
+            centre=stack.centres[:, None],
         )
     for number, limit in enumerate(kind.problem.joint_limits if kind.limited else ()):
         name, power = limit.quantity.name, limit.quantity.power
@@ -285,11 +285,11 @@ def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarra
     Returns:
         (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
     """
-    stack, moved, count = at.stack, np.abs(step), _terminals(at)
+    stack, moved, gimbals = at.stack, np.abs(step), at.stack.gimbals
     x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
     platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
-    joints = np.zeros((*moved.shape[:2], count + 1))  # the last of what no terminal carries
-    np.add(moved[:, :, 3 : 3 + count], moved[:, :, 3 + count :], out=joints[:, :, :count])
+    joints = np.zeros((*moved.shape[:2], gimbals.count + 1))  # the last of what no device carries
+    joints[:, :, :-1] = sum(gimbals.parts(moved[:, :, 3:]))
     own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
     if not stack.has_inner:
         return (platform + own)[..., None]
@@ -340,15 +340,9 @@ def margin_slopes(
     slopes *= factor[:, None]
     of = np.flatnonzero(frame == JOINTS)
     slopes[of] = 0.0
-    for part in range(2):
-        slopes[of, 3 + part * (at.curves.shape[3] - 3) // 2 + sight[of]] = cones["axis"][
-            curve[of], row[of], part
-        ]
+    for part, joint in enumerate((stack.gimbals.yaws, stack.gimbals.pitches)):
+        slopes[of, 3 + joint[sight[of]]] = cones["axis"][curve[of], row[of], part]
     return slopes
-
-
-def _terminals(at: Iterates) -> int:
-    return (at.curves.shape[3] - 3) // 2
 
 
 def _add_turns(
@@ -361,12 +355,16 @@ def _add_turns(
     other: np.ndarray,
 ) -> None:
     """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
-    columns = at.stack.columns
+    columns, gimbals = at.stack.columns, at.stack.gimbals
     carrier = columns["carriers"][curve, sight]
     row = np.flatnonzero(carrier >= 0)
-    yaw, place, curve, sight = 3 + carrier[row], place[row], curve[row], sight[row]
-    azimuth = at.curves[curve, 0, place, yaw] + columns["mounts"][curve, yaw - 3]
-    turns = vectors.turns(tuple(seen[row].T), np.cos(azimuth), np.sin(azimuth))
-    for part, change in enumerate(turns):
-        weight = columns["turning"][curve, part, sight]
-        slopes[row, yaw + part * _terminals(at)] += weight * dot(change, other[row].T)
+    carrier, place, curve = carrier[row], place[row], curve[row]
+    yaw = 3 + gimbals.yaws[carrier]
+    azimuth = at.curves[curve, 0, place, yaw][:, None]
+    ahead, left, up = np.moveaxis(at.stack.frames[curve, carrier], -1, 0)
+    about = up, np.sin(azimuth) * ahead - np.cos(azimuth) * left
+    # axis . (w x v) = w . (v x axis)
+    turned = np.stack(cross(seen[row].T, other[row].T))
+    slopes[row, yaw] += dot(about[0].T, turned)
+    lifted = np.flatnonzero(carrier < gimbals.terminals)
+    slopes[row[lifted], 3 + gimbals.pitches[carrier[lifted]]] += dot(about[1].T, turned)[lifted]

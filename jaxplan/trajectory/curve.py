@@ -32,6 +32,7 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components
 from jaxplan.model.limits import Kinematics
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory.splines import derivative_matrix, legendre
@@ -188,14 +189,15 @@ class Samples:
         rolled: np.ndarray = scalar_first[..., [1, 2, 3, 0]]
         return rolled
 
-    def kinematics(self, inertia: ArrayLike | None = None) -> Kinematics:
-        """What limited quantities are computed from, for a spacecraft of this inertia (3, 3) in kg m^2."""
+    def kinematics(self, craft: Spacecraft) -> Kinematics:
+        """What limited quantities are computed from, of a spacecraft: it has an inertia, and drives."""
         spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
         joints = (self.joints, self.joint_rates, self.joint_accelerations)
         return Kinematics(
             spin=[components(vector) for vector in spin],
             joints=[components(vector) for vector in joints],
-            inertia=inertia,
+            drives=len(craft.drives),
+            inertia=craft.inertia,
         )
 
 

@@ -67,8 +67,10 @@ def gather_inputs(
     tube = jnp.concatenate([jnp.full(3, radius / np.sqrt(3.0)), jnp.full(joints.shape[1], radius)])
     platform, of_joints = timed_limits(craft)
     scales = [(limit.bound, limit.quantity.power) for limit in of_joints]
-    scales += [(craft.joint_limits, 0), (tube, 0)]
-    sights, at_ends = cones.sights(craft.mounts, craft.fixed_boresights), jnp.array([0, -1])
+    low, high = jnp.asarray(craft.joint_ranges).T
+    timed = sum(len(scale) for scale, _ in scales)
+    scales += [((high - low) / 2, 0), (tube, 0)]
+    sights, at_ends = cones.sights(craft.gimbals, craft.fixed_boresights), jnp.array([0, -1])
     times: Any = jnp.stack([jnp.zeros_like(duration), duration]) if cones.paths else None
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
     left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
@@ -82,6 +84,7 @@ def gather_inputs(
         moved=places - held.places,
         ends=ends,
         weights=weights,
+        centres=jnp.concatenate([jnp.zeros(timed), (low + high) / 2, jnp.zeros(len(tube))]),
         scales=jnp.concatenate([jnp.asarray(scale) for scale, _ in scales]),
         powers=jnp.concatenate([jnp.full(len(scale), float(power)) for scale, power in scales]),
         limits=held.share * jnp.concatenate([jnp.asarray(limit.bound) for limit in platform]),

@@ -193,7 +193,7 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
     count = len(path.attitudes)
     shapes = {
         "attitudes": (count, 3, 3),
-        "joints": (count, *spacecraft.joint_limits.shape),
+        "joints": (count, spacecraft.joint_count),
         "edge_costs": (count - 1,),
     }
     arrays = {name: np.asarray(getattr(path, name), float) for name in shapes}

@@ -103,7 +103,7 @@ def time_factors(samples: Samples, craft: Spacecraft) -> Array:
         (k,): magnitudes over limits, each to one over the power of the time scaling by which it falls; the
         largest of all components of all limits. NaN where one of them is NaN.
     """
-    motion = samples.kinematics(craft.inertia)
+    motion = samples.kinematics(craft)
     factors = [
         time_factor(limit.shares(motion), limit.quantity.power)
         for group in timed_limits(craft)
@@ -114,7 +114,7 @@ def time_factors(samples: Samples, craft: Spacecraft) -> Array:
 
 def torque(samples: Samples, craft: Spacecraft) -> Array:
     """``J omega' + omega x J omega``, (k, 3) N m in body axes."""
-    return jnp.moveaxis(jnp.asarray(samples.kinematics(craft.inertia).torque), 0, -1)
+    return jnp.moveaxis(jnp.asarray(samples.kinematics(craft).torque), 0, -1)
 
 
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
@@ -240,7 +240,7 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
     if cones.paths:
         raise ValueError("cones: zones that move have no margin here; plan.certificate has it")
 
-    sights = cones.sights(craft.mounts, craft.fixed_boresights)
+    sights = cones.sights(craft.gimbals, craft.fixed_boresights)
 
     def short(samples: Samples) -> Array:
         margins = constraint_margins(cones, state_margins(cones, sights, samples.attitude, samples.joints))

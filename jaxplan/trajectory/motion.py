@@ -22,6 +22,7 @@ from jaxplan.model.constraints import (
     margins_of_scores,
     scores,
 )
+from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, timed_limits, values
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
@@ -56,8 +57,9 @@ class Stack:
         tube_values: (G, M, A).
         tube_radius: (G, A).
         limits: (G, C) of the components of the platform's loads, in time.
-        joint_limits: (G, L, 2n) of the joints' rates and accelerations.
-        ranges: (G, 2n) rad, of the joints' angles.
+        joint_limits: (G, L, J) of the joints' rates and accelerations.
+        centres: (G, J) rad, of the ranges of the joints' angles.
+        reaches: (G, J) rad, half of what they span.
     """
 
     members: list[DiscreteProblem]
@@ -73,7 +75,8 @@ class Stack:
     tube_radius: np.ndarray
     limits: np.ndarray
     joint_limits: np.ndarray
-    ranges: np.ndarray
+    centres: np.ndarray
+    reaches: np.ndarray
 
     @classmethod
     def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
@@ -84,6 +87,7 @@ class Stack:
         def all_of(name: str, owners: Sequence[Any]) -> np.ndarray:
             return stacked([getattr(own, name) for own in owners])
 
+        ranges = np.stack([own.spacecraft.joint_ranges for own in problems])
         names = ("places", "rows", "tube_rows", "tube_values", "tube_radius")
         of_spaces = ("free", "by_time", "energies")
         return cls(
@@ -96,7 +100,8 @@ class Stack:
                 [own.share * np.concatenate([limit.bound for limit in own.problem.limits]) for own in members]
             ),
             joint_limits=np.reshape([[limit.bound for limit in own.joint_limits] for own in problems], shape),
-            ranges=np.stack([own.spacecraft.joint_limits for own in problems]),
+            centres=np.mean(ranges, axis=-1),
+            reaches=np.diff(ranges, axis=-1)[..., 0] / 2,
         )
 
     @cached_property
@@ -104,12 +109,12 @@ class Stack:
         """Columns of the constraints and of their sights by name.
 
         Those of the rows are ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), those of the
-        sights ``carriers`` (G, D), ``turning`` (G, 2, D) and ``mounts`` (G, n).
+        sights ``carriers`` (G, D) and ``turning`` (G, 2, D).
         """
         problems = [own.problem for own in self.members]
         rows = ("side", "frame", "partner", "axis")
         found = {name: np.stack([getattr(own.cones, name) for own in problems]) for name in rows}
-        for name in ("carriers", "turning", "mounts"):
+        for name in ("carriers", "turning"):
             found[name] = np.stack([getattr(own.sights, name) for own in problems])
         return found
 
@@ -117,6 +122,16 @@ class Stack:
     def moving_axes(self) -> np.ndarray:
         """(G, S, Z, 3) axes at the places, where some move."""
         return np.stack([own.problem.axes(own.places) for own in self.members])
+
+    @property
+    def gimbals(self) -> Gimbals:
+        """How joints turn devices, of the first of the problems."""
+        return self.members[0].problem.sights.gimbals
+
+    @cached_property
+    def frames(self) -> np.ndarray:
+        """(G, g, 3, 3) of the gimbals."""
+        return np.stack([own.problem.sights.gimbals.frames for own in self.members])
 
     @property
     def has_inner(self) -> bool:
@@ -149,7 +164,8 @@ class Stack:
         )
         broken, kind = at.violations, self.members[0]
         broken[:, ZONE] = _most(self.wanted[:, None] - margins)
-        broken[:, LIMIT] = _most(np.abs(curves[:, 0, :, 3:]) - self.ranges[:, None])
+        off_centre = np.abs(curves[:, 0, :, 3:] - self.centres[:, None])
+        broken[:, LIMIT] = _most(off_centre - self.reaches[:, None])
         broken[:, TUBE] = _most(
             np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
         )
@@ -293,7 +309,7 @@ def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ..
     cones, body = problem.cones, problem.sights.in_body(joints)
     inertial = problem.axes(places) if cones.paths else cones.axis
     cosines = body @ np.swapaxes(axes_in_body(cones, inertial @ attitude, body), -1, -2)
-    of_joints = joint_values(cones, joints) if cones.inner else None
+    of_joints = joint_values(cones, problem.sights.gimbals, joints) if cones.inner else None
     margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, of_joints)))
     np.copyto(margins, np.inf, where=~cones.bound.T)
     if np.any(cones.entry != cones.group):

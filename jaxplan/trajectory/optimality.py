@@ -43,7 +43,7 @@ class BindingLinear:
         rows: (R, 4, n), of a node with three derivatives by its place, of which others have none.
         sign: (R,).
         axis: (R,) int.
-        node: (R,) int, whose value is the centre; -1 for zero.
+        node: (R,) int, whose value is the centre; -1 for that of the scale.
         scale: (R,) int, which of the scales: of rates, accelerations and ranges of joints, and of the tube.
     """
 
@@ -174,6 +174,7 @@ class FitInputs:
         weights: (3,) of the squares of rate, acceleration and jerk.
         scales: of linear rows in time, see `BindingLinear`, with their powers of the duration.
         powers: likewise.
+        centres: likewise, from which they are counted; of nodes these themselves.
         limits: (C,) of the components of the platform's loads, in time.
         wanted: (D, Z) rad, margins to keep.
         axes: (R, 3) axes of the rows of margins, inertial ones turned to the chart's middle between ``U``
@@ -195,6 +196,7 @@ class FitInputs:
     weights: Traced
     scales: Traced
     powers: Traced
+    centres: Traced
     limits: Traced
     wanted: Traced
     axes: Traced
@@ -302,7 +304,8 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     """By how much of a limit, of zones by how many rad, each row is broken (R,)."""
     linear, loads, zones = held.linear, held.loads, held.zones
     value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
-    centre = jnp.where(linear.node >= 0, inputs.nodes[linear.node, linear.axis], 0)
+    of_node = inputs.nodes[linear.node, linear.axis]
+    centre = jnp.where(linear.node >= 0, of_node, inputs.centres[linear.scale])
     values = [_linear_factors(held, inputs, duration) * (value - centre) - 1]
     if len(loads.on):
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
@@ -342,7 +345,7 @@ def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Trace
     turned = axis @ so3.exp(z[:3] - row.place * inputs.turn) @ half
     cones, seen = inputs.cones.some(row.zone[None]), inputs.sights.in_body(z[3:])
     axis = axes_in_body(cones, turned[None], seen)[0]
-    values = joint_values(cones, z[3:])[row.device] if cones.inner else None
+    values = joint_values(cones, inputs.sights.gimbals, z[3:])[row.device] if cones.inner else None
     margin = margins_of_scores(cones, scores(cones, (seen[row.device] @ axis)[None], values))
     return inputs.wanted[row.device, row.zone] - margin[0]
 

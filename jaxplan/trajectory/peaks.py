@@ -119,7 +119,7 @@ def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
         np.where(are_lengths(own), np.sqrt(found), found)
         for own, found in zip(names, largest(loads), strict=True)
     ]
-    joints = largest([_joint_values(curve) for curve, _ in curves])
+    joints = largest([_joint_values(*curve) for curve in curves])
     crafts = [craft for _, craft in curves]
     return [_shares(*own) for own in zip(crafts, limits, platform, joints, strict=True)]
 
@@ -130,7 +130,7 @@ def _shares(
     platform: np.ndarray,
     joints: np.ndarray,
 ) -> Peaks:
-    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (6n,)."""
+    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (3J,)."""
     angles, *of_joints = np.split(joints, 3)
     of_platform = (platform[own] for own in components(limit.quantity.name for limit in limits[0]))
     largest = [*of_platform, *(of_joints[limit.quantity.power - 1] for limit in limits[1])]
@@ -139,7 +139,7 @@ def _shares(
         names=tuple(name for limit in every for name in limit.names),
         ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
         powers=np.concatenate([np.full(len(limit.bound), limit.quantity.power) for limit in every]),
-        in_range=bool(np.all(angles <= (1 + _ROUNDING) * craft.joint_limits)),
+        in_range=bool(np.all(angles <= (1 + _ROUNDING) * np.diff(craft.joint_ranges)[:, 0] / 2)),
     )
 
 
@@ -171,11 +171,15 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
     return found
 
 
-def _joint_values(trajectory: Trajectory) -> np.ndarray:
-    """(M, G, 6n) angles, rates and accelerations of joints at Chebyshev points of each piece."""
+def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
+    """(M, G, 3J) angles off the middle of their ranges, rates and accelerations of joints.
+
+    They are at Chebyshev points of each piece.
+    """
     coefficients = trajectory.joint_coefficients
     count, size, joints = coefficients.shape
     curves = _curves(coefficients, np.diff(trajectory.joint_breaks), size, 3)
+    curves[:, 0] -= np.mean(craft.joint_ranges, axis=-1)
     return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
 
 

@@ -145,7 +145,7 @@ class FitProblem:
     @cached_property
     def sights(self) -> Sights:
         """What the constraints bind, D of them."""
-        return self.cones.sights(self.spacecraft.mounts, np.asarray(self.spacecraft.fixed_boresights, float))
+        return self.cones.sights(self.spacecraft.gimbals, np.asarray(self.spacecraft.fixed_boresights, float))
 
     def axes(self, places: np.ndarray) -> np.ndarray:
         """Axes (S, Z, 3) of the constraints' rows at places (S,), inertial unless they are of the body."""

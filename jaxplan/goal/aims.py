@@ -1,0 +1,206 @@
+"""What must point where at a goal, and what is known of every sight there.
+
+Each device with a target is treated alike: in axes of its own, `jaxplan.model.gimbals`, the target must lie
+in a range of azimuth and one of elevation. A terminal's are the ranges of its joints at the goal. A drive has
+a range of azimuth, and of elevation none but its tilt; an instrument has neither, in axes whose first one is
+its boresight. What has no range is an equation, met to a tolerance.
+
+A device without a target either stays as it is, *held*, so that its boresight is an axis of the body; or it
+is *free* to move, and nothing is known of it before its joints are chosen (`jaxplan.goal.free`).
+
+Shapes: k devices with targets, J joints, S sights. All of it computes with numpy or JAX.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+from jaxplan.model.directions import Sights
+from jaxplan.model.gimbals import TURN, Gimbals, angles_toward, frame_of, in_range, stacked
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+
+AZIMUTH, ELEVATION = 0, 1
+_SHARE = 0.5  # of the tolerance that either angle of an equation may take
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aims:
+    """The devices that have targets.
+
+    Attributes:
+        devices: their numbers (k), as of sights.
+        held: numbers of the gimbals that keep their joints.
+        equations: (k) of each, whether azimuth and elevation are equations.
+        directions: (k, 3) inertial, of the targets.
+        frames: (k, 3, 3) body from the axes in which azimuth and elevation count.
+        ranges: (k, 2, 2) rad, of azimuth and elevation, least and largest.
+    """
+
+    devices: tuple[int, ...] = field(metadata={"static": True})
+    held: tuple[int, ...] = field(metadata={"static": True})
+    equations: tuple[tuple[bool, bool], ...] = field(metadata={"static": True})
+    directions: np.ndarray
+    frames: np.ndarray
+    ranges: np.ndarray
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether any device asks for more than a range."""
+        return any(any(own) for own in self.equations)
+
+    def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
+        """Azimuth and elevation (..., k) of the targets at attitudes (..., 3, 3)."""
+        _, turn, directions, frames, ranges = arrays(attitude, self.directions, self.frames, self.ranges)
+        azimuth, elevation = angles_toward(frames, turn, directions)
+        return in_range(azimuth, ranges[:, AZIMUTH]), elevation
+
+    def excess(self, attitude: np.ndarray) -> np.ndarray:
+        """(..., k, 2) rad, how far azimuths and elevations are out of their ranges; below zero inside."""
+        angles = np.stack(self.angles(attitude), axis=-1)
+        return np.maximum(self.ranges[..., 0] - angles, angles - self.ranges[..., 1])
+
+
+def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
+    """(J, 2) rad, ranges of the joints at the goal: their own, or tighter ones given for the goal."""
+    n, drives = len(craft.terminals), len(craft.drives)
+    given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
+    most = stacked([*[given[0]] * n, *[given[1]] * n, *[np.inf] * drives])
+    xp, own, most = arrays(craft.joint_ranges, most)
+    # a comparison keeps the joint's own where both are the same, and with it the derivative
+    low = xp.where(-most > own[:, 0], -most, own[:, 0])
+    high = xp.where(most < own[:, 1], most, own[:, 1])
+    return xp.stack([low, high], axis=-1)
+
+
+def aims_of(craft: Spacecraft, targets: Targets, tolerance: float = 0.0) -> Aims:
+    """The aims of targets.
+
+    Args:
+        craft: terminals, drives and instruments.
+        targets: where they are at the goal.
+        tolerance: rad, to which equations are met; zero for exactly.
+    """
+    gimbals, names = craft.gimbals, craft.device_names
+    devices = targets.numbers(craft)
+    held = tuple(
+        number for number in range(gimbals.count) if number not in devices and names[number] in targets.hold
+    )
+    joint_ranges, share = goal_ranges(craft, targets), _SHARE * tolerance
+    around = np.array([-share, share])
+    frames, ranges, equations = [], [], []
+    for number in devices:
+        is_gimbal, is_terminal = number < gimbals.count, number < gimbals.terminals
+        azimuth, elevation = around, around
+        if is_gimbal:
+            frames.append(gimbals.frames[number])
+            azimuth = joint_ranges[gimbals.yaws[number]]
+        else:
+            boresight = craft.fixed_boresights[number - gimbals.count]
+            frames.append(frame_of(_across(boresight), boresight))
+        if is_terminal:
+            elevation = joint_ranges[gimbals.pitches[number]]
+        elif is_gimbal:
+            elevation = gimbals.tilts[number - gimbals.terminals] + around
+        xp = array_module(azimuth, elevation)
+        ranges.append(xp.stack([xp.asarray(azimuth), xp.asarray(elevation)]))
+        equations.append((not is_gimbal, not is_terminal))
+    directions = targets.directions
+    return Aims(
+        devices=devices,
+        held=held,
+        equations=tuple(equations),
+        directions=array_module(directions).asarray(directions, float).reshape(-1, 3),
+        frames=stacked(frames).reshape(-1, 3, 3),
+        ranges=stacked(ranges).reshape(-1, 2, 2),
+    )
+
+
+def _across(boresight: AnyArray) -> AnyArray:
+    """(3,) a direction across a boresight; which one does not matter."""
+    xp, ahead = arrays(boresight)
+    flat = jax.lax.stop_gradient(ahead) if xp is not np else ahead
+    least = xp.eye(3)[xp.argmin(xp.abs(flat))]
+    return least - xp.sum(least * ahead) * ahead
+
+
+def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) -> AnyArray:
+    """Joints (..., J) at attitudes (..., 3, 3) at which devices with targets point along them.
+
+    Args:
+        gimbals: of the spacecraft.
+        aims: what must point where.
+        attitude: body to inertial.
+        rest: (J,) rad, joints of the others; of angles that differ by whole turns the ones near these are
+            taken.
+    """
+    xp, turn, others = arrays(attitude, rest)
+    joints = xp.broadcast_to(others, (*turn.shape[:-2], *others.shape))
+    own = [(place, number) for place, number in enumerate(aims.devices) if number < gimbals.count]
+    if not own:
+        return joints
+    places, numbers = (np.array(part) for part in zip(*own, strict=True))
+    some = places[numbers < gimbals.terminals]
+    _, directions, frames, ranges = arrays(aims.directions, aims.frames, aims.ranges)
+    azimuth, elevation = angles_toward(frames[places], turn, directions[places])
+    yaws = gimbals.yaws[numbers]
+    yaw = in_range(azimuth, ranges[places, AZIMUTH], others[yaws])
+    pitches = gimbals.pitches[numbers[: len(some)]]
+    found = xp.concatenate([yaw, elevation[..., : len(some)]], axis=-1)
+    which = np.concatenate([yaws, pitches])
+    if xp is np:
+        joints = np.array(joints)
+        joints[..., which] = found
+        return joints
+    return joints.at[..., which].set(found)
+
+
+class Known(NamedTuple):
+    """What is known of sights at a goal, whatever the attitude.
+
+    Attributes:
+        inertial: (S,) bool, those whose inertial direction is known.
+        in_body: (S,) bool, those whose direction in body axes is.
+        toward: (S, 3) inertial unit vectors, of the first; of the others zero.
+        along: (S, 3) unit vectors in body axes, of the second.
+        angles: (S,) bool, sights that are boresights of gimbals that keep their joints.
+        winds: (S,) bool, sights with a target whose azimuth may go round more than once.
+    """
+
+    inertial: np.ndarray
+    in_body: AnyArray
+    toward: AnyArray
+    along: AnyArray
+    angles: AnyArray
+    winds: AnyArray
+
+
+def known_sights(aims: Aims, sights: Sights, rest: ArrayLike) -> Known:
+    """What is known of sights.
+
+    Args:
+        aims: at the goal.
+        sights: of the constraints.
+        rest: (J,) rad, joints that held devices keep.
+    """
+    count, gimbals, carriers = sights.count, sights.gimbals.count, sights.carriers
+    inertial = np.zeros(count, bool)
+    inertial[list(aims.devices)] = True
+    held = array_module(carriers).any(carriers[:, None] == np.array(aims.held, int), axis=-1)
+    in_body = (carriers < 0) | held
+    xp, directions, along, ranges = arrays(aims.directions, sights.in_body(rest), aims.ranges)
+    own = np.zeros((count, len(aims.devices)))
+    own[list(aims.devices), np.arange(len(aims.devices))] = 1
+    return Known(
+        inertial=inertial,
+        in_body=in_body,
+        toward=own @ directions,
+        along=xp.where(in_body[:, None], along, 0.0),
+        angles=held & (np.arange(count) < gimbals),
+        winds=own @ (ranges[:, AZIMUTH, 1] - ranges[:, AZIMUTH, 0] > TURN) > 0,
+    )
