@@ -145,7 +145,7 @@ def _breaks(problem: GoalProblem, goal: Goal) -> bool:
 
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""
-    nowhere = tabulate((), (), problem.spacecraft.device_names)
+    nowhere = tabulate((), (), problem.spacecraft)
 
     def wider_joints(by: float) -> Caps:
         return assemble(replace(problem, joint_limits=problem.joint_limits + by, rows=nowhere))

@@ -227,7 +227,7 @@ def nearest_attitudes(
 def _nearest(
     spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray, limits: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    nowhere = tabulate((), (), spacecraft.device_names)
+    nowhere = tabulate((), (), spacecraft)
     first = GoalProblem(
         spacecraft=spacecraft, start=starts[0], directions=directions[0], joint_limits=limits, rows=nowhere
     )

@@ -22,7 +22,7 @@ import numpy as np
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.keys import key, keyed
-from jaxplan.model.spacecraft import stacked
+from jaxplan.model.spacecraft import Spacecraft, stacked
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 
@@ -213,19 +213,17 @@ class _Row:
 def tabulate(
     keep_out: Sequence[KeepOut],
     keep_in: Sequence[KeepIn],
-    device_names: Sequence[str],
+    spacecraft: Spacecraft,
     *,
     joint_bounds: Sequence[JointBound] = (),
-    terminals: int = 0,
 ) -> Constraints:
     """The zones as padded rows, in the order in which they are given.
 
     Args:
         keep_out: zones to stay out of.
         keep_in: zones to stay in.
-        device_names: terminals, then instruments.
+        spacecraft: whose devices they bind.
         joint_bounds: of terminals.
-        terminals: how many of the devices are terminals; only what is of their joints asks for it.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
@@ -235,7 +233,7 @@ def tabulate(
     further = [vector for zone in zones if not isinstance(zone, JointBound) for vector in zone.vectors]
     still = [vector for vector in further if vector.to is None]
     moved = [vector for vector in further if vector.to is not None]
-    sights = _Sights(tuple(device_names), terminals, [*still, *moved])
+    sights = _Sights(spacecraft, [*still, *moved])
     rows = [row for number, zone in enumerate(zones) for row in _rows(number, zone, sights)]
     size = padded_count(len(rows))
     entry, group = _numbered([zones[row.zone] for row in rows])
@@ -282,10 +280,10 @@ def _numbered(zones: Sequence[Zone]) -> tuple[list[int], list[int]]:
 class _Sights:
     """Sights by number; it finds those of a zone, and raises for names that are wrong."""
 
-    def __init__(self, devices: tuple[str, ...], terminals: int, vectors: list[FixedVector]) -> None:
-        self.devices, self.terminals = devices, terminals
-        self._vectors = {id(vector): len(devices) + i for i, vector in enumerate(vectors)}
-        self.count = len(devices) + len(vectors)
+    def __init__(self, spacecraft: Spacecraft, vectors: list[FixedVector]) -> None:
+        self.devices, self.terminals = spacecraft.device_names, len(spacecraft.terminals)
+        self._vectors = {id(vector): len(self.devices) + i for i, vector in enumerate(vectors)}
+        self.count = len(self.devices) + len(vectors)
 
     def device(self, zone: Zone, key: str, name: str) -> int:
         """The number of a device, by its name."""
