@@ -42,7 +42,7 @@ def paths(count: int, method: str) -> list[FitQuery]:
         if plan.path is None:
             raise SystemExit(f"{plan.scenario.name} has no path: {plan.message}")
         scene = plan.scenario
-        cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft.device_names)
+        cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft)
         query = FitQuery(path=plan.path, spacecraft=scene.spacecraft, settings=settings, cones=cones)
         found.append(query)
     return found

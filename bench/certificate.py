@@ -26,7 +26,7 @@ from jaxplan.planner.proof import prove
 def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, float]:
     """Least margin in rad and largest ratio of a joint or platform rate or acceleration to its limit."""
     craft = scenario.spacecraft
-    cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+    cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft)
     least, ratio = np.inf, 0.0
     for times in np.array_split(np.linspace(0, trajectory.duration, 100_001), 100):
         s = trajectory.sample(times)

@@ -55,6 +55,16 @@ def make_spacecraft(terminals: int = 3, instruments: int = 0) -> Spacecraft:
     return spacecraft_of(mounts, {f"camera-{i + 1}": axis for i, axis in enumerate(axes)})
 
 
+def named_craft(*names: str, terminals: int = 0) -> Spacecraft:
+    """A spacecraft whose devices have these names, the first ones terminals, in no special direction."""
+    craft = make_spacecraft(terminals, len(names) - terminals)
+    devices = [
+        replace(own, name=name)
+        for own, name in zip((*craft.terminals, *craft.instruments), names, strict=True)
+    ]
+    return replace(craft, terminals=tuple(devices[:terminals]), instruments=tuple(devices[terminals:]))
+
+
 def at_rest(rotation_vector, joints) -> GivenState:
     """A state without any rates."""
     return GivenState(

@@ -128,7 +128,7 @@ def judge(trajectory, spacecraft, zones=(), **changes):
     """The certificate's report, with the trajectory's own ends unless others are given."""
     keep_out = [z for z in zones if isinstance(z, KeepOut)]
     keep_in = [z for z in zones if isinstance(z, KeepIn)]
-    cones = tabulate(keep_out, keep_in, spacecraft.device_names)
+    cones = tabulate(keep_out, keep_in, spacecraft)
     names = [z.name for z in (*keep_out, *keep_in)]
     asked = ends(trajectory, spacecraft) | changes
     return certify(claimed(trajectory, spacecraft, cones, zone_names=names, **asked))

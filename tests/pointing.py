@@ -95,7 +95,7 @@ def make_problem(
         angular_velocity=np.zeros(3),
         joint_rates=np.zeros(2 * count),
     )
-    cones = tabulate(keep_out, keep_in, spacecraft.device_names)
+    cones = tabulate(keep_out, keep_in, spacecraft)
     return Problem(spacecraft=spacecraft, start=np.asarray(start), targets=targets, cones=cones)
 
 

@@ -123,7 +123,7 @@ def _zones(
 def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """The least margin (k,) of each state, rad; to zones that move the least at any time."""
     craft, _ = setting()
-    rows = tabulate(**sorts(zones), device_names=craft.device_names, terminals=len(craft.terminals))
+    rows = tabulate(**sorts(zones), spacecraft=craft)
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     times = np.repeat(_TIMES[:, None], len(joints), axis=1) if rows.paths else None
     margins = constraint_margins(rows, state_margins(rows, sights, attitudes, joints, times))

@@ -128,7 +128,7 @@ def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST
     if least and _reaches_goal_within(attitude, least):
         return None  # step 1 would say so too, but takes a hundred times as long
     craft, targets = setting()
-    first, *others = decompose(craft, attitude, targets, tabulate((), (), craft.device_names)).goals
+    first, *others = decompose(craft, attitude, targets, tabulate((), (), craft)).goals
     slacks = [most - first.slew_angle, *([first.slew_angle - least] if least else [])]
     slacks += [goal.slew_angle - first.slew_angle - UNAMBIGUOUS for goal in others]
     return first if np.all(admissible(np.array(slacks))) else None

@@ -314,7 +314,7 @@ def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> t
     """
     attitudes, joints, found = nearest_attitudes(craft, nominal, directions)
     still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(len(craft.joint_names))}
-    nowhere = tabulate((), (), craft.device_names)
+    nowhere = tabulate((), (), craft)
     for number in np.flatnonzero(~found):
         targets = Targets(directions=directions[number], **still)
         answer = decompose(craft, nominal[number], targets, nowhere, max_goals=1)

@@ -103,7 +103,7 @@ class GoalProblem:
             rest=np.zeros(len(ranges)) if rest is None else np.asarray(rest, float),
             aims=aims_of(spacecraft, targets, float(targets.tolerance)),
             ranges=ranges,
-            rows=tabulate((), (), spacecraft.device_names) if rows is None else rows,
+            rows=tabulate((), (), spacecraft) if rows is None else rows,
         )
 
     @cached_property
@@ -132,7 +132,7 @@ class GoalProblem:
     def wider(self, by: float) -> "GoalProblem":
         """The problem without rows, with azimuths and elevations so many rad easier."""
         around = np.array([-by, by])
-        nowhere = tabulate((), (), self.spacecraft.device_names)
+        nowhere = tabulate((), (), self.spacecraft)
         return replace(
             self,
             aims=replace(self.aims, ranges=self.aims.ranges + around),

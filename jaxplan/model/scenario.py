@@ -408,14 +408,7 @@ class Scenario:
     @made_once
     def constraints(self) -> Constraints:
         """All pointing constraints as rows, see `jaxplan.model.constraints`."""
-        craft = self.spacecraft
-        return tabulate(
-            self.keep_out,
-            self.keep_in,
-            craft.device_names,
-            joint_bounds=self.joint_bounds,
-            terminals=len(craft.terminals),
-        )
+        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=self.joint_bounds)
 
     def __eq__(self, other: object) -> bool:
         return same(self, other) if isinstance(other, Scenario) else NotImplemented

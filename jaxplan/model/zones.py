@@ -23,6 +23,7 @@ from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.gimbals import stacked
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 
@@ -38,20 +39,20 @@ class FixedVector:
     """A direction beside the boresights that a zone binds, such as the normal of a panel.
 
     Attributes:
-        along: (3,) unit vector: of the body in body axes; of a terminal along its boresight, to the left of
-            it and upward, as these turn with yaw and pitch.
-        to: name of the terminal to whose moving part it is fixed; None for the body.
+        along: (3,) unit vector: of the body in body axes; of a device with joints along its boresight, to the
+            left of it and upward, as these turn with yaw and pitch.
+        to: name of the device to whose moving part it is fixed; None for the body.
     """
 
     along: np.ndarray = field(
         metadata=key(
             "along",
-            "in body axes; of a terminal along its boresight, to the left of it and upward",
+            "in body axes; of a device with joints along its boresight, to the left of it and upward",
             kind="unit vector",
         )
     )
     to: str | None = keyed(
-        None, "to", "whose moving part it is fixed to; the body if absent", kind="terminal", static=True
+        None, "to", "whose moving part it is fixed to; the body if absent", kind="gimbal", static=True
     )
 
 
@@ -213,19 +214,17 @@ class _Row:
 def tabulate(
     keep_out: Sequence[KeepOut],
     keep_in: Sequence[KeepIn],
-    device_names: Sequence[str],
+    spacecraft: Spacecraft,
     *,
     joint_bounds: Sequence[JointBound] = (),
-    terminals: int = 0,
 ) -> Constraints:
     """The zones as padded rows, in the order in which they are given.
 
     Args:
         keep_out: zones to stay out of.
         keep_in: zones to stay in.
-        device_names: terminals, then instruments.
+        spacecraft: whose devices they bind.
         joint_bounds: of terminals.
-        terminals: how many of the devices are terminals; only what is of their joints asks for it.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
@@ -235,7 +234,7 @@ def tabulate(
     further = [vector for zone in zones if not isinstance(zone, JointBound) for vector in zone.vectors]
     still = [vector for vector in further if vector.to is None]
     moved = [vector for vector in further if vector.to is not None]
-    sights = _Sights(tuple(device_names), terminals, [*still, *moved])
+    sights = _Sights(spacecraft, [*still, *moved])
     rows = [row for number, zone in enumerate(zones) for row in _rows(number, zone, sights)]
     size = padded_count(len(rows))
     entry, group = _numbered([zones[row.zone] for row in rows])
@@ -282,10 +281,11 @@ def _numbered(zones: Sequence[Zone]) -> tuple[list[int], list[int]]:
 class _Sights:
     """Sights by number; it finds those of a zone, and raises for names that are wrong."""
 
-    def __init__(self, devices: tuple[str, ...], terminals: int, vectors: list[FixedVector]) -> None:
-        self.devices, self.terminals = devices, terminals
-        self._vectors = {id(vector): len(devices) + i for i, vector in enumerate(vectors)}
-        self.count = len(devices) + len(vectors)
+    def __init__(self, spacecraft: Spacecraft, vectors: list[FixedVector]) -> None:
+        self.devices, self.terminals = spacecraft.device_names, len(spacecraft.terminals)
+        self.gimbals = self.terminals + len(spacecraft.drives)
+        self._vectors = {id(vector): len(self.devices) + i for i, vector in enumerate(vectors)}
+        self.count = len(self.devices) + len(vectors)
 
     def device(self, zone: Zone, key: str, name: str) -> int:
         """The number of a device, by its name."""
@@ -298,6 +298,13 @@ class _Sights:
         """The number of a device that must be a terminal."""
         number = self.device(zone, key, name)
         if number >= self.terminals:
+            raise ValueError(f"zone {zone.name}: {key}: {name!r} is no terminal")
+        return number
+
+    def gimbal(self, zone: Zone, key: str, name: str) -> int:
+        """The number of a device that must have joints."""
+        number = self.device(zone, key, name)
+        if number >= self.gimbals:
             raise ValueError(f"zone {zone.name}: {key}: {name!r} has no joints")
         return number
 
@@ -308,7 +315,7 @@ class _Sights:
             raise ValueError(f"zone {zone.name}: devices = {given!r}: must be a tuple of names")
         for vector in zone.vectors:
             if vector.to is not None:
-                self.terminal(zone, "vectors", vector.to)
+                self.gimbal(zone, "vectors", vector.to)
         names = zone.devices
         if binds_all(zone):
             names = self.devices

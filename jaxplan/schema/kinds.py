@@ -282,26 +282,30 @@ class Epoch(Kind):
         return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+_CALLED = {"gimbal": "device with joints"}  # in messages
+
+
 @dataclass(frozen=True)
 class Name(Kind):
     """The name of something that there is.
 
     Attributes:
-        noun: what it names, "device", "terminal" or "zone".
+        noun: what it names, "device", "terminal", "gimbal" (a device with joints) or "zone".
     """
 
     noun: str
 
     @property
     def wanted(self) -> str:
-        return f"the name of a {self.noun}"
+        return f"the name of a {_CALLED.get(self.noun, self.noun)}"
 
     def read(self, value: Any, place: Place) -> Any:
         if not isinstance(value, str):
             return place.refuse(f"must be {self.wanted}", value)
         known = place.reading.names.get(self.noun)
         if known is not None and value not in known:
-            return place.fault(f"no such {self.noun}, {nearest(value, known, f'{self.noun}s')}", value)
+            called = _CALLED.get(self.noun, self.noun)
+            return place.fault(f"no such {called}, {nearest(value, known, 'devices')}", value)
         return value
 
 
@@ -347,7 +351,7 @@ class ByName(Kind):
 
     @property
     def wanted(self) -> str:
-        return f"a table {f'from names of {self.noun}s to' if self.noun else 'of'} numbers"
+        return f"a table {f'from names of {_CALLED.get(self.noun, self.noun)} to' if self.noun else 'of'} numbers"
 
     def read(self, value: Any, place: Place) -> Any:
         if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):

@@ -236,6 +236,7 @@ _KINDS: dict[Any, Any] = {
     ),
     "device": Name("device"),
     "terminal": Name("terminal"),
+    "gimbal": Name("gimbal"),
     "devices": Names(),
     "factors": _of_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),

@@ -109,7 +109,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         fractions=None if fractions is None else np.asarray(fractions, float),
         rates=rates,
         spacecraft=spacecraft,
-        cones=tabulate((), (), spacecraft.device_names) if query.cones is None else query.cones,
+        cones=tabulate((), (), spacecraft) if query.cones is None else query.cones,
         settings=query.settings,
         horizon=query.horizon,
     )

@@ -79,7 +79,7 @@ def margins(scene, seen):
 def goals_of(scene, **zones):
     """The goals of step 1 among the scene's cones on the sky for terminals, which change nothing."""
     craft = scene.spacecraft
-    cones = tabulate(zones.get("keep_out", ()), zones.get("keep_in", ()), craft.device_names)
+    cones = tabulate(zones.get("keep_out", ()), zones.get("keep_in", ()), craft)
     return decompose(craft, start_of(scene)[0], scene.goal, cones).goals
 
 

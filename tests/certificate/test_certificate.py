@@ -79,7 +79,7 @@ def test_every_margin_is_bound_below_its_samples_and_near_their_least():
         out = [zone for zone in single if isinstance(zone, KeepOut)]
         inside = [zone for zone in single if isinstance(zone, KeepIn)] + grouped
         names = [zone.name for zone in (*out, *inside)]
-        cones = tabulate(out, inside, spacecraft.device_names)
+        cones = tabulate(out, inside, spacecraft)
         found = prove_margins(claimed(trajectory, spacecraft, cones, zone_names=names))
         times = grid(trajectory)
         expected = {
@@ -265,7 +265,7 @@ def test_padding_and_the_order_of_zones_do_not_matter():
     cones = tabulate(
         [z for z in zones if isinstance(z, KeepOut)],
         [z for z in zones if isinstance(z, KeepIn)],
-        spacecraft.device_names,
+        spacecraft,
     )
     names = [z.name for z in sorted(zones, key=lambda z: isinstance(z, KeepIn))]
     bare = replace(

@@ -36,7 +36,7 @@ def claim(trajectory, spacecraft, out=(), inside=(), **changes):
     return Claim(
         trajectory=trajectory,
         spacecraft=spacecraft,
-        cones=tabulate(out, inside, spacecraft.device_names),
+        cones=tabulate(out, inside, spacecraft),
         zone_names=[zone.name for zone in (*out, *inside)],
         **(ends(trajectory, spacecraft) | changes),
     )

@@ -60,7 +60,7 @@ ZONES = (
     KeepIn(name="in", direction=np.array([0.0, 0.0, 1.0]), half_angle=1.0, devices=("i",), any_of="g"),
     KeepIn(name="or", direction=np.array([1.0, 0.0, 0.0]), half_angle=0.5, devices=("i",), any_of="g"),
 )
-CONES = tabulate(ZONES[:1], ZONES[1:], SPACECRAFT.device_names)
+CONES = tabulate(ZONES[:1], ZONES[1:], SPACECRAFT)
 
 
 def rotation(vector):

@@ -485,7 +485,7 @@ def test_a_margin_that_a_cap_settles_is_less_by_the_rounding_of_the_boresight():
             for angle in angles
         ]
         zones = (zones, []) if kind is KeepOut else ([], zones)
-        bindings = Bindings.of(tabulate(*zones, spacecraft.device_names))
+        bindings = Bindings.of(tabulate(*zones, spacecraft))
         found = []
         for noise in (0.0, 0.01):
             rounding = replace(exactly.rounding, direction=exactly.rounding.direction + noise)
@@ -508,7 +508,7 @@ def test_conversion_to_bernstein_coefficients_is_counted_into_margins():
         sideways = np.cross(boresight, [0.3, 0.2, 0.9])
         axis = np.cos(angle) * boresight + np.sin(angle) * sideways / np.linalg.norm(sideways)
         zone = KeepOut(name="z", direction=axis, half_angle=0.1, devices=spacecraft.device_names)
-        minima = Bindings.of(tabulate([zone], [], spacecraft.device_names)).prove(evidence)
+        minima = Bindings.of(tabulate([zone], [], spacecraft)).prove(evidence)
         # Of the squared chord, whose slope is twice the sine of the angle.
         off = ROUNDING * bounds.growth(DEGREE) * 2 * (1 - np.cos(angle)) / (2 * np.sin(angle))
         assert angle - 0.1 - minima.bound[0] == pytest.approx(off, rel=0.3, abs=0)
@@ -520,7 +520,7 @@ def test_faults_say_which_device_is_where_it_must_not_be(seen, said):
     out = KeepOut(name="Sun", direction=np.array([0, 0, 1.0]), half_angle=0.3, devices=names[:1])
     inside = KeepIn(name="station", direction=np.array([0, 1.0, 0]), half_angle=0.3, devices=names[1:])
     minima = Minima(bound=np.full(2, -0.1), seen=np.full(2, seen), time=np.array([3.0, 4.0]))
-    cones = tabulate([out], [inside], names)
+    cones = tabulate([out], [inside], craft(1))
     claim = Claim(
         trajectory=None,
         spacecraft=craft(1),
@@ -604,7 +604,7 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
         KeepOut(name=name, direction=axis, half_angle=angle, devices=(name,))
         for name, axis, angle in zip(spacecraft.device_names, axes, half_angles, strict=False)
     ]
-    bindings = Bindings.of(tabulate(zones, [], spacecraft.device_names))
+    bindings = Bindings.of(tabulate(zones, [], spacecraft))
 
     def proved(left_out, rounding):
         evidence = replace(exactly, left_out=left_out, rounding=rounding)

@@ -53,7 +53,7 @@ def test_every_margin_to_moving_zones_is_bound_below_its_samples_and_near_their_
         inside = [zone for zone in zones if isinstance(zone, KeepIn)]
         grouped = [replace(zone, name=f"g{zone.name}", any_of="g") for zone in inside]
         every = (*out, *inside, *grouped)
-        cones = tabulate(out, (*inside, *grouped), spacecraft.device_names)
+        cones = tabulate(out, (*inside, *grouped), spacecraft)
         found = prove_margins(
             claimed(trajectory, spacecraft, cones, zone_names=[zone.name for zone in every])
         )
@@ -167,7 +167,7 @@ def test_a_state_without_duration_is_judged_by_zones_as_they_are_at_first():
     path = DirectionPath.through(times, great_circle(beam, aside, 1.0, 0.2 * times))
     zone = KeepIn(name="z", direction=path, half_angle=0.1, devices=("instrument-0",))
     end = EndState(attitude=motion.chart_attitude[0], joints=np.zeros(0))
-    cones = tabulate([], [zone], spacecraft.device_names)
+    cones = tabulate([], [zone], spacecraft)
     report = certify(claimed(still, spacecraft, cones, zone_names=["z"], start=end, goal=end))
     assert report.certified
     assert report.min_margin == pytest.approx(0.1, abs=1e-8)

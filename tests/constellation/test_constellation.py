@@ -116,7 +116,7 @@ def test_starts_are_as_near_to_the_nominal_attitude_as_step_1_comes(large):
         targets = Targets(
             directions=large.directions[0, number], angular_velocity=np.zeros(3), joint_rates=np.zeros(6)
         )
-        best = decompose(craft, nominal, targets, tabulate((), (), craft.device_names), max_goals=1).goals[0]
+        best = decompose(craft, nominal, targets, tabulate((), (), craft), max_goals=1).goals[0]
         turned = Rotation.from_matrix(nominal.T @ large.attitudes[number]).magnitude()
         assert turned == pytest.approx(best.slew_angle, abs=1e-9)
 

@@ -53,7 +53,7 @@ def made_anew(case, scenario):
             plan.path,
             craft,
             scenario.trajectory,
-            cones=tabulate(scenario.keep_out, scenario.keep_in, craft.device_names),
+            cones=tabulate(scenario.keep_out, scenario.keep_in, craft),
             start_angular_velocity=start.angular_velocity,
         )
         assert fit.origin is not None, fit.message

@@ -31,7 +31,7 @@ Inputs = dict[str, np.ndarray]
 
 
 def from_scenario(scenario: jp.Scenario) -> Problem:
-    cones = tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft.device_names)
+    cones = tabulate(scenario.keep_out, scenario.keep_in, scenario.spacecraft)
     start = Rotation.from_rotvec(scenario.start.rotation_vector).as_matrix()
     return Problem(spacecraft=scenario.spacecraft, start=start, targets=scenario.goal, cones=cones)
 

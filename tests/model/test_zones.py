@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from builders import named_craft
 from quick import quick_jit
 from reference import assert_each, random_units, unit
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,7 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count
 
 DEVICES = ("a", "b", "c")
+CRAFT = named_craft(*DEVICES)
 ANGLES = [0.0, 1e-12, 1e-8, 1e-4, 1.0, np.pi / 2, 2.0, np.pi - 1e-5, np.pi - 1e-11, np.pi]
 PRECISIONS = pytest.mark.parametrize(("dtype", "eps"), [(np.float64, 2.3e-16), (np.float32, 1.2e-7)])
 MODES = pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
@@ -80,7 +82,7 @@ def test_separation_grows_along_the_great_circle_and_is_flat_at_its_ends(mode, d
 
 @pytest.mark.parametrize("half_angle", [0.2, 1.0, 1.9, 3.0])
 def test_keep_out_is_clear_outside_and_keep_in_inside(half_angle):
-    cones = zones.tabulate([keep_out(half_angle, devices=("a",))], [keep_in(half_angle)], ("a",))
+    cones = zones.tabulate([keep_out(half_angle, devices=("a",))], [keep_in(half_angle)], named_craft("a"))
     angles = half_angle + np.array([-0.15, -1e-9, 1e-9, 0.1])
     boresights = np.array([away_from_z(angle) for angle in angles])[:, None, :]
     outside, inside = margins(cones, boresights)[:, :2].T
@@ -94,7 +96,7 @@ def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
     cones = zones.tabulate(
         [keep_out(h, d) for d, h in zip(axes[:4], halves[:4], strict=True)],
         [keep_in(h, d, DEVICES) for d, h in zip(axes[4:], halves[4:], strict=True)],
-        DEVICES,
+        CRAFT,
     )
     boresights = random_directions((500, 3), 6)
     result = np.asarray(constraints.pair_margins(cones, boresights, cones.axis))
@@ -111,12 +113,12 @@ def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
 )
 def test_a_zone_of_a_device_that_there_is_not_is_refused_since_it_would_bind_nothing(devices, said):
     with pytest.raises(ValueError, match=said):
-        zones.tabulate([keep_out(0.3, devices=devices)], [], DEVICES)
+        zones.tabulate([keep_out(0.3, devices=devices)], [], CRAFT)
 
 
 def test_a_zone_binds_the_named_devices_and_no_other():
     cones = zones.tabulate(
-        [keep_out(0.3, devices=("a", "c")), keep_out(0.4)], [keep_in(0.5, devices=("b",))], DEVICES
+        [keep_out(0.3, devices=("a", "c")), keep_out(0.4)], [keep_in(0.5, devices=("b",))], CRAFT
     )
     result = np.asarray(constraints.pair_margins(cones, np.tile(Z, (3, 1)), cones.axis))
     np.testing.assert_allclose(result[:3], [[-0.3, np.inf, -0.3], [-0.4, -0.4, -0.4], [np.inf, 0.5, np.inf]])
@@ -125,7 +127,7 @@ def test_a_zone_binds_the_named_devices_and_no_other():
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 16, 17, 40])
 def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
-    cones = zones.tabulate([keep_out(0.3, name=f"{i}") for i in range(count)], [], DEVICES)
+    cones = zones.tabulate([keep_out(0.3, name=f"{i}") for i in range(count)], [], CRAFT)
     rows = len(cones.half_angle)
     assert rows == padded_count(count)
     assert count <= rows < max(2 * count, 9)
@@ -137,7 +139,7 @@ def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
 
 
 def test_without_devices_every_zone_is_clear():
-    cones = zones.tabulate([keep_out(0.3)], [], ())
+    cones = zones.tabulate([keep_out(0.3)], [], named_craft())
     np.testing.assert_array_equal(margins(cones, np.zeros((5, 0, 3))), np.inf)
 
 
@@ -151,7 +153,7 @@ def test_a_group_is_as_good_as_its_best_zone_with_its_worst_device():
             keep_in(0.6, y, ("a", "b"), any_of="relay"),
             keep_in(0.3, Z, ("c",), any_of="sun"),
         ],
-        DEVICES,
+        CRAFT,
     )
     rng = np.random.default_rng(8)
     boresights = unit(rng.normal(size=(400, 3, 3)) + 2 * x * rng.integers(0, 2, (400, 1, 1)))
@@ -168,7 +170,7 @@ def test_a_group_is_as_good_as_its_best_zone_with_its_worst_device():
 
 
 def test_a_keep_out_zone_is_never_in_a_group():
-    cones = zones.tabulate([keep_out(0.1), keep_out(0.2)], [keep_in(0.3, any_of="g")] * 2, ("a",))
+    cones = zones.tabulate([keep_out(0.1), keep_out(0.2)], [keep_in(0.3, any_of="g")] * 2, named_craft("a"))
     np.testing.assert_array_equal(cones.group[:4], [0, 1, 2, 2])
     np.testing.assert_array_equal(cones.side[:4], [1, 1, -1, -1])
 
@@ -180,7 +182,7 @@ def test_a_boresight_that_is_not_a_number_is_never_clear(kind):
         "keep_in": ([], [keep_in(3.0, devices=DEVICES)]),
         "group": ([], [keep_in(3.0, devices=DEVICES, any_of="g"), keep_in(3.1, devices=DEVICES, any_of="g")]),
     }[kind]
-    cones = zones.tabulate(*zone, DEVICES)
+    cones = zones.tabulate(*zone, CRAFT)
     boresights = np.tile(away_from_z(1.0), (3000, 3, 1))
     clear = margins(cones, boresights)
     assert_each(clear, ">=", 0)
@@ -192,7 +194,7 @@ def test_a_boresight_that_is_not_a_number_is_never_clear(kind):
 
 @MODES
 def test_margins_have_finite_derivatives_everywhere(mode):
-    cones = zones.tabulate([keep_out(0.3)], [keep_in(0.4, devices=DEVICES)], DEVICES)
+    cones = zones.tabulate([keep_out(0.3)], [keep_in(0.4, devices=DEVICES)], CRAFT)
     boresights = np.array([[Z, -Z, away_from_z(1.0)], [away_from_z(0.3), away_from_z(1e-9), Z]])
     gradients = jax.vmap(
         mode(
@@ -236,7 +238,7 @@ def signed_cosines(cones, angles):
 
 
 def test_margins_from_cosines_are_the_margins():
-    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.5), keep_in(2.0)], ("a",))
+    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.5), keep_in(2.0)], named_craft("a"))
     angles = np.linspace(0.01, 3.13, 200)
     expected = cones.side * (angles[:, None] - cones.half_angle)
     result = constraints.margins_of_scores(cones, signed_cosines(cones, angles))
@@ -247,14 +249,14 @@ def test_margins_from_cosines_are_the_margins():
 
 @MODES
 def test_margins_from_cosines_have_finite_derivatives_at_the_axis_and_beyond(mode):
-    cones = zones.tabulate([keep_out(0.7)], [keep_in(0.5)], ("a",))
+    cones = zones.tabulate([keep_out(0.7)], [keep_in(0.5)], named_craft("a"))
     jacobian = jax.vmap(mode(lambda c: constraints.margins_of_scores(cones, c)[:2]))
     np.testing.assert_array_equal(np.isfinite(jacobian(np.linspace(-2, 2, 9)[:, None] * np.ones(8))), True)
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.01, 0.3])
 def test_the_cosine_threshold_is_where_the_margin_is_the_clearance(clearance):
-    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.7), keep_in(2.0)], ("a",))
+    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.7), keep_in(2.0)], named_craft("a"))
     angles = np.linspace(0, np.pi, 1001)
     slack = np.asarray(constraints.thresholds(cones, clearance)) - signed_cosines(cones, angles)
     excess = cones.side * (angles[:, None] - cones.half_angle) - clearance
@@ -263,7 +265,7 @@ def test_the_cosine_threshold_is_where_the_margin_is_the_clearance(clearance):
 
 
 def test_a_clearance_is_given_up_to_half_of_the_room_a_zone_leaves():
-    cones = zones.tabulate([keep_out(3.1)], [keep_in(0.02)], ("a",))
+    cones = zones.tabulate([keep_out(3.1)], [keep_in(0.02)], named_craft("a"))
     rooms = np.array([np.pi - 3.1, 0.02])
     angles = cones.half_angle[:2] + cones.side[:2] * rooms / 2  # in the middle of what is left
     for shift, clear in ((1e-6, True), (-1e-6, False)):
@@ -280,6 +282,6 @@ def test_margins_turn_with_the_scene():
 
     def scene(rotation):
         outs = [keep_out(0.5 + 0.1 * i, rotation @ axis) for i, axis in enumerate(axes)]
-        return margins(zones.tabulate(outs, [], DEVICES), boresights @ rotation.T)
+        return margins(zones.tabulate(outs, [], CRAFT), boresights @ rotation.T)
 
     np.testing.assert_allclose(scene(turn), scene(np.eye(3)), rtol=0, atol=1e-14)

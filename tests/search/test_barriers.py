@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from builders import make_scenario, scene_of
+from builders import make_scenario, named_craft, scene_of
 from reference import boresights, unit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -345,10 +345,10 @@ def test_a_group_is_no_proof():
     assert find_barrier(fenced_scene(2, ("camera-1",), (another,), any_of="trackers")) is None
     out, kept = fence(start, goal, ("camera-1",), any_of="trackers")
     other = zone(KeepIn, "other", -start, 1.0, ("camera-2",), any_of="trackers")
-    names = ("camera-1", "camera-2")
-    assert separating_zones(tabulate(out, [*kept, other], names), 0, start, goal) is None
+    craft = named_craft("camera-1", "camera-2")
+    assert separating_zones(tabulate(out, [*kept, other], craft), 0, start, goal) is None
     # alone in its group, a zone must hold
-    assert separating_zones(tabulate(out, kept, names), 0, start, goal) == (0, 1, 2, 3, 4)
+    assert separating_zones(tabulate(out, kept, craft), 0, start, goal) == (0, 1, 2, 3, 4)
 
 
 @pytest.mark.parametrize(("terminals", "instruments"), [(0, 2), (2, 0), (4, 1)])

@@ -30,7 +30,7 @@ def queries() -> list[FitQuery]:
     found = []
     for plan in plans:
         scene = plan.scenario
-        cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft.device_names)
+        cones = tabulate(scene.keep_out, scene.keep_in, scene.spacecraft)
         found.append(
             FitQuery(path=plan.path, spacecraft=scene.spacecraft, settings=TrajectorySettings(), cones=cones)
         )

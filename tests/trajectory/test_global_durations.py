@@ -188,7 +188,7 @@ def test_rates_at_the_ends_are_met_among_zones(seed, duration):
         path,
         craft,
         TrajectorySettings(duration=duration),
-        cones=tabulate((zone,), (), craft.device_names),
+        cones=tabulate((zone,), (), craft),
         start_angular_velocity=rates[0, :3],
         start_joint_rates=rates[0, 3:],
         end_angular_velocity=rates[1, :3],
@@ -211,7 +211,7 @@ def test_a_goal_within_a_zone_is_no_success_and_names_the_device(duration):
     craft, path = make_spacecraft(0, 2), wandering(6, 0, seed=0, step=0.2)
     axis = path.attitudes[-1] @ craft.instruments[1].boresight
     zone = KeepOut(name="sun", direction=axis, half_angle=np.deg2rad(5.0), devices=("camera-2",))
-    cones = tabulate((zone,), (), craft.device_names)
+    cones = tabulate((zone,), (), craft)
     fit = fit_global(path, craft, TrajectorySettings(duration=duration), cones=cones)
     assert fit.status is Status.UNCERTIFIED
     assert 4.9 <= float(re.search(r"camera-2 breaks a zone by ([\d.]+) deg", fit.message).group(1)) <= 5
@@ -242,7 +242,7 @@ def test_random_scenes_are_certified_at_any_duration(kind):
         assert plan.certificate.certified
         assert_kept(plan.trajectory, craft, zones, count=501)
         above.append(plan.trajectory.duration / bound_of(plan.trajectory, craft) - 1)
-        cones = tabulate(scenario.keep_out, scenario.keep_in, craft.device_names)
+        cones = tabulate(scenario.keep_out, scenario.keep_in, craft)
         slow = fit_global(plan.path, craft, TrajectorySettings(duration=80.0), cones=cones)
         assert slow.status is Status.OK, (seed, slow.message)
         assert prove(scenario, plan.goal, slow.trajectory).certified, seed

@@ -179,7 +179,7 @@ def test_slopes_of_loads_and_margins_are_those_of_differences(dynamic, jerky):
         craft = replace(craft, inertia=FULL, torque_limit=0.1, wheel_momentum_limit=np.array([1.0, 2.0, 3.0]))
     if jerky:
         craft = replace(craft, jerk_limit=0.1, rate_norm_limit=0.2, acceleration_norm_limit=0.3)
-    zones = tabulate(ZONES[:2], ZONES[2:], craft.device_names)
+    zones = tabulate(ZONES[:2], ZONES[2:], craft)
     problem = problem_of(wandering(5, 3, seed=1, step=0.4), craft, zones)
     stack = stack_at([problem, problem], np.linspace(0.1, 0.9, 4))
     curves = rng.normal(size=(2, 4, 4, 9))  # the second of two is looked at

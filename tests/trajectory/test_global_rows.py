@@ -92,7 +92,7 @@ def stack():
         [kind(name=f"{i}", direction=axes[i], half_angle=1.0, devices=craft.device_names) for i in numbers]
         for kind, numbers in ((KeepOut, (0, 1)), (KeepIn, (2, 3)))
     )
-    cones = tabulate(out, inside, craft.device_names)
+    cones = tabulate(out, inside, craft)
     problem = problem_of(wandering(5, 3, seed=1, step=0.4), craft, cones)
     return stack_at([problem, problem], PLACES, ROWS)
 

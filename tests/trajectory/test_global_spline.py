@@ -38,7 +38,7 @@ def exact(name):
 def zones_of(name):
     case = paper_case(int(name[-1]))
     zones = (*case.keep_out, *case.keep_in)
-    return zones, tabulate(case.keep_out, case.keep_in, CRAFT.device_names)
+    return zones, tabulate(case.keep_out, case.keep_in, CRAFT)
 
 
 @names

@@ -29,7 +29,7 @@ CONES = tabulate(
         KeepIn(name=f"k{k}", direction=-d, half_angle=2.0, devices=CRAFT.device_names[:1], any_of=group)
         for k, (d, group) in enumerate(zip(np.eye(3), (None, "g", "g"), strict=True))
     ],
-    CRAFT.device_names,
+    CRAFT,
 )
 
 SIGHTS = CONES.sights(CRAFT.mounts, CRAFT.fixed_boresights)
