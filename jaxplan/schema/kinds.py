@@ -282,7 +282,7 @@ class Epoch(Kind):
         return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-_CALLED = {"gimbal": "device with joints"}  # in messages
+_CALLED = {"gimbal": "jointed device"}  # in messages
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class Name(Kind):
         known = place.reading.names.get(self.noun)
         if known is not None and value not in known:
             called = _CALLED.get(self.noun, self.noun)
-            return place.fault(f"no such {called}, {nearest(value, known, 'devices')}", value)
+            return place.fault(f"no such {called}, {nearest(value, known, f'{called}s')}", value)
         return value
 
 
@@ -351,7 +351,8 @@ class ByName(Kind):
 
     @property
     def wanted(self) -> str:
-        return f"a table {f'from names of {_CALLED.get(self.noun, self.noun)} to' if self.noun else 'of'} numbers"
+        called = _CALLED.get(self.noun, self.noun)
+        return f"a table {f'from names of {called}s to' if self.noun else 'of'} numbers"
 
     def read(self, value: Any, place: Place) -> Any:
         if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
@@ -360,7 +361,8 @@ class ByName(Kind):
         known = place.reading.names.get(self.noun)
         unknown = [name for name in value if known is not None and name not in known]
         for name in unknown:
-            place[name].fault(f"no such {self.noun}, {nearest(name, known or (), f'{self.noun}s')}")
+            called = _CALLED.get(self.noun, self.noun)
+            place[name].fault(f"no such {called}, {nearest(name, known or (), f'{called}s')}")
         read = {name: self.of.read(number, place[name]) for name, number in value.items()}
         return WRONG if unknown or WRONG in read.values() else read
 
