@@ -27,10 +27,10 @@ import numpy as np
 from jax import export
 
 from jaxplan import so3
-from jaxplan.goal.caps import GoalProblem, leaves_open
+from jaxplan.goal.problem import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
@@ -83,7 +83,7 @@ def hold(plan: Plan) -> Held:
         ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
             shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
             another limit is about to bind, or its goal leans on what step 1 leaves open
-            (`jaxplan.goal.caps.leaves_open`).
+            (`jaxplan.goal.problem.leaves_open`).
     """
     clear_if_full()
     expect("plan", plan, Plan, _A_PLAN)
@@ -115,8 +115,9 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
     if not _goal_is_optimal(plan.scenario, goal):
         raise ValueError(
-            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
-            "turn, and how it moves with that is not known"
+            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that "
+            "these turn, on what a device prefers, or on where a device without a target makes way, and how it "
+            "moves with that is not known"
         )
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
@@ -136,6 +137,8 @@ def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
     if isinstance(asked, GivenState):
         return True
     targets = asked.at(goal.time)
+    if targets.prefer or _has_moved(scenario, asked, goal):
+        return False
     start = scenario.start
     if not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
         return True
@@ -144,6 +147,15 @@ def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
             _place(goal), craft, start.attitude, targets, rows, start_joints=start.joints
         )
     return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
+
+
+def _has_moved(scenario: Scenario, targets: Targets, goal: Goal) -> bool:
+    """Whether a device without a target has left its place at the start, and not by a range alone."""
+    craft = scenario.spacecraft
+    aimed, gimbals = targets.numbers(craft), craft.gimbals
+    free = [number for number in range(gimbals.count) if number not in aimed]
+    own = [*gimbals.yaws[free], *gimbals.pitches[[number for number in free if number < gimbals.terminals]]]
+    return bool(np.any(np.asarray(goal.joints)[own] != np.asarray(scenario.start.joints)[own]))
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:

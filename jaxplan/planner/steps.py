@@ -12,6 +12,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, tracking_rates
+from jaxplan.goal.rates import least_rates
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
@@ -89,6 +90,8 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
     asked = scenario.goal
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
+    elif asked.prefer:  # the optimum that `tracking_rates` follows knows of no wishes
+        rates = least_rates(scenario.spacecraft, asked, goal, asked.rates(time))
     else:
         rates = tracking_rates(goal, **pursuit(scenario, asked, time))
     return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
