@@ -46,7 +46,7 @@ class _Motions(base.MotionValidator):
         resolution: float,
     ) -> None:
         super().__init__(information)
-        self.motion = np.zeros((2, 4 + len(scene.joint_limits)))
+        self.motion = np.zeros((2, 4 + len(scene.joint_ranges[:, 1])))
         self.first, self.last = (_make_capsule(row.ctypes.data, _POINTER, None) for row in self.motion)
         self.copy = space.serialize
         self.check, self.arguments = check, (scene.mounts, zone_table(scene), resolution)
@@ -80,7 +80,7 @@ class Rival:
         self.scene, self.extent = scene, extent
         self.space = base.CompoundStateSpace()
         self.space.addSubspace(base.SO3StateSpace(), 2.0)
-        self.space.addSubspace(_box(scene.joint_limits), 1.0)
+        self.space.addSubspace(_box(scene.joint_ranges[:, 1]), 1.0)
         self.setup = geometric.SimpleSetup(self.space)
         self.information = self.setup.getSpaceInformation()
         self.motions = _Motions(self.information, self.space, scene, check, resolution)

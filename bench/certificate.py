@@ -38,7 +38,7 @@ def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, fl
             (s.angular_acceleration, craft.acceleration_limit),
             (s.joint_rates, craft.joint_rate_limits),
             (s.joint_accelerations, craft.joint_acceleration_limits),
-            (s.joints, craft.joint_limits),
+            (s.joints, craft.joint_ranges[:, 1]),
         ):
             ratio = np.maximum(ratio, np.abs(values / limit).max(initial=0))
     return float(least), float(ratio)

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import Certificate
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
@@ -55,6 +56,55 @@ def make_spacecraft(terminals: int = 3, instruments: int = 0) -> Spacecraft:
     return spacecraft_of(mounts, {f"camera-{i + 1}": axis for i, axis in enumerate(axes)})
 
 
+def make_observer(jerk_limit: float | None = None) -> Spacecraft:
+    """An Earth observer: no two devices, axes, joints or limits of it are alike, and no range is about zero.
+
+    A telescope and two trackers are fixed to it. An antenna on an oblique face yaws by more than a turn, and
+    its pitch only lifts. A solar array turns about y, its normal off the axis by 80 deg.
+    """
+    face, edge = unit([0.6, -0.48, 0.64]), unit([0.8, 0.36, -0.48])  # at right angles
+    return Spacecraft(
+        terminals=(
+            Terminal(
+                name="antenna",
+                mounting=Mount(yaw_axis=face, boresight=edge),
+                yaw_range=np.deg2rad([-150.0, 290.0]),
+                pitch_range=np.deg2rad([-5.0, 85.0]),
+                yaw_rate_limit=np.deg2rad(4.0),
+                pitch_rate_limit=np.deg2rad(2.0),
+                yaw_acceleration_limit=np.deg2rad(1.5),
+                pitch_acceleration_limit=np.deg2rad(1.0),
+            ),
+        ),
+        drives=(
+            Drive(
+                name="array",
+                axis=np.array([0.0, 1.0, 0.0]),
+                boresight=direction(-np.pi / 2, np.deg2rad(10.0))[[0, 2, 1]],
+                range=np.deg2rad([-120.0, 200.0]),
+                rate_limit=np.deg2rad(1.2),
+                acceleration_limit=np.deg2rad(0.4),
+            ),
+        ),
+        instruments=(
+            Instrument(name="telescope", boresight=np.array([0.0, 0.0, 1.0])),
+            Instrument(name="tracker-1", boresight=np.array([0.0, 0.8, -0.6])),
+            Instrument(name="tracker-2", boresight=np.array([0.0, -0.8, -0.6])),
+        ),
+        rate_limit=np.deg2rad([1.5, 1.2, 0.8]),
+        rate_norm_limit=np.deg2rad(1.8),
+        acceleration_limit=np.deg2rad(0.5),
+        jerk_limit=jerk_limit,
+    )
+
+
+def gimbals_about_z(mounts) -> Gimbals:
+    """Gimbals of terminals mounted at angles about z."""
+    angles = np.asarray(mounts, float)
+    frames = Rotation.from_euler("z", angles[:, None]).as_matrix() if len(angles) else np.zeros((0, 3, 3))
+    return Gimbals(frames=frames, tilts=np.zeros(0))
+
+
 def named_craft(*names: str, terminals: int = 0) -> Spacecraft:
     """A spacecraft whose devices have these names, the first ones terminals, in no special direction."""
     craft = make_spacecraft(terminals, len(names) - terminals)
@@ -89,7 +139,7 @@ def make_scenario(
     craft = make_spacecraft(terminals, instruments)
     start = Rotation.random(rng=rng)
     states = [
-        at_rest(attitude.as_rotvec(), rng.uniform(-0.9, 0.9, 2 * terminals) * craft.joint_limits)
+        at_rest(attitude.as_rotvec(), rng.uniform(-0.9, 0.9, 2 * terminals) * craft.joint_ranges[:, 1])
         for attitude in (start, start * Rotation.from_rotvec(turn))
     ]
     return Scenario(

@@ -26,7 +26,7 @@ def shares(trajectory, craft, count=3001):
     found = {
         "rate": rate / craft.rate_limit,
         "acceleration": acceleration / craft.acceleration_limit,
-        "range": angles / craft.joint_limits,
+        "range": (angles - craft.joint_ranges.mean(axis=1)) / (np.ptp(craft.joint_ranges, axis=1) / 2),
         "joint rate": joint_rates / craft.joint_rate_limits,
         "joint acceleration": joint_accelerations / craft.joint_acceleration_limits,
     }

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from reference import angle, seen
+from reference import angle, gimbal_angles, seen
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
@@ -63,22 +63,24 @@ def table_of(rows, devices, *, body=(), carrier=(), carried=(), size=0):
 
 
 def seen_by(craft, rows, joints):
-    """(k, S, 3) sights in body axes at joints (k, 2n)."""
-    count, length = len(craft.mounts), len(joints)
+    """(k, S, 3) sights in body axes at joints (k, 2n + d)."""
+    azimuth, elevation = gimbal_angles(craft.gimbals, joints)
+    length = len(joints)
     turns = [
-        Rotation.from_euler("ZY", np.stack([joints[:, i] + craft.mounts[i], -joints[:, count + i]], axis=1))
-        for i in range(count)
+        Rotation.from_matrix(np.array(frame)) * Rotation.from_euler("ZY", np.stack([about, -lift], axis=1))
+        for frame, about, lift in zip(craft.gimbals.frames, azimuth.T, elevation.T, strict=True)
     ]
     still = [np.tile(vector, (length, 1)) for vector in (*craft.fixed_boresights, *rows.body)]
     carried = [turns[of].apply(vector) for of, vector in zip(rows.carrier, rows.carried, strict=True)]
     return np.stack([*(turn.apply([1.0, 0, 0]) for turn in turns), *still, *carried], axis=1)
 
 
-def row_values(rows, number, sights, attitudes, joints, time=None):
+def row_values(craft, rows, number, sights, attitudes, joints, time=None):
     """(k, B) angles of the sights that a row binds to its axis, of a row of joints ``f . (yaw, pitch)``."""
     axis, bound = rows.axis[number], np.flatnonzero(rows.bound[number])
     if rows.frame[number] == JOINTS:
-        return axis[0] * joints[:, bound] + axis[1] * joints[:, joints.shape[1] // 2 + bound]
+        azimuth, elevation = gimbal_angles(craft.gimbals, joints)
+        return axis[0] * azimuth[:, bound] + axis[1] * elevation[:, bound]
     along = np.broadcast_to(axis, (len(joints), 3))
     if rows.frame[number] == SIGHT:
         along = sights[:, rows.partner[number]]
@@ -93,7 +95,7 @@ def pair_margins_of(craft, rows, attitudes, joints, time=None):
     found, sights = np.full((len(joints), *rows.bound.shape), np.inf), seen_by(craft, rows, joints)
     for number in np.flatnonzero(np.any(rows.bound, axis=1)):
         side = 1.0 if rows.frame[number] == JOINTS else rows.side[number]
-        value = row_values(rows, number, sights, attitudes, joints, time)
+        value = row_values(craft, rows, number, sights, attitudes, joints, time)
         found[:, number, rows.bound[number]] = side * (value - rows.half_angle[number])
     return found
 

@@ -48,10 +48,18 @@ class Problem:
 
     @property
     def limits(self) -> np.ndarray:
+        """(2n,) rad, of ranges to either side."""
         tighter = [
             np.inf if limit is None else limit for limit in (self.targets.yaw_limit, self.targets.pitch_limit)
         ]
-        return np.minimum(self.spacecraft.joint_limits, np.repeat(tighter, len(self.spacecraft.terminals)))
+        ranges = self.spacecraft.joint_ranges
+        np.testing.assert_array_equal(ranges[:, 0], -ranges[:, 1])
+        return np.minimum(ranges[:, 1], np.repeat(tighter, len(self.spacecraft.terminals)))
+
+    @property
+    def mounts(self) -> np.ndarray:
+        """(n,) rad, of terminals that yaw about z."""
+        return np.array([terminal.mount for terminal in self.spacecraft.terminals])
 
 
 def make_problem(
@@ -162,7 +170,7 @@ class Printed:
 
     def __init__(self, problem: Problem) -> None:
         craft = problem.spacecraft
-        self.mounts, self.count, self.limits = craft.mounts, len(craft.terminals), problem.limits
+        self.mounts, self.count, self.limits = problem.mounts, len(craft.terminals), problem.limits
         self.directions = problem.targets.directions @ problem.start
         self.boresights, self.cones = craft.fixed_boresights, problem.cones
         self.cone_axes = problem.cones.axis @ problem.start

@@ -25,7 +25,7 @@ def table(rows: list[dict], body: np.ndarray, size: int = 16, **carried: np.ndar
 def joints_at(problem: Problem, attitudes: np.ndarray) -> np.ndarray:
     """(..., 4) rad, yaws and pitches at which the terminals point at their targets."""
     body = problem.targets.directions @ attitudes
-    yaw = np.arctan2(body[..., 1], body[..., 0]) - problem.spacecraft.mounts
+    yaw = np.arctan2(body[..., 1], body[..., 0]) - problem.mounts
     yaw = np.mod(yaw + np.pi, 2 * np.pi) - np.pi
     return np.concatenate([yaw, np.arcsin(np.clip(body[..., 2], -1, 1))], axis=-1)
 

@@ -1,8 +1,9 @@
 """Directions, motions and margins in plain numpy and scipy, from their definitions.
 
 Nothing here is shared with the package. Angles in rad, times in s, attitudes body to inertial; ``craft`` is
-whatever has ``mounts`` (n,) and ``fixed_boresights`` (i, 3): a spacecraft, or a scene of the search. There
-are D = n + i devices, terminals first; joints are all yaws, then all pitches.
+whatever has ``gimbals``, with ``frames`` (n + d, 3, 3) and ``tilts`` (d,), and ``fixed_boresights`` (i, 3): a
+spacecraft, or a scene of the search. There are D = n + d + i devices, terminals, drives and instruments;
+joints are all yaws, all pitches, and the angles of all drives.
 """
 
 from itertools import pairwise
@@ -55,11 +56,20 @@ def angle(first, second):
     return np.arctan2(np.linalg.norm(np.cross(first, second), axis=-1), np.sum(first * second, axis=-1))
 
 
+def gimbal_angles(gimbals, joints):
+    """Azimuth and elevation (..., n + d) in the axes of each gimbal, of joints (..., 2n + d)."""
+    joints, drives = np.asarray(joints), len(gimbals.tilts)
+    count = len(gimbals.frames) - drives
+    yaws, pitches, angles = np.split(joints, [count, 2 * count], axis=-1)
+    tilts = np.broadcast_to(gimbals.tilts, angles.shape)
+    return np.concatenate([yaws, angles], axis=-1), np.concatenate([pitches, tilts], axis=-1)
+
+
 def boresights(craft, attitudes, joints):
-    """(..., D, 3) inertial, by equation (13), of attitudes (..., 3, 3) and joints (..., 2n)."""
-    yaw, pitch = np.split(np.asarray(joints), 2, axis=-1)
-    moving = direction(yaw + craft.mounts, pitch)
-    fixed = np.broadcast_to(craft.fixed_boresights, (*yaw.shape[:-1], *craft.fixed_boresights.shape))
+    """(..., D, 3) inertial, by equation (13), of attitudes (..., 3, 3) and joints (..., 2n + d)."""
+    azimuth, elevation = gimbal_angles(craft.gimbals, joints)
+    moving = np.einsum("gij,...gj->...gi", craft.gimbals.frames, direction(azimuth, elevation))
+    fixed = np.broadcast_to(craft.fixed_boresights, (*azimuth.shape[:-1], *craft.fixed_boresights.shape))
     return np.concatenate([moving, fixed], axis=-2) @ np.swapaxes(attitudes, -1, -2)
 
 
@@ -103,7 +113,8 @@ def assert_leads(scene, path):
     np.testing.assert_allclose(path.attitudes[0], scene.start_attitude, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(path.attitudes[-1], scene.goal_attitude)
     np.testing.assert_array_equal(path.joints[[0, -1]], [scene.start_joints, scene.goal_joints])
-    assert_each(np.abs(path.joints), "<=", scene.joint_limits + 1e-12)
+    assert_each(path.joints, ">=", scene.joint_ranges[:, 0] - 1e-12)
+    assert_each(path.joints, "<=", scene.joint_ranges[:, 1] + 1e-12)
     np.testing.assert_allclose(path.edge_costs, step_costs(scene, path), rtol=0, atol=1e-9)
     assert_each(path.edge_costs, "<=", 1 + 1e-9)
 

@@ -111,7 +111,7 @@ def angles_toward(frames: AnyArray, attitude: AnyArray, directions: AnyArray) ->
 def angles_along(frames: AnyArray, body: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Azimuth and elevation, (..., g) rad each, of directions (..., g, 3) in body axes, one a gimbal."""
     xp = array_module(frames, body)
-    return azimuth_elevation(xp.sum(body[..., :, None] * frames, axis=-2))
+    return azimuth_elevation(xp.sum(body[..., :, None] * frames.astype(body.dtype), axis=-2))
 
 
 @shown("frames", "tilts deg")

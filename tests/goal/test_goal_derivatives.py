@@ -43,7 +43,7 @@ def inputs_of(problem: Problem) -> Inputs:
         "turn": np.zeros(3),
         "targets": targets.directions,
         "mounts": craft.mounts,
-        "own limits": craft.joint_limits,
+        "own limits": craft.joint_ranges[:, 1],
         "boresights": craft.fixed_boresights,
         "cones": problem.cones.axis,
         "body": problem.cones.body,

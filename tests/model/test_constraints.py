@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from builders import gimbals_about_z
 from kinds import pair_margins_of
 from reference import assert_each, random_units
 from scipy.spatial.transform import Rotation
@@ -38,7 +39,7 @@ TERMINALS = 2
 def craft_sights():
     """Two terminals, an instrument and an axis of the body, and two more vectors of the second terminal."""
     return Sights(
-        mounts=np.array([0.3, -2.0]),
+        gimbals=gimbals_about_z([0.3, -2.0]),
         fixed=random_units(RNG, 2),
         carrier=np.array([1, 1]),
         carried=random_units(RNG, 2),
@@ -70,12 +71,12 @@ def every_kind():
         inner=True,
         nested=True,
     )
-    return rows, rows.sights(own.mounts, own.fixed[:1])
+    return rows, rows.sights(own.gimbals, own.fixed[:1])
 
 
 def margins_one_by_one(attitude, joints):
     """(Z, S) rad, each by itself."""
-    craft = SimpleNamespace(mounts=SIGHTS.mounts, fixed_boresights=SIGHTS.fixed[:1])
+    craft = SimpleNamespace(gimbals=SIGHTS.gimbals, fixed_boresights=SIGHTS.fixed[:1])
     return pair_margins_of(craft, ROWS, attitude[None], joints[None])[0]
 
 
@@ -100,7 +101,7 @@ def test_scores_are_below_thresholds_just_where_margins_keep_the_clearance():
         attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints()
         sights = SIGHTS.in_body(joints)
         axes = axes_in_body(ROWS, ROWS.axis @ attitude, sights)
-        score = scores(ROWS, sights @ axes.T, joint_values(ROWS, joints))  # (S, Z)
+        score = scores(ROWS, sights @ axes.T, joint_values(ROWS, SIGHTS.gimbals, joints))  # (S, Z)
         margin = np.where(ROWS.bound.T, margins_of_scores(ROWS, score), np.inf)
         np.testing.assert_allclose(margin.T, state_margins(ROWS, SIGHTS, attitude, joints), atol=1e-7)
         asked = np.minimum(clearance, room(ROWS))
@@ -118,7 +119,7 @@ def test_bounds_over_a_motion_hold_between_its_ends_for_every_kind_of_pair():
         turned = (attitude * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
         sights = SIGHTS.in_body(joints)
         axes = axes_in_body(ROWS, ROWS.axis @ turned, sights)
-        score = scores(ROWS, sights @ np.swapaxes(axes, 1, 2), joint_values(ROWS, joints))
+        score = scores(ROWS, sights @ np.swapaxes(axes, 1, 2), joint_values(ROWS, SIGHTS.gimbals, joints))
         bend = score_curvature(ROWS, np.linalg.norm(turn), *SIGHTS.bounds(change))
         bound = edge_bound(score[0], score[-1], bend / 2)
         above = bound - score.max(axis=0)

@@ -36,6 +36,7 @@ OPTIONAL = {
 }
 JOINTS = {"rate_limit": 0.01, "acceleration_limit": 0.002, "yaw_limit": 3.0, "pitch_limit": 1.0}
 EVERY = craft(2, joints=JOINTS, **OPTIONAL)
+RIGID = craft(0, inertia=INERTIA)
 
 
 def by_name(spacecraft):
@@ -128,12 +129,12 @@ def test_torque_is_the_change_of_the_momentum_in_inertial_axes():
     found = trajectory.sample(time)
     change = (momentum(time + step) - momentum(time - step)) / (2 * step)
     expected = np.einsum("kij,ki->jk", found.attitude, change)
-    np.testing.assert_allclose(found.kinematics(INERTIA).torque, expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(found.kinematics(RIGID).torque, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_quantities_of_a_motion_are_those_of_its_definition():
     trajectory, time = manoeuvre(8, terminals=2, wiggle=0.4), np.linspace(0.5, 79.5, 20)
-    motion = trajectory.sample(time).kinematics(INERTIA)
+    motion = trajectory.sample(time).kinematics(RIGID)
     spin, joints = spin_of(trajectory, time), joints_of(trajectory, time)
     expected = {
         "angular_velocity": spin[0],
@@ -161,7 +162,7 @@ def test_powers_of_time_are_exact():
     for slower in (0.5, 2.0, 3.7):
         at = np.minimum(slower * time, np.nextafter(slower * trajectory.duration, 0))
         motion, slow = (
-            curve.sample(own).kinematics(INERTIA)
+            curve.sample(own).kinematics(RIGID)
             for curve, own in ((trajectory, time), (trajectory.scaled(slower), at))
         )
         for limit in limits(EVERY):
@@ -274,7 +275,7 @@ def test_a_motion_scaled_to_its_limits_just_keeps_the_one_that_binds(binding):
     peaks = peaks_of(trajectory, own)
     slow = trajectory.scaled(peaks.stretch)
     both_sides = [np.linspace(0, slow.duration, 20_001), slow.breaks, np.nextafter(slow.breaks[1:], 0)]
-    motion = slow.sample(np.concatenate(both_sides)).kinematics(INERTIA)  # the jerk jumps at breaks
+    motion = slow.sample(np.concatenate(both_sides)).kinematics(RIGID)  # the jerk jumps at breaks
     shares = {limit.quantity.name: np.max(limit.shares(motion)) for limit in limits(own)}
     assert max(shares, key=lambda name: shares[name]) == binding
     assert shares[binding] == pytest.approx(1, abs=1e-3)

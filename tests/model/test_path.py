@@ -3,12 +3,12 @@
 import jax
 import numpy as np
 import pytest
-from builders import named_craft
+from builders import gimbals_about_z, named_craft
 from quick import quick_jit
 from reference import assert_each, boresights, direction, random_units
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model import path, spacecraft, zones
+from jaxplan.model import path, zones
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepIn, KeepOut
 
@@ -26,7 +26,7 @@ class Scene:
     def __init__(self, terminals, instruments, seed=0):
         rng = np.random.default_rng((seed, terminals, instruments))
         self.terminals, self.instruments = terminals, instruments
-        self.mounts = rng.uniform(-np.pi, np.pi, terminals)
+        self.gimbals = gimbals_about_z(rng.uniform(-np.pi, np.pi, terminals))
         self.fixed_boresights = random_units(rng, instruments)
         names = device_names(terminals, instruments)
 
@@ -43,7 +43,7 @@ class Scene:
             if names
         ]
         self.cones = zones.tabulate(self.keep_out, self.keep_in, named_craft(*names, terminals=terminals))
-        self.sights = self.cones.sights(self.mounts, self.fixed_boresights)
+        self.sights = self.cones.sights(self.gimbals, self.fixed_boresights)
 
     def edges(self, count, scale, seed=1):
         """Random edges: attitude, joints, turn, joint change, each with a leading axis."""
@@ -127,7 +127,7 @@ def yaw_and_pitch_edge(keep_out, keep_in, joints, joint_change, intervals):
     cones = zones.tabulate(keep_out, keep_in, named_craft("t0", terminals=1))
     bound = jax.jit(path.edge_margins, static_argnums=6)
     edge = (np.eye(3), np.array(joints), np.zeros(3), np.array(joint_change))
-    return np.asarray(bound(cones, cones.sights(np.zeros(1), np.zeros((0, 3))), *edge, intervals))
+    return np.asarray(bound(cones, cones.sights(gimbals_about_z([0.0]), np.zeros((0, 3))), *edge, intervals))
 
 
 def test_edge_margins_lose_nothing_where_the_angle_to_the_axis_is_monotone():
@@ -173,7 +173,9 @@ def test_edge_margins_have_finite_derivatives_at_rest_and_in_motion(mode):
 def direction_curvature(turn, change, instruments):
     """(..., D) bound of the second derivative of every inertial boresight, from those seen from the body."""
     terminals = change.shape[-1] // 2
-    sights = zones.tabulate([], [], named_craft()).sights(np.zeros(terminals), np.zeros((instruments, 3)))
+    sights = zones.tabulate([], [], named_craft()).sights(
+        gimbals_about_z(np.zeros(terminals)), np.zeros((instruments, 3))
+    )
     rate, bend = sights.bounds(change)
     spin = np.asarray(turn)[..., None]
     return spin**2 + 2 * spin * rate + bend
@@ -188,10 +190,7 @@ def test_direction_curvature_bounds_the_second_derivative(terminals):
 
     def directions(s, attitude, joints, turn, change):
         attitudes, angles = path.motion(attitude, joints, turn, change, s[None])
-        return (
-            spacecraft.body_boresights(scene.mounts, scene.fixed_boresights, angles)
-            @ attitudes.swapaxes(-1, -2)
-        )[0]
+        return (scene.sights.in_body(angles) @ attitudes.swapaxes(-1, -2))[0]
 
     second = quick_jit(
         jax.vmap(jax.vmap(jax.jacfwd(jax.jacfwd(directions)), (0, *[None] * 4)), (None, 0, 0, 0, 0))

@@ -64,7 +64,7 @@ def test_a_file_is_read_in_radians_and_seconds():
     s = sc.load_scenario(EVERY_KEY)
     craft = s.spacecraft
     assert (s.name, craft.device_names) == ("every key", ("fore", "aft", "star-tracker"))
-    np.testing.assert_allclose(craft.joint_limits, np.deg2rad([180, 90, 15.5, 30]), rtol=1e-15)
+    np.testing.assert_allclose(craft.joint_ranges[:, 1], np.deg2rad([180, 90, 15.5, 30]), rtol=1e-15)
     np.testing.assert_allclose(craft.joint_rate_limits, np.deg2rad([4, 5, 4, 5]), rtol=1e-15)
     np.testing.assert_allclose(craft.joint_acceleration_limits, np.deg2rad([3, 2.1, 3, 2.1]), rtol=1e-15)
     limits = [craft.rate_limit, craft.acceleration_limit, *craft.jerk_limit]

@@ -228,14 +228,14 @@ def test_every_second_state_that_is_drawn_holds_what_is_to_be_held_if_it_can():
     scene, _ = random_scene("held_links", 2)
     states = draw(scene, np.random.default_rng(3), 400)
     attitudes = scene.start_attitude @ Rotation.from_quat(states[:, :4], scalar_first=True).as_matrix()
-    assert_each(np.abs(states[:, 4:]), "<=", scene.joint_limits)
+    assert_each(np.abs(states[:, 4:]), "<=", scene.joint_ranges[:, 1])
     seen = boresights(scene, attitudes, states[:, 4:])
     held, axes = list(scene.held_axes), np.stack(list(scene.held_axes.values()))
     on_axis = np.all(np.sum(seen[:, held] * axes, axis=-1) > 1 - 1e-12, axis=-1)
     np.testing.assert_array_equal(on_axis[::2], False)
     assert np.mean(on_axis[1::2]) > 0.3
     uniform = states[::2]
-    assert_each(np.abs(np.mean(uniform[:, 4:], axis=0)), "<", 0.15 * scene.joint_limits)
+    assert_each(np.abs(np.mean(uniform[:, 4:], axis=0)), "<", 0.15 * scene.joint_ranges[:, 1])
     assert_each(np.abs(np.mean(uniform[:, :4] ** 2, axis=0) - 0.25), "<", 0.06)
 
 

@@ -218,14 +218,14 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
     scene = SCENES["four terminals"]()
     rng = np.random.default_rng(1)
     near = scene.goal_joints + 0.5 * scene.joint_steps * np.array([1, -1, 0, 3, 0.9, -4, 0.1, 1])
-    near = np.clip(near, -scene.joint_limits, scene.joint_limits)
+    near = np.clip(near, -scene.joint_ranges[:, 1], scene.joint_ranges[:, 1])
     node = Node(np.concatenate([scene.goal_quaternion, np.zeros(3), near]), 0.0, 1.0, None)
     moves = paper.propose(scene, node, rng, make_scenario().search, 0)
     ends = near + chosen(moves.options[0], moves.choice)
     whole = np.isclose(np.abs(ends - near), scene.joint_steps)
     on_goal = np.isclose(ends, scene.goal_joints) & (np.abs(near - scene.goal_joints) <= scene.joint_steps)
     np.testing.assert_array_equal(whole | on_goal, True)
-    assert_each(np.abs(ends[moves.allowed[0]]), "<=", scene.joint_limits + 1e-12)
+    assert_each(np.abs(ends[moves.allowed[0]]), "<=", scene.joint_ranges[:, 1] + 1e-12)
     assert not np.any(moves.allowed[1:]), "on the goal attitude there is one attitude move"
     states = ends[moves.allowed[0]]
     assert len(np.unique(np.round(states, 9), axis=0)) == len(states) or len(states) <= paper.JOINT_MOVES
@@ -234,11 +234,11 @@ def test_printed_moves_are_whole_steps_or_end_on_the_goal():
 def test_default_moves_stay_within_the_limits_and_include_the_direct_one():
     scene = SCENES["four terminals"]()
     rng = np.random.default_rng(2)
-    at_limit = scene.joint_limits * np.sign(rng.standard_normal(8))
+    at_limit = scene.joint_ranges[:, 1] * np.sign(rng.standard_normal(8))
     node = Node(np.concatenate([make_root(scene).packed[:7], at_limit]), 0.0, 1.0, None)
     moves: Moves = mha.propose(scene, node, rng, make_scenario().search, 1)
     ends = at_limit + chosen(moves.options[0], moves.choice)
-    assert_each(np.abs(ends), "<=", scene.joint_limits + 1e-12)
+    assert_each(np.abs(ends), "<=", scene.joint_ranges[:, 1] + 1e-12)
     cost = steps_between(scene, np.linalg.norm(moves.turns, axis=1)[:, None], ends - at_limit)
     assert_each(cost, "<=", mha.SCALES[1] + 1e-12)
     longest = 0.1 * mha.SCALES[1]

@@ -82,7 +82,7 @@ def assert_sound(scene: Scene, settings: SearchSettings, given: Path, smoothed: 
     products = np.swapaxes(smoothed.attitudes, 1, 2) @ smoothed.attitudes
     np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), atol=1e-12)
     ends = np.maximum(np.abs(scene.start_joints), np.abs(scene.goal_joints))
-    reserved = scene.joint_limits - JOINT_RESERVE * scene.joint_steps
+    reserved = scene.joint_ranges[:, 1] - JOINT_RESERVE * scene.joint_steps
     most = np.max(np.abs(np.concatenate([given.joints, [reserved, ends]])), axis=0)
     assert_each(np.abs(smoothed.joints), "<=", most + 1e-12)
     margins, had = edge_margins(scene, smoothed, 17), edge_margins(scene, given, 17).min()
@@ -129,7 +129,7 @@ def test_a_detour_around_nothing_becomes_the_straight_motion():
         scene = scene_of(scenario)
         aside = Rotation.from_rotvec([0.2, 0.8, -0.5]).as_quat(scalar_first=True)
         turned = np.stack([[1.0, 0.0, 0.0, 0.0], aside, scene.goal_quaternion])
-        joints = np.stack([scene.start_joints, 0.5 * scene.joint_limits, scene.goal_joints])
+        joints = np.stack([scene.start_joints, 0.5 * scene.joint_ranges[:, 1], scene.goal_joints])
         path = subdivide(scene, np.concatenate([turned, joints], axis=1))
         smoothed = smooth(scene, scenario.search, path)
         assert_sound(scene, scenario.search, path, smoothed)

@@ -85,7 +85,7 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
     rates = craft.joint_rate_limits * duration, craft.joint_acceleration_limits * duration**2
     # There is no tube where nodes are passed exactly.
     radius = discrete.tube_radius if len(discrete.tube_rows) else []
-    scales = np.concatenate([*rates, craft.joint_limits, radius])
+    scales = np.concatenate([*rates, craft.joint_ranges[:, 1], radius])
     found = inputs.scales * duration**inputs.powers
     np.testing.assert_allclose(found[: len(scales)], scales, rtol=1e-12)
 
