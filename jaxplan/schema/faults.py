@@ -6,6 +6,7 @@ made in Python it names attributes instead, and the unit.
 """
 
 import difflib
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -97,9 +98,11 @@ class Reading:
         names: that may be referred to, by what they name ("device", "terminal", ...); any where None.
         sizes: lengths of arrays by their names; any where None, set by the first array where absent.
         terminals: how many there must be, None where that cannot be told.
+        folder: to which paths in the file are relative.
     """
 
     python = False
+    folder: str | os.PathLike[str] = ""
     root = "the file"
 
     def __init__(
