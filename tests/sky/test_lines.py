@@ -110,7 +110,7 @@ def test_a_least_elevation_makes_spans_longer_to_just_where_it_is_reached():
 def test_other_spheres_hide_what_is_behind_them_however_short():
     # a station that passes straight between, and once 60 km beside the line
     behind = sky.CircularOrbit(altitude=700.0, inclination=1.7, node=0.2, latitude=1.1)
-    times = np.linspace(0, 600, 600001)
+    times = np.linspace(0, 600, 60001)
     passing = sky.CircularOrbit(altitude=650.0, inclination=-1.4, node=0.2 + np.pi, latitude=np.pi - 1.05)
     for shift, radius in ((0.0, 30.0), (0.0, 2.0), (0.005, 5.0), (0.02, 5.0)):
         thing = sky.CircularOrbit(**vars(passing) | {"latitude": passing.latitude + shift})
@@ -129,8 +129,8 @@ def test_other_spheres_hide_what_is_behind_them_however_short():
         assert len(spans) == (1 if dark.any() else 0)
         if dark.any():
             assert spans[0].by == "station"
-            assert spans[0].start == pytest.approx(times[dark][0], abs=2e-3)
-            assert spans[0].end == pytest.approx(times[dark][-1], abs=2e-3)
+            assert spans[0].start == pytest.approx(times[dark][0], abs=2e-2)
+            assert spans[0].end == pytest.approx(times[dark][-1], abs=2e-2)
 
 
 def test_the_moon_hides_what_is_behind_it_when_asked_to():
