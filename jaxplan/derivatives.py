@@ -116,8 +116,8 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
     if not _goal_is_optimal(plan.scenario, goal):
         raise ValueError(
             f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that "
-            "these turn, on what a device prefers, or on where a device without a target makes way, and how it "
-            "moves with that is not known"
+            "these turn, on what a device prefers, or on where a device without a target makes way, and how "
+            "it moves with that is not known"
         )
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)

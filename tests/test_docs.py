@@ -17,7 +17,7 @@ import pytest
 from jaxplan.cli import main
 from jaxplan.model.status import Status
 from jaxplan.schema.faults import WRONG, Place, Reading
-from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.layout import SCENARIO, TargetList
 from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
 
@@ -29,6 +29,7 @@ UNITS = {
     "rad": "rad",
     "s": "s",
     "km": "km",
+    "m": "m",
     "nm": "N m",
     "nms": "N m s",
     "m2": "kg m²",
@@ -62,19 +63,20 @@ def rows(pages):
 def tables(table=SCENARIO, title="Top of the file"):
     """Every table that files are read by, with its heading."""
     yield title, table
-    path = "" if title == "Top of the file" else title.strip("[]") + "."
+    path = "" if title == "Top of the file" else title.partition("] ")[0].strip("[]") + "."
     for field in table.fields:
         if isinstance(field.kind, Rows):
             yield from tables(field.kind.table, f"[[{path}{field.key}]]")
-        elif isinstance(field.kind, Either):
-            yield from ((f"[{path}{field.key}] {words}", one) for words, one in field.kind.tables.items())
+        elif isinstance(field.kind, Either | TargetList):
+            for words, one in field.kind.tables.items():
+                yield from tables(one, f"[{path}{field.key}] {words}")
         elif isinstance(field.kind, Table):
             yield from tables(field.kind, f"[{path}{field.key}]")
 
 
 def expected_unit(key: str) -> str:
     """The unit that a key ends in, spelled out."""
-    ending = re.search(r"_(deg_s3|deg_s2|deg_s|rad_s|kg_m2|deg|rad|nms|nm|km|s)$", key)
+    ending = re.search(r"_(deg_s3|deg_s2|deg_s|rad_s|kg_m2|km_s|deg|rad|nms|nm|km|m|s)$", key)
     if ending is None:
         return "\N{EN DASH}"
     parts = ending[1].split("_")

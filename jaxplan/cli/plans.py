@@ -31,7 +31,7 @@ from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.record import report_summary
-from jaxplan.planner.validity import start_breaches
+from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.text import template
@@ -96,7 +96,15 @@ def _findings(name: str) -> dict[str, Any]:
 
 
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
-    """List what the start breaks, and the goal where it is a given state among nothing that moves."""
+    """List what the start breaks, and the goal where it is a given state among nothing that moves.
+
+    Of targets it is known, where the duration is a number, whether they are seen in the end.
+    """
+    duration = scene.trajectory.duration
+    if not isinstance(duration, str):
+        unseen = hidden_targets(scene, float(duration))
+        if unseen:
+            return list(start_breaches(scene)), list(unseen)
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
         from jaxplan.planner.steps import find_goals

@@ -64,7 +64,7 @@ class _Cone:
 
     name: str = field(metadata=_NAME)
     direction: np.ndarray | DirectionPath | None = keyed(
-        None, "direction", "axis of the cone, inertial", kind="axis", required=True
+        None, "direction", "axis of the cone, inertial, or a name of [sky]", kind="axis", required=True
     )
     axis_body: np.ndarray | None = keyed(
         None, "axis_body", "axis fixed in the body", kind="unit vector", instead_of="direction"

@@ -56,7 +56,7 @@ STEPS = ("goal", "search", "path", "trajectory", "report")
 _STEPS_OF = {
     Status.OK: (5, 5),
     Status.INVALID_START: (0, 0),
-    Status.INVALID_GOAL: (1, 1),
+    Status.INVALID_GOAL: (0, 1),
     Status.GOAL_UNREACHABLE: (0, 0),
     Status.NO_PATH: (1, 2),
     Status.NODE_LIMIT: (2, 2),

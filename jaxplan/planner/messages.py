@@ -1,5 +1,6 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -11,17 +12,27 @@ from jaxplan.goal import Decomposition
 from jaxplan.goal.aims import AZIMUTH
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import Scenario, Targets, moves
+from jaxplan.model.scenario import Scenario, Targets, known_until, moves, seen_from
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, sight_names
 from jaxplan.planner.record import Plan
+from jaxplan.planner.validity import rounded_up
 from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 
 
 def when(scenario: Scenario, time: float) -> str:
     """The time of a goal, to end a sentence; empty where nothing moves."""
     return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
+
+
+def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
+    """Why targets that are hidden at a time, s, are no goal, and until when the manoeuvre may wait."""
+    seen, (known, _) = seen_from(scenario, time), known_until(scenario)
+    advice = "change goal.targets, or give samples for longer, of [sky] a longer for_duration_s"
+    if seen <= known:
+        advice = f'set trajectory.duration_s = {rounded_up(seen)}, when all are seen, or "minimum"'
+    return f"{'; '.join(unseen)}{when(scenario, time)}: {advice}"
 
 
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:

@@ -19,7 +19,7 @@ from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.planner.validity import breaches
+from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 
@@ -45,6 +45,10 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     """
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     asked, start = scenario.goal, scenario.start.attitude
+    unseen = hidden_targets(scenario, end)
+    if unseen:
+        message = messages.hidden(scenario, unseen, end)
+        return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message)
     if isinstance(asked, GivenState):
         candidates: tuple[Goal, ...] = (_given(asked, start),)
     else:

@@ -13,7 +13,8 @@ from jaxplan.model.constraints import (
     chosen_entries,
     state_margins,
 )
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.hidden import after_hidden
+from jaxplan.model.scenario import Scenario, known_until, target_paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import body_axis_name, sight_names
 
@@ -95,6 +96,25 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Everything that the scenario's start breaks, a phrase each."""
     start = scenario.start
     return breaches(scenario, start.attitude, start.joints, start.angular_velocity, start.joint_rates)
+
+
+def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
+    """The targets that cannot be seen at a time, s, a phrase each with what hides them and until when."""
+    known, _ = known_until(scenario)
+    found = []
+    for device, path in target_paths(scenario):
+        there = [span for span in path.hidden if span.at(time)]
+        if there:
+            seen = after_hidden(path.hidden, time)
+            again = f"seen from {rounded_up(seen)} s on" if seen <= known else f"not seen until {known:g} s"
+            by = " and ".join(dict.fromkeys(span.by for span in there))
+            found.append(f"{there[0].target}, the target of {device}, is hidden by {by}, and {again}")
+    return tuple(found)
+
+
+def rounded_up(time: float) -> str:
+    """A time as text, s, so that what is not yet at that time is then."""
+    return f"{np.ceil(time * 100) / 100:.12g}"
 
 
 def _overruns(

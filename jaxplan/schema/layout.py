@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.hidden import Hidden
 from jaxplan.model.keys import Key
 from jaxplan.model.scenario import (
     GivenState,
@@ -78,9 +79,8 @@ class Axis(Kind):
     """A direction: a unit vector, or a path where it moves.
 
     Attributes:
-        inline: whether a file may have it as a table of samples and times, or as a name of ``[sky]``; else
-            these stand beside it.
-        moving: whether it may move.
+        inline: whether a file may have it as a table of samples and times; else these stand beside it.
+        moving: whether it may move; then a file may have a name of ``[sky]``, too.
     """
 
     inline: bool = False
@@ -99,10 +99,10 @@ class Axis(Kind):
             if value.moves and not self.moving:
                 return place.refuse(f"must be {self.wanted}, not a direction that moves", value)
             return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
-        if self.inline and not place.reading.python:
-            if isinstance(value, str):
-                return Followed(value)
-            if isinstance(value, dict):
+        if not place.reading.python:
+            if isinstance(value, str) and self.moving:
+                return Followed(value, "" if self.inline else "direction")
+            if isinstance(value, dict) and self.inline:
                 return PATH.read(value, place)
         return DIRECTION.read(value, place)
 
@@ -129,6 +129,11 @@ class TargetList(Kind):
     still = Array(("target", 3), noun="directions, one a terminal", rule=units)
     wanted = f"an array of {still.wanted}, or a table of them by names of devices"
     fields = property(lambda self: PATH.attributes)
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """The table of an entry that moves, by words for it, for the reference."""
+        return {"of one that moves": PATH}
 
     def read(self, value: Any, place: Place) -> Any:
         if isinstance(value, dict) and not place.reading.python:
@@ -175,11 +180,11 @@ def _together(each: Sequence[Any]) -> Any:
 def _path(parts: dict[str, Any], place: Place) -> Any:
     """The path through samples, or `WRONG` where they have faults, or after noting that there is none."""
     place.reading.sizes.pop("sample", None)  # the next path has its own number of them
-    samples, times = parts["samples"], parts["times"]
-    if samples is WRONG or times is WRONG:
+    samples, times, hidden = parts["samples"], parts["times"], parts.get("hidden", ())
+    if samples is WRONG or times is WRONG or WRONG in hidden:
         return WRONG
     try:
-        return DirectionPath.through(times, samples)
+        return replace(DirectionPath.through(times, samples), hidden=hidden)
     except ValueError as error:
         return place["direction_samples"].fault(str(error).removeprefix("samples: "), samples.tolist())
 
@@ -254,6 +259,12 @@ def _table(model: type, **more: Any) -> Table:
     return _KINDS[model]
 
 
+def _check_span(span: Hidden, place: Place) -> None:
+    if WRONG not in (span.start, span.end) and not span.start < span.end:
+        place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
+
+
+HIDDEN = _table(Hidden, check=_check_span)
 PATH: Table = _table(DirectionPath, make=_path)
 MOUNT = _table(Mount, check=check_mount)
 TERMINAL = _table(Terminal, check=check_terminal)
@@ -299,10 +310,16 @@ def _split_zone(zone: Any) -> dict[str, Any]:
 
 
 _SAMPLES, _TIMES = (
-    replace(entry, required=False, held=f"direction.{entry.attribute}") for entry in PATH.fields
+    replace(entry, required=False, held=f"direction.{entry.attribute}") for entry in PATH.fields[:2]
 )
 _MOVING = (
-    Field("satellite", Text(), "satellite", "the axis follows it; a name of [sky]", instead_of="direction"),
+    Field(
+        "satellite",
+        Text(),
+        "satellite",
+        "the axis follows it; a satellite or ground point of [sky]",
+        instead_of="direction",
+    ),
     replace(_SAMPLES, instead_of="direction"),
     _TIMES,
 )

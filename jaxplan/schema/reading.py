@@ -75,7 +75,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
             content = file.read(texts.LARGEST_FILE + 1)
         if len(content) > texts.LARGEST_FILE:
             raise texts.too_large()
-        return parse_scenario(content.decode("utf-8-sig"))
+        return parse_scenario(content.decode("utf-8-sig"), folder=os.path.dirname(path))
     except OSError as error:
         faults = [f"cannot be read: {error.strerror or error}"]
     except UnicodeDecodeError as error:
@@ -85,11 +85,12 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     raise ScenarioError(faults, os.fspath(path) or quote(""))
 
 
-def parse_scenario(text: str) -> Scenario:
+def parse_scenario(text: str, *, folder: str | os.PathLike[str] = "") -> Scenario:
     """Read a scenario from the text of a file.
 
     Args:
         text: TOML.
+        folder: to which paths in it are relative; that of the process unless given.
 
     Returns:
         The scenario in radians and seconds.
@@ -97,14 +98,15 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: the text is no scenario; the message lists every fault.
     """
-    return scenario_from_dict(texts.parse(text))
+    return scenario_from_dict(texts.parse(text), folder=folder)
 
 
-def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
+def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[str] = "") -> Scenario:
     """Make a scenario from the tables of a file.
 
     Args:
         tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
+        folder: to which paths in it are relative; that of the process unless given.
 
     Returns:
         The scenario in radians and seconds.
@@ -113,6 +115,7 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
         ScenarioError: it is no scenario; the message lists every fault.
     """
     root = Place(Reading())
+    root.reading.folder = folder
     given = dict(tables)
     if check_count([given.get(key) for key in ZONES], root):
         scenario, view = SCENARIO.read(given, root)

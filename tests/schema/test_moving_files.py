@@ -214,7 +214,11 @@ AHEAD = 'satellite = "ahead"'
     ("old", "new", "fault"),
     [
         ('"west", "east"', '"west", "south"', 'goal.targets[2] = "south": no such satellite'),
-        (AHEAD, 'satellite = "aheat"', 'keep_in[0].satellite = "aheat": no such satellite, perhaps ahead'),
+        (
+            AHEAD,
+            'satellite = "aheat"',
+            'keep_in[0].satellite = "aheat": no such satellite or ground point, perhaps ahead',
+        ),
         (AHEAD, 'satellite = "earth"', 'keep_in[0].satellite = "earth": no such satellite'),
         ('name = "west"', 'name = "moon"', 'sky.satellite[2].name = "moon": must be unique, and no body'),
         ('name = "west"', 'name = "east"', 'sky.satellite[2].name = "east": must be unique, and no body'),
