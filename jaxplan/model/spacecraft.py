@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, azimuth_elevation, pointing
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.outlines import FORWARD, UP, field_edges
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -90,7 +91,15 @@ def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
     return array
 
 
-@shown("mount deg", "yaw_limit deg", "pitch_limit deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
+@shown(
+    "mount deg",
+    "yaw_limit deg",
+    "pitch_limit deg",
+    "rate_limit deg/s",
+    "acceleration_limit deg/s^2",
+    "field_of_view deg",
+    "mask deg",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terminal:
@@ -103,6 +112,11 @@ class Terminal:
         pitch_limit: likewise for the pitch, below pi / 2.
         rate_limit: bound of either joint's rate, rad/s.
         acceleration_limit: bound of either joint's acceleration, rad/s^2.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector along the boresight, to its left and upward, at right angles to the boresight;
+            None for upward.
+        mask: (k, 2) rad each, corners (yaw, pitch) of a convex polygon that the joints must not enter.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
@@ -119,9 +133,34 @@ class Terminal:
     acceleration_limit: float = field(
         metadata=key("acceleration_limit_deg_s2", "of each joint", "[1e-9, 1e9]")
     )
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None,
+        "up",
+        "of its field, in parts along the boresight, to its left and upward; upward if absent",
+        kind="unit vector",
+    )
+    mask: tuple[np.ndarray, ...] = keyed(
+        (),
+        "mask_deg",
+        "convex polygons of (yaw, pitch) that it must not enter, met again every turn",
+        "[-360, 360]",
+        kind="polygons",
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges: along the boresight, to its left and upward."""
+        return field_edges(FORWARD, UP if self.up is None else self.up, self.field_of_view)
 
 
-@shown("boresight")
+@shown("boresight", "field_of_view deg", "up")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Instrument:
@@ -130,10 +169,28 @@ class Instrument:
     Attributes:
         name: unique among the devices.
         boresight: (3,) unit vector in body axes.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector in body axes, at right angles to the boresight; needed for a field.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
     boresight: np.ndarray = field(metadata=key("boresight", "where it looks, body axes", kind="unit vector"))
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None, "up", "of its field, body axes, at right angles to the boresight", kind="unit vector"
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges in body axes."""
+        return field_edges(self.boresight, self.up, self.field_of_view)
 
 
 @shown(
@@ -203,6 +260,11 @@ class Spacecraft:
     def device_names(self) -> tuple[str, ...]:
         """Names of terminals, then instruments: the order of every device axis."""
         return tuple([t.name for t in self.terminals] + [i.name for i in self.instruments])
+
+    @property
+    def devices(self) -> tuple[Terminal | Instrument, ...]:
+        """Terminals, then instruments."""
+        return (*self.terminals, *self.instruments)
 
     @property
     @made_once

@@ -18,6 +18,7 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.keys import Key
+from jaxplan.model.outlines import FORWARD
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
@@ -26,7 +27,9 @@ from jaxplan.schema.arrays import (
     PLANE_DIRECTION,
     QUATERNION,
     Array,
+    Numbers,
     PerAxis,
+    Polygons,
     each_joint,
     each_terminal,
     inertia,
@@ -35,10 +38,12 @@ from jaxplan.schema.arrays import (
 )
 from jaxplan.schema.checks import check_goal_rates, check_spacecraft
 from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.fields import check_field
 from jaxplan.schema.kinds import (
     ByName,
     Choice,
     Epoch,
+    FromZero,
     Interval,
     Kind,
     Name,
@@ -189,6 +194,9 @@ _KINDS: dict[Any, Any] = {
     "device": Name("device"),
     "terminal": Name("terminal"),
     "devices": Names(),
+    "two angles": _of_number(partial(Numbers, 2)),
+    "polygons": _of_number(Polygons),
+    "half angle": lambda told: FromZero(Interval(told.range), degrees=True),
     "factors": _of_number(lambda each: ByName(each, "terminal")),
     "epoch": Epoch(),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
@@ -206,8 +214,8 @@ def _table(model: type, **more: Any) -> Table:
 
 
 PATH: Table = _table(DirectionPath, make=_path)
-TERMINAL = _table(Terminal)
-INSTRUMENT = _table(Instrument)
+TERMINAL = _table(Terminal, check=partial(check_field, boresight=FORWARD))
+INSTRUMENT = _table(Instrument, check=check_field)
 SPACECRAFT = _table(Spacecraft, check=check_spacecraft)
 VECTOR = _table(FixedVector)
 SEARCH = _table(SearchSettings)

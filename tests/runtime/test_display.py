@@ -27,7 +27,7 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft
-from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
@@ -210,6 +210,7 @@ def results(plan, failed, scenario):
             moving,
             panel,
             corner,
+            Mask(name="mask 1", device="terminal-1", corners=np.eye(3)[:, :2], turns=(0,)),
             turning,
             Targets(directions=(np.eye(3)[0], turning)),
         ),
