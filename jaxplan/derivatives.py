@@ -17,7 +17,7 @@ trace sees of it are numbers of 32 bits: values and slopes are then good to some
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -29,9 +29,11 @@ from jax import export
 from jaxplan import so3
 from jaxplan.goal.problem import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
+from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
@@ -61,6 +63,7 @@ class Held:
         joints: (m + 1, 2n) likewise.
         last: which node is the last.
         fit: of step 3.
+        turns: whole turns of the yaw after which each mask of the spacecraft is met again.
     """
 
     goal: Goal
@@ -68,6 +71,7 @@ class Held:
     joints: np.ndarray
     last: np.ndarray
     fit: Any
+    turns: Turns = field(default=(), metadata={"static": True})
 
 
 @one_thread()
@@ -128,6 +132,7 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
         joints=padded(path.joints, FEWEST_NODES),
         last=np.array(len(path.attitudes) - 1),
         fit=origin.hold(),
+        turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
     )
 
 
@@ -179,7 +184,8 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     expect_known_time(scenario)
-    attitude, joints, at_goal = _goal_of(held, scenario)
+    rows = scenario.rows(held.turns)
+    attitude, joints, at_goal = _goal_of(held, scenario, rows)
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
 
@@ -199,10 +205,10 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
     ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
     refit: Any = by_name(REFITS, scenario.trajectory.method)
-    return refit(held.fit, path, craft, scenario.trajectory, scenario.constraints, ends)
+    return refit(held.fit, path, craft, scenario.trajectory, rows, ends)
 
 
-def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]:
+def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
     """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
     asked = scenario.goal
     rates = _rates(scenario, asked)
@@ -211,7 +217,7 @@ def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
     if not asked.moves:
-        craft, start, then = scenario.spacecraft, scenario.start, scenario.constraints.at(time)
+        craft, start, then = scenario.spacecraft, scenario.start, rows.at(time)
         goal: Any = differentiable_goal(place, craft, start.attitude, asked, then, start_joints=start.joints)
         return goal.attitude, goal.joints, rates
     goal = goal_in_time(place, **pursuit(scenario, asked, time))
@@ -295,7 +301,9 @@ def _of_arrays(scenario: Scenario) -> Scenario:
     """The scenario with arrays in the place of lists of numbers, of which some may be traced."""
 
     def is_vector(value: object) -> bool:
-        return isinstance(value, list | tuple) and len(value) > 0 and not any(map(is_dataclass, value))
+        if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
+            return False
+        return max(map(np.ndim, value)) < 2  # else of arrays, such as masks
 
     arrays: Scenario = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector

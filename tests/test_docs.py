@@ -17,6 +17,7 @@ import pytest
 from jaxplan.cli import main
 from jaxplan.model.status import Status
 from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.kinds import FromZero
 from jaxplan.schema.layout import SCENARIO, TargetList
 from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
@@ -123,7 +124,8 @@ def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
             text = rows[title, field.key][2].strip("`")
             low, high = (float(end) for end in text[1:-1].split(","))
             whole = type(field.kind).__name__ == "Integer"
-            for end, closed in ((low, text[0] == "["), (high, text[-1] == "]")):
+            from_zero = isinstance(field.kind, FromZero)  # what stands beside it may refuse a zero
+            for end, closed in ((low, text[0] == "[" or from_zero), (high, text[-1] == "]")):
                 if abs(end) == float("inf"):
                     continue
                 read = field.kind.read(int(end) if whole else end, place)

@@ -29,6 +29,7 @@ from jaxplan.cli.common import (
 )
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
+from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
 from jaxplan.planner.record import report_summary
 from jaxplan.planner.validity import hidden_targets, start_breaches
@@ -42,6 +43,7 @@ _COUNTED = {  # what a scene and its spacecraft have several of, and what one of
     "keep_out": "keep-out zone",
     "keep_in": "keep-in zone",
     "joint_bounds": "joint bound",
+    "masks": "mask",
 }
 
 
@@ -90,7 +92,7 @@ def _findings(name: str) -> dict[str, Any]:
     except ValueError as error:  # it is none at all
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
-    everything = {**vars(scene), **vars(scene.spacecraft)}
+    everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
     holds = {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED}}
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
 

@@ -23,7 +23,7 @@ from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.hidden import after_hidden
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, bound_by, masks, tabulate
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -403,14 +403,25 @@ class Scenario:
 
     @property
     def zones(self) -> tuple[Zone, ...]:
-        """All pointing constraints, in the order of `constraints`."""
-        return (*self.keep_out, *self.keep_in, *self.joint_bounds)
+        """All pointing constraints with the masks of terminals, in the order of `constraints`."""
+        return (*self.keep_out, *self.keep_in, *self.joint_bounds, *masks(self.spacecraft))
 
     @property
     @made_once
     def constraints(self) -> Constraints:
         """All pointing constraints as rows, see `jaxplan.model.constraints`."""
-        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=self.joint_bounds)
+        return self.rows()
+
+    def rows(self, turns: Turns | None = None) -> Constraints:
+        """The constraints, with masks after given turns of the yaw, see `jaxplan.model.zones.masks`."""
+        bounds = self.joint_bounds
+        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=bounds, turns=turns)
+
+    @property
+    @made_once
+    def sight_names(self) -> tuple[str, ...]:
+        """Names of all that constraints bind: devices, edges of fields of view, and other vectors."""
+        return tuple(bound_by(self.zones, self.spacecraft).names)
 
     def __eq__(self, other: object) -> bool:
         return same(self, other) if isinstance(other, Scenario) else NotImplemented

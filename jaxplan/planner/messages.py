@@ -15,7 +15,7 @@ from jaxplan.model.limits import longest
 from jaxplan.model.scenario import Scenario, Targets, known_until, moves, seen_from
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.zones import KeepIn, KeepOut, sight_names
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
 from jaxplan.planner.validity import rounded_up
 from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
@@ -54,7 +54,7 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
             what = f"{name} is {off} off its target at the goal"
         return f"at best {what}: change goal.targets or the limits"
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
-        sight = sight_names(craft.device_names, rows)[found.worst_device]
+        sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
@@ -91,8 +91,9 @@ def _apart(craft: Spacecraft, asked: Targets) -> str | None:
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
     """Why no motion brings a device to its goal direction, in one of the scenario's scenes."""
     rows = scene.cones
-    ring = [scenario.zones[zone] for zone in rows.zone[list(barrier.zones)]]
-    sight = sight_names(scenario.spacecraft.device_names, rows)[barrier.device]
+    zones = scenario.zones
+    ring = [zones[zone] for zone in rows.zone[list(barrier.zones)]]
+    sight = scenario.sight_names[barrier.device]
     names = [zone.name for zone in ring]
     out, inside = (any(isinstance(zone, kind) for zone in ring) for kind in (KeepOut, KeepIn))
     change = " or ".join(["a keep-out zone smaller"] * out + ["a keep-in zone larger"] * inside)
@@ -125,7 +126,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
         return ""
     rows, row = obstacle
     zone = scenario.zones[rows.zone[row]]
-    if rows.single[row]:
+    if zone.any_of is None:
         return f"; zone {zone.name} is most in the way"
     members = [one for one in scenario.zones if one.any_of == zone.any_of]
     kind = "keep-in group" if all(isinstance(one, KeepIn) for one in members) else "group"

@@ -16,7 +16,6 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, known_until, moves
-from jaxplan.model.zones import sight_names
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.runtime.arguments import expect
 from jaxplan.schema import ScenarioError
@@ -71,7 +70,7 @@ def _claim(query: ProofQuery) -> Claim:
         spacecraft=craft,
         cones=scenario.constraints,
         zone_names=_zone_names(scenario),
-        sight_names=sight_names(craft.device_names, scenario.constraints),
+        sight_names=scenario.sight_names,
         start=EndState(
             attitude=start.attitude,
             joints=start.joints,
@@ -144,14 +143,15 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
             spacecraft=scenario.spacecraft,
             cones=scenario.constraints,
             zone_names=_zone_names(scenario),
-            sight_names=sight_names(scenario.spacecraft.device_names, scenario.constraints),
+            sight_names=scenario.sight_names,
         )
     )
 
 
 def _zone_names(scenario: Scenario) -> list[str]:
     """The name of the zone that each row of the scenario's constraints is of."""
-    return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
+    zones = scenario.zones
+    return [zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:

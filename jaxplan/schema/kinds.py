@@ -219,6 +219,14 @@ class Number(Kind):
         return shortest_degrees(float(value)) if self.degrees else float(value)
 
 
+@dataclass(frozen=True)
+class FromZero(Number):
+    """A number of an open range that may be zero, too, if what it stands beside allows for that."""
+
+    def read(self, value: Any, place: Place) -> Any:
+        return 0.0 if _real(value, place.reading.python) == 0 else super().read(value, place)
+
+
 NUMBER = Number()
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.hidden import Hidden
 from jaxplan.model.keys import Key
+from jaxplan.model.outlines import FORWARD
 from jaxplan.model.scenario import (
     GivenState,
     Scenario,
@@ -34,7 +35,9 @@ from jaxplan.schema.arrays import (
     PLANE_DIRECTION,
     QUATERNION,
     Array,
+    Numbers,
     PerAxis,
+    Polygons,
     each_drive,
     each_joint,
     each_terminal,
@@ -51,10 +54,12 @@ from jaxplan.schema.checks import (
     check_terminal,
 )
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
+from jaxplan.schema.fields import check_field
 from jaxplan.schema.kinds import (
     ByName,
     Choice,
     Epoch,
+    FromZero,
     Interval,
     Kind,
     Name,
@@ -243,6 +248,9 @@ _KINDS: dict[Any, Any] = {
     "terminal": Name("terminal"),
     "gimbal": Name("gimbal"),
     "devices": Names(),
+    "two angles": _of_number(partial(Numbers, 2)),
+    "polygons": _of_number(Polygons),
+    "half angle": lambda told: FromZero(Interval(told.range), degrees=True),
     "factors": _of_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
@@ -259,6 +267,11 @@ def _table(model: type, **more: Any) -> Table:
     return _KINDS[model]
 
 
+def _check_terminal(terminal: Terminal, place: Place) -> None:
+    check_terminal(terminal, place)
+    check_field(terminal, place, FORWARD)
+
+
 def _check_span(span: Hidden, place: Place) -> None:
     if WRONG not in (span.start, span.end) and not span.start < span.end:
         place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
@@ -267,9 +280,9 @@ def _check_span(span: Hidden, place: Place) -> None:
 HIDDEN = _table(Hidden, check=_check_span)
 PATH: Table = _table(DirectionPath, make=_path)
 MOUNT = _table(Mount, check=check_mount)
-TERMINAL = _table(Terminal, check=check_terminal)
+TERMINAL = _table(Terminal, check=_check_terminal)
 DRIVE = _table(Drive, check=check_drive)
-INSTRUMENT = _table(Instrument)
+INSTRUMENT = _table(Instrument, check=check_field)
 SPACECRAFT = _table(Spacecraft, check=check_spacecraft)
 VECTOR = _table(FixedVector)
 SEARCH = _table(SearchSettings)

@@ -26,6 +26,7 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
+from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.sky import View, resolve
@@ -127,6 +128,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
             scenario = replace(scenario, epoch=view.epoch)
         scenario = resolve(scenario, view, root)
         check_paths(scenario, root)
+        check_zones(scenario, root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return scenario
@@ -163,6 +165,7 @@ def _taken(given: object) -> tuple[Any, Reading]:
         taken = SCENARIO.read(scenario, root)
         check_parts(taken, root)
         check_paths(taken, root)
+        check_zones(taken, root)
     return taken, root.reading
 
 

@@ -5,7 +5,7 @@ has these and no ``[sky]``: it means the same on every machine, whatever its ver
 the extra too. `direction_by_name` is the one place where a name becomes a direction.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -169,7 +169,8 @@ def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
     """The targets and wishes of a start or goal that are to be looked up, with their places."""
     if not isinstance(end, Targets):
         return
-    names = end.devices or range(len(end.directions) if isinstance(end.directions, tuple) else 0)
+    count = len(end.directions) if isinstance(end.directions, tuple) else 0
+    names: Sequence[str | int] = end.devices or range(count)
     for name, target in zip(names, end.directions if names else (), strict=False):
         if isinstance(target, Followed):
             yield place["targets"][name], target
@@ -180,7 +181,7 @@ def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
 
 def _aimed(end: Targets, place: Place, seen: Known) -> Targets:
     """Targets and wishes with directions in the place of names."""
-    names = end.devices or range(len(end.directions))
+    names: Sequence[str | int] = end.devices or range(len(end.directions))
     directions = tuple(
         direction_by_name(target.name, place["targets"][name], seen, target=True)
         if isinstance(target, Followed)

@@ -28,7 +28,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.hidden import Hidden
 from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft
-from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
@@ -213,6 +213,7 @@ def results(plan, failed, scenario):
             moving,
             panel,
             corner,
+            Mask(name="mask 1", device="terminal-1", corners=np.eye(3)[:, :2], turns=(0,)),
             turning,
             Targets(directions=(np.eye(3)[0], turning)),
         ),
