@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
-    from jaxplan.derivatives import differentiable, follow, hold, replan
+    from jaxplan.derivatives import follow, hold, replan
     from jaxplan.exporting import export
     from jaxplan.goal.start import point
+    from jaxplan.gradients import differentiable
     from jaxplan.model.directions import DirectionPath
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings, Wish
     from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
@@ -68,7 +69,7 @@ _HOMES = {
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.cache",
-    "differentiable": "jaxplan.derivatives",
+    "differentiable": "jaxplan.gradients",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.derivatives",
     "hold": "jaxplan.derivatives",

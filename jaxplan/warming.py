@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxplan.derivatives import differentiable
+from jaxplan.gradients import differentiable
 from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
