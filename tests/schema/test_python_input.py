@@ -317,7 +317,10 @@ SCENARIOS = {
         start(joints=np.zeros(5)),
         "start.joints = [0.0, 0.0, 0.0, 0.0, 0.0]: must be an array of 6",
     ),
-    "joints in rows": (start(joints=np.zeros((2, 3))), "all yaws, all pitches, all drives, not of shape (2, 3)"),
+    "joints in rows": (
+        start(joints=np.zeros((2, 3))),
+        "all yaws, all pitches, all drives, not of shape (2, 3)",
+    ),
     "joints of two lengths": (
         start(joints=[[0, 0], [0]]),
         "start.joints = [[0, 0], [0]]: must be an array of 6 numbers",
