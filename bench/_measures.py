@@ -65,8 +65,8 @@ def sampled_margins(scene: Scene, path: Path) -> np.ndarray:
     attitudes = path.attitudes[:-1] @ steps.reshape(SAMPLES + 1, -1, 3, 3)  # (samples, m, 3, 3)
     joints = path.joints[:-1] + part[:, None, None] * np.diff(path.joints, axis=0)
     yaw, pitch = np.split(joints, 2, axis=-1)
-    yaw = yaw + scene.mounts
-    body = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+    own = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
+    body = np.einsum("gij,...gj->...gi", scene.gimbals.frames, own)
     inertial = body @ np.swapaxes(attitudes, -1, -2)  # (samples, m, n, 3)
     cones = scene.cones
     angles = np.arccos(np.clip(inertial @ cones.axis.T, -1, 1))  # (samples, m, n, Z)

@@ -46,10 +46,12 @@ class _Motions(base.MotionValidator):
         resolution: float,
     ) -> None:
         super().__init__(information)
-        self.motion = np.zeros((2, 4 + len(scene.joint_ranges[:, 1])))
+        self.motion = np.zeros((2, 4 + len(scene.joint_ranges)))
         self.first, self.last = (_make_capsule(row.ctypes.data, _POINTER, None) for row in self.motion)
         self.copy = space.serialize
-        self.check, self.arguments = check, (scene.mounts, zone_table(scene), resolution)
+        frames = scene.gimbals.frames
+        mounts = np.arctan2(frames[:, 1, 0], frames[:, 0, 0])  # of terminals that yaw about z
+        self.check, self.arguments = check, (mounts, zone_table(scene), resolution)
 
     def checkMotion(self, first: base.State, last: base.State) -> bool:
         self.copy(self.first, first)
@@ -80,7 +82,7 @@ class Rival:
         self.scene, self.extent = scene, extent
         self.space = base.CompoundStateSpace()
         self.space.addSubspace(base.SO3StateSpace(), 2.0)
-        self.space.addSubspace(_box(scene.joint_ranges[:, 1]), 1.0)
+        self.space.addSubspace(_box(scene.joint_ranges), 1.0)
         self.setup = geometric.SimpleSetup(self.space)
         self.information = self.setup.getSpaceInformation()
         self.motions = _Motions(self.information, self.space, scene, check, resolution)
@@ -134,10 +136,10 @@ class Rival:
         return subdivide(self.scene, np.concatenate([since, rows[:, 4:]], axis=1))
 
 
-def _box(limits: np.ndarray) -> base.RealVectorStateSpace:
-    space, bounds = base.RealVectorStateSpace(len(limits)), base.RealVectorBounds(len(limits))
-    for joint, limit in enumerate(limits.tolist()):
-        bounds.setLow(joint, -limit)
-        bounds.setHigh(joint, limit)
+def _box(ranges: np.ndarray) -> base.RealVectorStateSpace:
+    space, bounds = base.RealVectorStateSpace(len(ranges)), base.RealVectorBounds(len(ranges))
+    for joint, (low, high) in enumerate(ranges.tolist()):
+        bounds.setLow(joint, low)
+        bounds.setHigh(joint, high)
     space.setBounds(bounds)
     return space

@@ -198,7 +198,7 @@ def known_sights(aims: Aims, sights: Sights, rest: ArrayLike) -> Known:
     held = array_module(carriers).any(carriers[:, None] == np.array(aims.held, int), axis=-1)
     in_body = (carriers < 0) | held
     xp, directions, along, ranges = arrays(aims.directions, sights.in_body(rest), aims.ranges)
-    own = np.zeros((count, len(aims.devices)))
+    own = np.zeros((count, len(aims.devices)), directions.dtype)
     own[list(aims.devices), np.arange(len(aims.devices))] = 1
     return Known(
         inertial=inertial,

@@ -122,7 +122,9 @@ def test_the_goal_is_the_papers_and_settings_are_the_defaults(kind):
     scene = scenes(kind)[0]
     np.testing.assert_allclose(scene.goal.directions, TARGETS, atol=5e-5)
     np.testing.assert_allclose(np.rad2deg([scene.goal.yaw_limit, scene.goal.pitch_limit]), [88, 13])
-    np.testing.assert_allclose(np.rad2deg(scene.spacecraft.mounts), [0, 120, -120])
+    np.testing.assert_allclose(
+        np.rad2deg([terminal.mount for terminal in scene.spacecraft.terminals]), [0, 120, -120]
+    )
     np.testing.assert_allclose(np.rad2deg(scene.spacecraft.joint_ranges[:, 1]), [90] * 3 + [15] * 3)
     assert vars(scene.search) == vars(SearchSettings(attitude_step=0.1, joint_step=0.08))
     assert vars(scene.trajectory) == vars(TrajectorySettings())

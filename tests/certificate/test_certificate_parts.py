@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from jaxplan.certificate import Claim, bounds, limits, series
 from jaxplan.certificate.bounds import Errors, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import DEGREE, NODES, Motion, Views, Way
+from jaxplan.certificate.motion import DEGREE, NODES, Motion, Mountings, Views, Way
 from jaxplan.certificate.series import ROUNDING, Pieces
 from jaxplan.model import limits as model
 from jaxplan.model.directions import DirectionPath
@@ -36,7 +36,7 @@ def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duratio
         chart_attitude=Rotation.random(2, random_state=seed).as_matrix(),
         chart_start=breaks[:-1],
         chart_rate=rng.normal(size=(2, 3)) / duration,
-        mounts=rng.normal(size=terminals),
+        mountings=mounted(rng.normal(size=terminals)),
         fixed_boresights=fixed / np.linalg.norm(fixed, axis=1, keepdims=True),
     )
 
@@ -50,7 +50,7 @@ def straight(breaks, platform, joints, rate=(0.0, 0.0, 0.0)):
         chart_attitude=np.repeat(np.eye(3)[None], pieces, axis=0),
         chart_start=breaks[:-1],
         chart_rate=np.tile(rate, (pieces, 1)),
-        mounts=np.zeros(1),
+        mountings=mounted([0.0]),
         fixed_boresights=np.zeros((0, 3)),
     )
 
@@ -102,6 +102,23 @@ def exponential(v):
     )
 
 
+def gimbal_angles(motion, joints):
+    """Azimuth and elevation (k, T + D) of joints (k, 2T + D) of any precision."""
+    tilts = motion.mountings.tilts
+    count = len(motion.mountings.axes) - len(tilts)
+    yaws, pitches, angles = np.split(joints, [count, 2 * count], axis=1)
+    return np.hstack([yaws, angles]), np.hstack([pitches, 0 * angles + tilts])
+
+
+def mounted(terminals=(), drives=0, seed=0):
+    """Terminals at angles about z, and drives about any axes with any tilts."""
+    turns = Rotation.concatenate(
+        [Rotation.from_euler("z", np.reshape(terminals, (-1, 1))), Rotation.random(drives, random_state=seed)]
+    )
+    tilts = RNG(seed).uniform(-1.2, 1.2, drives)
+    return Mountings(axes=np.swapaxes(turns.as_matrix(), 1, 2), tilts=tilts)
+
+
 def curve(motion, piece, time, kind=LONG):
     """Attitudes (k, 3, 3), joints (k, 2T) and boresights (k, D, 3) by definition, also at complex times."""
     first, last = motion.platform.breaks()[piece : piece + 2].astype(kind)
@@ -113,20 +130,20 @@ def curve(motion, piece, time, kind=LONG):
     chart = (time - motion.chart_start[piece])[:, None] * motion.chart_rate[piece].astype(kind)
     half = exponential(chart / 2)
     attitude = motion.chart_attitude[piece].astype(kind) @ half @ exponential(b - chart) @ half
-    azimuth, elevation = np.split(joints, 2, axis=1)
-    azimuth = azimuth + motion.mounts
+    azimuth, elevation = gimbal_angles(motion, joints)
     level = np.cos(elevation)
-    moving = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    own = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    moving = np.einsum("gij,kgi->kgj", motion.mountings.axes, own)
     fixed = np.broadcast_to(motion.fixed_boresights, (len(time), *motion.fixed_boresights.shape))
     return attitude, joints, np.concatenate([moving, fixed], axis=1) @ np.swapaxes(attitude, 1, 2)
 
 
 def in_body(motion, joints):
     """All sights (k, S, 3) in body axes, of joints (k, 2T) of any precision, by turns about joints' axes."""
-    azimuth, elevation = np.split(joints, 2, axis=1)
+    azimuth, elevation = gimbal_angles(motion, joints)
     upward, backward = np.array([0, 0, 1]), np.array([0, -1, 0])
-    azimuth = azimuth + motion.mounts
     turn = exponential(azimuth[..., None] * upward) @ exponential(elevation[..., None] * backward)
+    turn = np.swapaxes(motion.mountings.axes, 1, 2) @ turn
     fixed = np.broadcast_to(motion.fixed, (len(joints), *motion.fixed.shape))
     carried = np.einsum("kvij,vj->kvi", turn[:, motion.views.carrier], motion.views.carried)
     return np.concatenate([turn[..., 0], fixed, carried], axis=1)

@@ -7,6 +7,7 @@ from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
 from jaxplan.goal import Decomposition
+from jaxplan.goal.aims import ELEVATION
 from jaxplan.model.zones import KeepIn, KeepOut
 
 # Case by case: the start, the limits at the goal that its answer tells of, the goal as (50) and (53)
@@ -97,7 +98,7 @@ def test_no_slsqp_run_finds_a_nearer_goal(solved):
 def test_goals_meet_every_constraint(solved):
     for problem, found in solved:
         printed, limits = Printed(problem), problem.limits
-        assert found.joint_excess <= 0
+        assert found.aim_excess <= 0
         assert found.zone_excess <= 0
         for goal in found.goals:
             margins, _ = printed.margins(turn(problem, goal.attitude))
@@ -262,7 +263,7 @@ def test_goals_beyond_the_bound_of_the_slew_are_left_out():
     found = problem.decompose(max_slew=0.5)
     assert found.goals == ()
     assert found.slew_angle == everything.goals[0].slew_angle
-    assert max(found.joint_excess, found.zone_excess) <= 0
+    assert max(found.aim_excess, found.zone_excess) <= 0
 
 
 def least_joint_excess(problem: Problem) -> np.ndarray:
@@ -303,14 +304,15 @@ def test_unreachable_targets_give_the_least_joint_excess(count, yaw, pitch):
     problem = make_problem(START, directions, np.array([0.0, 2.0, 4.0, 5.0])[:count], yaw, pitch)
     found, reference = problem.decompose(), least_joint_excess(problem)
     assert found.goals == ()
-    assert found.joint_excess == pytest.approx(reference.max(), abs=1e-6)
-    assert reference[found.worst_joint] == pytest.approx(reference.max(), abs=1e-4)
+    assert found.aim_excess == pytest.approx(reference.max(), abs=1e-6)
+    device, angle = found.worst_aim
+    assert reference[device + angle * count] == pytest.approx(reference.max(), abs=1e-4)
 
 
 def test_three_targets_at_right_angles_need_35_degrees_of_pitch():
     found = make_problem(START, np.eye(3), yaw_limits=np.pi, pitch_limits=0.2).decompose()
-    assert found.joint_excess == pytest.approx(np.arcsin(1 / np.sqrt(3)) - 0.2, abs=1e-6)
-    assert found.worst_joint >= 3  # a pitch
+    assert found.aim_excess == pytest.approx(np.arcsin(1 / np.sqrt(3)) - 0.2, abs=1e-6)
+    assert found.worst_aim[1] == ELEVATION
     assert found.zone_excess == -np.inf
 
 
@@ -323,7 +325,7 @@ def test_contradicting_zones_share_the_overlap():
     assert found.zone_excess == pytest.approx(0.1, abs=1e-6)
     assert found.worst_zone in (0, 1)
     assert found.worst_device == 0
-    assert found.joint_excess == -np.inf
+    assert found.aim_excess == -np.inf
 
 
 def test_goals_depend_on_the_seed_by_rounding_only(solved):

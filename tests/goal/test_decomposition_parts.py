@@ -10,16 +10,7 @@ from jaxplan.goal.caps import HAIR, Caps, GoalProblem, assemble, group_excess
 
 
 def caps_of(problem: Problem) -> Caps:
-    directions, limits = problem.targets.directions, problem.limits
-    return assemble(
-        GoalProblem(
-            spacecraft=problem.spacecraft,
-            start=problem.start,
-            directions=directions,
-            joint_limits=limits,
-            rows=problem.cones,
-        )
-    )
+    return assemble(GoalProblem.of(problem.spacecraft, problem.start, problem.targets, problem.cones))
 
 
 def test_caps_ask_for_what_joints_and_zones_ask_for():

@@ -42,7 +42,7 @@ def inputs_of(problem: Problem) -> Inputs:
     inputs = {
         "turn": np.zeros(3),
         "targets": targets.directions,
-        "mounts": craft.mounts,
+        "mounts": problem.mounts,
         "own limits": craft.joint_ranges[:, 1],
         "boresights": craft.fixed_boresights,
         "cones": problem.cones.axis,

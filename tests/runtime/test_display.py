@@ -243,8 +243,8 @@ def results(plan, failed, scenario):
         Decomposition(
             goals=(plan.goal,),
             slew_angle=0.5,
-            joint_excess=-0.1,
-            worst_joint=1,
+            aim_excess=-0.1,
+            worst_aim=(1, 0),
             zone_excess=-np.inf,
             worst_zone=None,
             worst_device=None,

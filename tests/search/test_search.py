@@ -107,7 +107,7 @@ def test_any_number_of_devices_finds_a_way_round_a_zone_on_the_straight_motion(t
 
 
 def device_names(scene: Scene) -> list[str]:
-    terminals, cameras = len(scene.mounts), len(scene.fixed_boresights)
+    terminals, cameras = scene.gimbals.count, len(scene.fixed_boresights)
     return [f"terminal-{i + 1}" for i in range(terminals)] + [f"camera-{i + 1}" for i in range(cameras)]
 
 

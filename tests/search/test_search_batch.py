@@ -108,7 +108,7 @@ def test_spacecraft_of_different_kinds_may_share_a_batch():
     scenes = [scene_of(scenario) for scenario in scenarios]
     answers = search_batch(scenes, [scenario.search for scenario in scenarios])
     for scene, answer in zip(scenes, answers, strict=True):
-        assert answer.path.joints.shape[1] == 2 * len(scene.mounts)
+        assert answer.path.joints.shape[1] == 2 * scene.gimbals.count
         np.testing.assert_array_equal(answer.path.attitudes[-1], scene.goal_attitude)
 
 

@@ -86,7 +86,7 @@ def make(seed: int, kind: str, *, broken: bool) -> Dip:
         device = spacecraft.instruments[0].name
     else:
         joints[:, :, 1] += coefficients
-        azimuth = joints[0, 0, 0] + spacecraft.mounts[0]
+        azimuth = joints[0, 0, 0] + spacecraft.terminals[0].mount
         toward = attitude.apply(direction(azimuth, pitch + beyond))
         device = spacecraft.terminals[0].name
     zone: KeepOut | KeepIn = KeepOut(name="z", direction=toward, half_angle=half_angle, devices=(device,))

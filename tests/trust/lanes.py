@@ -15,7 +15,6 @@ from jaxplan import so3
 from jaxplan.cases import random_scenario
 from jaxplan.model import constraints
 from jaxplan.model.path import edge_margins
-from jaxplan.model.spacecraft import body_boresights
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.planner.steps import find_goals
@@ -32,11 +31,11 @@ CONES = tabulate(
     CRAFT,
 )
 
-SIGHTS = CONES.sights(CRAFT.mounts, CRAFT.fixed_boresights)
+SIGHTS = CONES.sights(CRAFT.gimbals, CRAFT.fixed_boresights)
 
 
 def _state(attitude, joints):
-    seen = body_boresights(CRAFT.mounts, CRAFT.fixed_boresights, joints) @ attitude.T
+    seen = SIGHTS.in_body(joints) @ attitude.T
     return constraints.constraint_margins(CONES, constraints.pair_margins(CONES, seen, CONES.axis))
 
 
@@ -107,10 +106,12 @@ def searches(count: int, seed: int = 0) -> None:
     good = search_batch(*zip(*problems, strict=True))
     lane = int(rng.integers(count))
     scene, settings = problems[lane]
-    name = ("start_joints", "goal_coordinates", "mounts", "goal_joints")[rng.integers(4)]
-    broken = np.array(getattr(scene, name))
+    name = ("start_joints", "goal_coordinates", "gimbals", "goal_joints")[rng.integers(4)]
+    whole = getattr(scene, name)
+    broken = np.array(whole.frames if name == "gimbals" else whole)
     broken.flat[rng.integers(broken.size)] = np.nan
-    problems[lane] = (replace(scene, **{name: broken}), settings)
+    part = replace(whole, frames=broken) if name == "gimbals" else broken
+    problems[lane] = (replace(scene, **{name: part}), settings)
     with np.errstate(invalid="ignore"):
         found = search_batch(*zip(*problems, strict=True))
     assert found[lane].status is not Status.OK, f"a path with a NaN in {name}"

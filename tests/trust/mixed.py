@@ -119,7 +119,8 @@ Place = tuple[Rotation, np.ndarray]
 def ends(rng: np.random.Generator, craft: Spacecraft) -> tuple[Place, Place]:
     """Attitude and joints of start and goal, now and then the same."""
     first = Rotation.random(rng=rng)
-    joints = rng.uniform(-0.85, 0.85, (2, len(craft.joint_ranges[:, 1]))) * craft.joint_ranges[:, 1]
+    limits = craft.joint_ranges[:, 1]
+    joints = rng.uniform(-0.85, 0.85, (2, len(limits))) * limits
     axis = rng.standard_normal(3)
     angle = rng.choice(
         [rng.uniform(0.02, 0.5), rng.uniform(0.3, 1.5), rng.uniform(1, np.pi)], p=[0.3, 0.5, 0.2]
