@@ -629,7 +629,8 @@ def test_stated_errors_are_counted_into_margins_and_peaks():
         return np.cos(bindings.prove(evidence).bound + half_angles), room.bound
 
     cosine, room = proved(none, none)
-    # Limits are 9, but for pitches, and margins almost zero. Polynomials of cosines are off by as much as boresights are.
+    # Limits are 9, but for pitches, and margins almost zero. Polynomials of cosines are off by as much as
+    # boresights are.
     left_out = Errors(direction=none.direction + 1e-3, spin=none.spin + 0.09, joints=none.joints + 0.18)
     raised, lowered = proved(left_out, none)
     lost = np.array([0.01] * 6 + [0.02] * 10 + [0.18 / spacecraft.joint_ranges[2, 1]] * 2)
