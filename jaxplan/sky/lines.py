@@ -29,10 +29,10 @@ from jaxplan.sky.zone import path
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
 _THIRDS = 40  # rounds in which a least or greatest value is found, to 2e-6 s of the 20 s about it
 _HALVES = 34  # rounds in which an end of a span is found, to 1e-9 s
-Height: TypeAlias = Callable[[np.ndarray], np.ndarray]  # of a line above what may hide it, from times (k,) s
+EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
 
-EARTH = "the Earth"
-HORIZON = "its horizon"
+Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""How far a line is above what may hide it, from times (k,) s to (k,); negative where it is hidden."""
 
 
 @shown("name", "radius km")
