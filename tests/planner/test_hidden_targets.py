@@ -115,6 +115,14 @@ def test_a_plan_without_a_goal_for_what_is_hidden_is_written_and_read_back(tmp_p
     assert jp.report_html(again, tmp_path / "report.html") or (tmp_path / "report.html").exists()
 
 
+def test_the_certificate_knows_a_target_that_is_hidden_in_the_end():
+    plan = jp.plan(scenario_of(80.0, EARLY))
+    dark = replace(plan, scenario=scenario_of(80.0, LATE))
+    (fault,) = jp.certify(dark).faults
+    assert fault == "ahead, the target of terminal-1, is hidden by the Earth, and not seen until 200 s"
+    assert jp.certify(plan).certified
+
+
 def test_validate_tells_of_a_hidden_target(tmp_path, capsys):
     jp.save_scenario(scenario_of(40.0, EARLY), tmp_path / "scene.toml")
     assert main(["validate", str(tmp_path / "scene.toml")]) == 1
