@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from jaxplan.derivatives import differentiable, follow, hold, replan
     from jaxplan.exporting import export
     from jaxplan.model.directions import DirectionPath
+    from jaxplan.model.hidden import Hidden
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
     from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
     from jaxplan.model.status import Status
@@ -41,6 +42,7 @@ _HOMES = {
     "DirectionPath": "jaxplan.model.directions",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.scenario",
+    "Hidden": "jaxplan.model.hidden",
     "Instrument": "jaxplan.model.spacecraft",
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
@@ -92,6 +94,7 @@ __all__ = [
     "DirectionPath",
     "FixedVector",
     "GivenState",
+    "Hidden",
     "Instrument",
     "JointBound",
     "KeepIn",
