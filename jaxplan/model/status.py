@@ -51,7 +51,8 @@ _ADVICE = {
     Status.INVALID_START: "Correct the state in [start], or the zone or limit that it breaks.",
     Status.INVALID_GOAL: (
         "Correct [goal], or the zone or limit that it breaks. Of a goal with targets a larger "
-        "search.max_goals lets more attitudes be tried."
+        "search.max_goals lets more attitudes be tried. A hidden target is seen at another "
+        "trajectory.duration_s, which the message names."
     ),
     Status.GOAL_UNREACHABLE: (
         "Change goal.targets, widen spacecraft.terminal[i].yaw_limit_deg or pitch_limit_deg (or those of "
