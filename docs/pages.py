@@ -14,6 +14,7 @@ from pathlib import Path
 
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
+from jaxplan.schema.directions import TargetList
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 from jaxplan.schema.text import alternatives, default, entries, template
@@ -88,14 +89,15 @@ def scenario_file() -> str:
 def _tables(table: Table, path: str) -> Iterator[tuple[str, Table]]:
     """The tables of a file in the order of writing, with their headers."""
     inner = {field.key: field.kind for field in table.fields if isinstance(field.kind, Table | Rows | Either)}
+    within = {field.key: field.kind for field in table.fields if isinstance(field.kind, TargetList)}
     yield path, replace(table, fields=tuple(field for field in table.fields if field.key not in inner))
-    for key, kind in inner.items():
-        name = f"{path.strip('[]')}.{key}".lstrip(".")
+    for key, kind in (inner | within).items():
+        name = f"{path.partition('] ')[0].strip('[]')}.{key}".lstrip(".")
         if isinstance(kind, Rows):
             yield from _tables(kind.table, f"[[{name}]]")
-        elif isinstance(kind, Either):
+        elif isinstance(kind, Either | TargetList):
             for words, one in kind.tables.items():
-                yield f"[{name}] {words}", one
+                yield from _tables(one, f"[{name}] {words}")
         else:
             assert isinstance(kind, Table)
             yield from _tables(kind, f"[{name}]")

@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from jaxplan import sky
     from jaxplan.cases import paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
-    from jaxplan.derivatives import differentiable, follow, hold, replan
+    from jaxplan.derivatives import follow, hold, replan
     from jaxplan.exporting import export
+    from jaxplan.goal.start import point
+    from jaxplan.gradients import differentiable
     from jaxplan.model.directions import DirectionPath
-    from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings
-    from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+    from jaxplan.model.hidden import Hidden
+    from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings, Wish
+    from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
     from jaxplan.model.status import Status
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -39,12 +42,15 @@ if TYPE_CHECKING:
 _HOMES = {
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
+    "Drive": "jaxplan.model.spacecraft",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.scenario",
+    "Hidden": "jaxplan.model.hidden",
     "Instrument": "jaxplan.model.spacecraft",
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
     "KeepOut": "jaxplan.model.zones",
+    "Mount": "jaxplan.model.spacecraft",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
@@ -61,10 +67,11 @@ _HOMES = {
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
+    "Wish": "jaxplan.model.scenario",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.cache",
-    "differentiable": "jaxplan.derivatives",
+    "differentiable": "jaxplan.gradients",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.derivatives",
     "hold": "jaxplan.derivatives",
@@ -76,6 +83,7 @@ _HOMES = {
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
     "plan_constellation": "jaxplan.constellation",
+    "point": "jaxplan.goal.start",
     "random_scenario": "jaxplan.cases",
     "replan": "jaxplan.derivatives",
     "report_html": "jaxplan.report",
@@ -90,12 +98,15 @@ _HOMES = {
 __all__ = [
     "Constellation",
     "DirectionPath",
+    "Drive",
     "FixedVector",
     "GivenState",
+    "Hidden",
     "Instrument",
     "JointBound",
     "KeepIn",
     "KeepOut",
+    "Mount",
     "Plan",
     "PlanFileError",
     "PlanningError",
@@ -112,6 +123,7 @@ __all__ = [
     "Trajectory",
     "TrajectorySettings",
     "Tuning",
+    "Wish",
     "certify",
     "compare_studies",
     "compilation_cache",
@@ -129,6 +141,7 @@ __all__ = [
     "plan_batch",
     "plan_constellation",
     "plot",
+    "point",
     "random_scenario",
     "replan",
     "report_html",

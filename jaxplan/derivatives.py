@@ -1,7 +1,4 @@
-"""A plan as a function of its scenario, with derivatives for ``jax.grad`` and ``jax.jit``.
-
-    >>> trajectory = jp.differentiable(plan)
-    >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
+"""A plan as a function of its scenario, and what is held fixed of it.
 
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
 1 and the limits and zones it leans on, the interior nodes of the path, and which limits, zones and nodes bind
@@ -10,28 +7,22 @@ global method nodes are passed as the pace along the path has it, and the trajec
 Where targets or zones move, in a given duration, the goal is where they are then, and so are its rates. Where
 a choice is about to change, the derivative is that of the side that is held. After tuning, plan again:
 another path may have become better.
-
-All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set
-to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
-trace sees of it are numbers of 32 bits: values and slopes are then good to some seven digits.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
-from functools import cache, cached_property, partial
+from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import export
 
 from jaxplan import so3
-from jaxplan.goal.caps import GoalProblem, leaves_open
+from jaxplan.goal.problem import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, moves
-from jaxplan.model.status import Status
+from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
+from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
@@ -40,7 +31,7 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import clear_if_full, is_traced, quick_jit
+from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
@@ -61,6 +52,8 @@ class Held:
         joints: (m + 1, 2n) likewise.
         last: which node is the last.
         fit: of step 3.
+        trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
+        turns: whole turns of the yaw after which each mask of the spacecraft is met again.
     """
 
     goal: Goal
@@ -68,6 +61,8 @@ class Held:
     joints: np.ndarray
     last: np.ndarray
     fit: Any
+    trajectory: Trajectory
+    turns: Turns = field(default=(), metadata={"static": True})
 
 
 @one_thread()
@@ -83,7 +78,7 @@ def hold(plan: Plan) -> Held:
         ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
             shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
             another limit is about to bind, or its goal leans on what step 1 leaves open
-            (`jaxplan.goal.caps.leaves_open`).
+            (`jaxplan.goal.problem.leaves_open`).
     """
     clear_if_full()
     expect("plan", plan, Plan, _A_PLAN)
@@ -92,11 +87,11 @@ def hold(plan: Plan) -> Held:
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     expect_known_time(plan.scenario)
-    scenario, path, goal = _own(plan.scenario), plan.path, plan.goal
+    scenario, path, goal = own_arrays(plan.scenario), plan.path, plan.goal
     return _held(replace(plan, scenario=scenario), path, goal, fit(scenario, path, goal))
 
 
-def _own(scenario: Scenario) -> Scenario:
+def own_arrays(scenario: Scenario) -> Scenario:
     """The scenario with arrays of its own.
 
     While JAX differentiates with 32 bits by arrays of numpy, it takes these very arrays for narrow ones, even
@@ -110,13 +105,14 @@ def _own(scenario: Scenario) -> Scenario:
 
 def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
     """What is held fixed of an OK plan with the given path, goal and fit."""
-    origin = fitted.origin
-    if origin is None:
+    origin, curve = fitted.origin, fitted.trajectory
+    if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
     if not _goal_is_optimal(plan.scenario, goal):
         raise ValueError(
-            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that these "
-            "turn, and how it moves with that is not known"
+            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that "
+            "these turn, on what a device prefers, or on where a device without a target makes way, and how "
+            "it moves with that is not known"
         )
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
@@ -127,6 +123,8 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
         joints=padded(path.joints, FEWEST_NODES),
         last=np.array(len(path.attitudes) - 1),
         fit=origin.hold(),
+        turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
+        trajectory=replace(curve, node_times=padded(curve.node_times, FEWEST_NODES)),
     )
 
 
@@ -136,6 +134,8 @@ def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
     if isinstance(asked, GivenState):
         return True
     targets = asked.at(goal.time)
+    if targets.prefer or _has_moved(scenario, asked, goal):
+        return False
     start = scenario.start
     if not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
         return True
@@ -144,6 +144,15 @@ def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
             _place(goal), craft, start.attitude, targets, rows, start_joints=start.joints
         )
     return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
+
+
+def _has_moved(scenario: Scenario, targets: Targets, goal: Goal) -> bool:
+    """Whether a device without a target has left its place at the start, and not by a range alone."""
+    craft = scenario.spacecraft
+    aimed, gimbals = targets.numbers(craft), craft.gimbals
+    free = [number for number in range(gimbals.count) if number not in aimed]
+    own = [*gimbals.yaws[free], *gimbals.pitches[[number for number in free if number < gimbals.terminals]]]
+    return bool(np.any(np.asarray(goal.joints)[own] != np.asarray(scenario.start.joints)[own]))
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -167,7 +176,8 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     expect_known_time(scenario)
-    attitude, joints, at_goal = _goal_of(held, scenario)
+    rows = scenario.rows(held.turns)
+    attitude, joints, at_goal = _goal_of(held, scenario, rows)
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
 
@@ -187,10 +197,10 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
     ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
     refit: Any = by_name(REFITS, scenario.trajectory.method)
-    return refit(held.fit, path, craft, scenario.trajectory, scenario.constraints, ends)
+    return refit(held.fit, path, craft, scenario.trajectory, rows, ends)
 
 
-def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]:
+def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
     """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
     asked = scenario.goal
     rates = _rates(scenario, asked)
@@ -199,7 +209,7 @@ def _goal_of(held: Held, scenario: Scenario) -> tuple[Any, Any, tuple[Any, Any]]
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
     if not asked.moves:
-        craft, start, then = scenario.spacecraft, scenario.start, scenario.constraints.at(time)
+        craft, start, then = scenario.spacecraft, scenario.start, rows.at(time)
         goal: Any = differentiable_goal(place, craft, start.attitude, asked, then, start_joints=start.joints)
         return goal.attitude, goal.joints, rates
     goal = goal_in_time(place, **pursuit(scenario, asked, time))
@@ -283,7 +293,9 @@ def _of_arrays(scenario: Scenario) -> Scenario:
     """The scenario with arrays in the place of lists of numbers, of which some may be traced."""
 
     def is_vector(value: object) -> bool:
-        return isinstance(value, list | tuple) and len(value) > 0 and not any(map(is_dataclass, value))
+        if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
+            return False
+        return max(map(np.ndim, value)) < 2  # else of arrays, such as masks
 
     arrays: Scenario = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
@@ -307,161 +319,3 @@ def expect_known_time(scenario: Scenario) -> None:
             f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "
             "durations only, set trajectory.duration_s to a number"
         )
-
-
-# Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
-_replan = quick_jit(replan, optimised=False)
-
-
-@partial(quick_jit, optimised=False)
-def _product(held: Held, scenario: Scenario, cotangents: Trajectory) -> Scenario:
-    """The product of cotangents with the derivatives of a scenario's trajectory.
-
-    It computes the trajectory once more: with what could be passed on instead, the functions that JAX makes
-    of it, the kernel could not be kept for other processes.
-    """
-    (found,) = jax.vjp(partial(replan, held), scenario)[1](cotangents)
-    return found
-
-
-def differentiable(plan: Plan) -> "Differentiable":
-    """The trajectory of a plan as a function of its scenario.
-
-    What a planner chooses has no derivative and is held fixed, see the module: the goal among the
-    local minima of step 1, the interior nodes of the path and when each is passed, and which limits, zones
-    and nodes bind. A plan that is made anew chooses all of these again.
-
-    Args:
-        plan: an OK one, in a given duration, or from rest to rest the shortest one or one stretched to the
-            limits; where targets or zones move, in a given duration.
-
-    Returns:
-        A function of a scenario like that of the plan, see `Differentiable`.
-
-    Raises:
-        TypeError: if it is no plan.
-        ValueError: as of `hold`, if there is no trajectory that can be followed.
-
-    Example:
-        >>> slopes = jax.grad(lambda s: jp.measures.effort(jp.differentiable(plan)(s)))(plan.scenario)
-        >>> slopes.trajectory.duration  # rad^2/s^4
-    """
-    return Differentiable(plan, hold(plan))
-
-
-@shown("plan.scenario.name", "plan.trajectory.duration s", "held")
-class Differentiable:
-    """A pure function from scenarios to trajectories that composes with ``jit``, ``grad`` and ``vmap``.
-
-    Within ``jax.enable_x64(True)`` also with ``jvp`` and ``jacfwd``, and all numbers have 64 bits. Called
-    with plain numbers it answers in 64 bits, too. Of a traced scenario of 32 bits trajectory and slopes have
-    32. Numbers that cannot be differentiated, such as seeds, are no inputs of ``grad``: they are held.
-
-    Attributes:
-        plan: to whose trajectory it belongs.
-        held: what is held fixed of it.
-        optimum: the plan at the optimum whose slopes the function has.
-    """
-
-    def __init__(self, plan: Plan, held: Held) -> None:
-        self.plan, self.held = plan, held
-        self._known: dict[Any, Callable[[Scenario], Trajectory]] = {}
-
-    @cached_property
-    def optimum(self) -> Plan:
-        """The plan with the trajectory that the function has at its scenario, and a certificate of that.
-
-        A plan may end some thousandths of its energy above the optimum, which is enough to fly. Slopes are
-        those of the optimum; with ``trajectory.optimal`` the plan is at it already. It touches limits at the
-        places that a fit looks at, so what lies between may break one by a little; then it is UNCERTIFIED.
-        """
-        plan, goal = self.plan, self.held.goal
-        trajectory = self(plan.scenario)
-        return judged(
-            replace(plan, trajectory=trajectory, status=Status.OK), prove(plan.scenario, goal, trajectory)
-        )
-
-    def __call__(self, scenario: Scenario) -> Trajectory:
-        """The trajectory of a scenario near that of the plan; nothing is checked.
-
-        Args:
-            scenario: with as many devices and zones, and the same choices, as that of the plan.
-        """
-        expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
-        if not is_traced(scenario):
-            with jax.enable_x64(True):
-                found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, _own(scenario)))
-            return found
-        if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            return _replan(self.held, scenario)
-        narrow: Scenario = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), scenario)
-        kind = jax.tree.structure(narrow), tuple(leaf.shape for leaf in jax.tree.leaves(narrow))
-        if kind not in self._known:
-            wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
-            self._known[kind] = _in_32_bits(self.held, wide)
-        return self._known[kind](narrow)
-
-
-def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
-    """`replan` as a function of arrays of 32 bits, computed in 64.
-
-    Plain numbers go to kernels. What is traced where JAX is set to 32 bits may not be traced anew by it, so
-    for these both the function and its product with cotangents are exported, once they are needed: what is
-    called is compiled as it is.
-
-    Args:
-        held: of the plan.
-        wide: a scenario of the shapes that it is to be called with, and types of 64 bits.
-    """
-
-    @cache
-    def exported() -> tuple[Callable[..., Any], Callable[..., Any]]:
-        function = partial(replan, held)
-
-        def product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
-            (found,) = jax.vjp(function, scenario)[1](cotangents)
-            return found
-
-        value = export.export(jax.jit(function))(wide)
-        answers = jax.eval_shape(function, wide)
-        return value.call, export.export(jax.jit(product))(wide, answers).call
-
-    def wide_value(scenario: Scenario) -> Trajectory:
-        with jax.enable_x64(True):
-            return _cast(exported()[0](_cast(scenario, jnp.float64)), jnp.float32)
-
-    def wide_product(scenario: Scenario, cotangents: Trajectory) -> Scenario:
-        with jax.enable_x64(True):
-            given = _cast((scenario, cotangents), jnp.float64)
-            return _cast(exported()[1](*given), jnp.float32)
-
-    # What is exported knows of no batch.
-    value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
-    product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
-
-    def forward(scenario: Scenario) -> tuple[Trajectory, Scenario]:
-        if is_traced(scenario):
-            return value(scenario), scenario
-        with jax.enable_x64(True):
-            return _cast(_replan(held, _cast(scenario, jnp.float64)), jnp.float32), scenario
-
-    def backward(scenario: Scenario, cotangents: Trajectory) -> tuple[Scenario]:
-        if is_traced((scenario, cotangents)):
-            return (product(scenario, cotangents),)
-        with jax.enable_x64(True):
-            given = _cast((scenario, cotangents), jnp.float64)
-            return (_cast(_product(held, *given), jnp.float32),)
-
-    narrow: Any = jax.custom_vjp(lambda scenario: value(scenario))
-    narrow.defvjp(forward, backward)
-    followed: Callable[[Scenario], Trajectory] = narrow
-    return followed
-
-
-def _cast(tree: Any, dtype: Any) -> Any:
-    def cast(leaf: Any) -> Any:
-        if isinstance(leaf, jax.core.Tracer):
-            return jax.lax.convert_element_type(leaf, dtype)
-        return np.asarray(leaf, dtype)  # without a kernel
-
-    return jax.tree.map(cast, tree)

@@ -16,7 +16,9 @@ import pytest
 
 from jaxplan.cli import main
 from jaxplan.model.status import Status
+from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading
+from jaxplan.schema.kinds import FromZero
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
@@ -29,6 +31,7 @@ UNITS = {
     "rad": "rad",
     "s": "s",
     "km": "km",
+    "m": "m",
     "nm": "N m",
     "nms": "N m s",
     "m2": "kg m²",
@@ -62,19 +65,20 @@ def rows(pages):
 def tables(table=SCENARIO, title="Top of the file"):
     """Every table that files are read by, with its heading."""
     yield title, table
-    path = "" if title == "Top of the file" else title.strip("[]") + "."
+    path = "" if title == "Top of the file" else title.partition("] ")[0].strip("[]") + "."
     for field in table.fields:
         if isinstance(field.kind, Rows):
             yield from tables(field.kind.table, f"[[{path}{field.key}]]")
-        elif isinstance(field.kind, Either):
-            yield from ((f"[{path}{field.key}] {words}", one) for words, one in field.kind.tables.items())
+        elif isinstance(field.kind, Either | TargetList):
+            for words, one in field.kind.tables.items():
+                yield from tables(one, f"[{path}{field.key}] {words}")
         elif isinstance(field.kind, Table):
             yield from tables(field.kind, f"[{path}{field.key}]")
 
 
 def expected_unit(key: str) -> str:
     """The unit that a key ends in, spelled out."""
-    ending = re.search(r"_(deg_s3|deg_s2|deg_s|rad_s|kg_m2|deg|rad|nms|nm|km|s)$", key)
+    ending = re.search(r"_(deg_s3|deg_s2|deg_s|rad_s|kg_m2|km_s|deg|rad|nms|nm|km|m|s)$", key)
     if ending is None:
         return "\N{EN DASH}"
     parts = ending[1].split("_")
@@ -121,7 +125,8 @@ def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
             text = rows[title, field.key][2].strip("`")
             low, high = (float(end) for end in text[1:-1].split(","))
             whole = type(field.kind).__name__ == "Integer"
-            for end, closed in ((low, text[0] == "["), (high, text[-1] == "]")):
+            from_zero = isinstance(field.kind, FromZero)  # what stands beside it may refuse a zero
+            for end, closed in ((low, text[0] == "[" or from_zero), (high, text[-1] == "]")):
                 if abs(end) == float("inf"):
                     continue
                 read = field.kind.read(int(end) if whole else end, place)

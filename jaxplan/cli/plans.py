@@ -29,9 +29,10 @@ from jaxplan.cli.common import (
 )
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
+from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
 from jaxplan.planner.record import report_summary
-from jaxplan.planner.validity import start_breaches
+from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.text import template
@@ -42,6 +43,7 @@ _COUNTED = {  # what a scene and its spacecraft have several of, and what one of
     "keep_out": "keep-out zone",
     "keep_in": "keep-in zone",
     "joint_bounds": "joint bound",
+    "masks": "mask",
 }
 
 
@@ -90,13 +92,21 @@ def _findings(name: str) -> dict[str, Any]:
     except ValueError as error:  # it is none at all
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
-    everything = {**vars(scene), **vars(scene.spacecraft)}
+    everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
     holds = {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED}}
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
 
 
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
-    """List what the start breaks, and the goal where it is a given state among nothing that moves."""
+    """List what the start breaks, and the goal where it is a given state among nothing that moves.
+
+    Of targets it is known, where the duration is a number, whether they are seen in the end.
+    """
+    duration = scene.trajectory.duration
+    if not isinstance(duration, str):
+        unseen = hidden_targets(scene, float(duration))
+        if unseen:
+            return list(start_breaches(scene)), list(unseen)
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
         from jaxplan.planner.steps import find_goals

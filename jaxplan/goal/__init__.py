@@ -20,8 +20,11 @@ import numpy as np
 from jaxplan.geometry import quaternion
 from jaxplan.goal import multistart
 from jaxplan.goal.beside import goals_beside
-from jaxplan.goal.caps import Caps, GoalProblem, assemble, deepest_row
+from jaxplan.goal.caps import Caps, assemble, deepest_row
+from jaxplan.goal.free import settled
+from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.sensitivity import goal_in_time
+from jaxplan.goal.wishes import with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
@@ -107,14 +110,16 @@ def decompose(
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
-    caps = assemble(problem)
     with jax.enable_x64(True):
+        problem = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
+        caps = assemble(problem)
         solutions = multistart.minima(caps, max(max_goals, CANDIDATES) if caps.open else max_goals, seed)
         best = solutions if len(solutions) else _least_broken(problem, seed)
     attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
-    joints = problem.joints(attitudes)
+    joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
+    joints = np.stack([settled(problem, *state) for state in zip(attitudes, joints, strict=True)])
     goals = [
-        Goal(attitude=attitude, joints=np.clip(angles, *problem.ranges.T), slew_angle=slew)
+        Goal(attitude=attitude, joints=angles, slew_angle=slew)
         for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
         if slew <= max_slew
     ]
@@ -151,7 +156,8 @@ def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
 
     has_zones = np.any(easier_zones(0).row >= 0)
     can_point = has_zones and len(multistart.minima(easier_aims(0), 1, seed)) > 0
-    return multistart.least_widening(easier_zones if can_point else easier_aims, np.pi, seed)[None]
+    best, _ = multistart.least_widening(easier_zones if can_point else easier_aims, np.pi, seed)
+    return best[None]
 
 
 def tracking_rates(

@@ -86,39 +86,43 @@ def aims_of(craft: Spacecraft, targets: Targets, tolerance: float = 0.0) -> Aims
         targets: where they are at the goal.
         tolerance: rad, to which equations are met; zero for exactly.
     """
-    gimbals, names = craft.gimbals, craft.device_names
+    names, gimbals = craft.device_names, craft.gimbals.count
     devices = targets.numbers(craft)
     held = tuple(
-        number for number in range(gimbals.count) if number not in devices and names[number] in targets.hold
+        number for number in range(gimbals) if number not in devices and names[number] in targets.hold
     )
-    joint_ranges, share = goal_ranges(craft, targets), _SHARE * tolerance
-    around = np.array([-share, share])
-    frames, ranges, equations = [], [], []
-    for number in devices:
-        is_gimbal, is_terminal = number < gimbals.count, number < gimbals.terminals
-        azimuth, elevation = around, around
-        if is_gimbal:
-            frames.append(gimbals.frames[number])
-            azimuth = joint_ranges[gimbals.yaws[number]]
-        else:
-            boresight = craft.fixed_boresights[number - gimbals.count]
-            frames.append(frame_of(_across(boresight), boresight))
-        if is_terminal:
-            elevation = joint_ranges[gimbals.pitches[number]]
-        elif is_gimbal:
-            elevation = gimbals.tilts[number - gimbals.terminals] + around
-        xp = array_module(azimuth, elevation)
-        ranges.append(xp.stack([xp.asarray(azimuth), xp.asarray(elevation)]))
-        equations.append((not is_gimbal, not is_terminal))
+    ranges = goal_ranges(craft, targets)
+    boxes = [box_of(craft, number, ranges, _SHARE * tolerance) for number in devices]
     directions = targets.directions
     return Aims(
         devices=devices,
         held=held,
-        equations=tuple(equations),
+        equations=tuple((number >= gimbals, number >= len(craft.terminals)) for number in devices),
         directions=array_module(directions).asarray(directions, float).reshape(-1, 3),
-        frames=stacked(frames).reshape(-1, 3, 3),
-        ranges=stacked(ranges).reshape(-1, 2, 2),
+        frames=stacked([frame for frame, _ in boxes]).reshape(-1, 3, 3),
+        ranges=stacked([box for _, box in boxes]).reshape(-1, 2, 2),
     )
+
+
+def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tuple[AnyArray, AnyArray]:
+    """Axes (3, 3) of a device, and where in them it can point: azimuth and elevation, (2, 2) rad.
+
+    Args:
+        craft: the spacecraft.
+        number: of the device.
+        ranges: (J, 2) rad, of the joints at the goal.
+        share: rad, by which an angle without a range may be off.
+    """
+    gimbals, around = craft.gimbals, np.array([-share, share])
+    if number >= gimbals.count:
+        boresight = craft.fixed_boresights[number - gimbals.count]
+        return frame_of(_across(boresight), boresight), np.array([around, around])
+    azimuth = ranges[gimbals.yaws[number]]
+    if number < gimbals.terminals:
+        elevation = ranges[gimbals.pitches[number]]
+    else:
+        elevation = gimbals.tilts[number - gimbals.terminals] + around
+    return gimbals.frames[number], array_module(azimuth, elevation).stack([azimuth, elevation])
 
 
 def _across(boresight: AnyArray) -> AnyArray:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal.caps import GoalProblem
+from jaxplan.goal.problem import GoalProblem
 from jaxplan.model.constraints import chosen_entries, constraint_margins
 from jaxplan.model.path import Goal
 

@@ -1,10 +1,8 @@
 """The constraints of problem (7) in one form: cones about body axes, caps, that directions must stay out of.
 
 At a goal a device points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
-known, then, where they are in one of two frames: targets and inertial axes in the inertial one, boresights of
-instruments, axes of the body and held devices in the body's (`jaxplan.goal.aims`). A pair of a row and a
-sight in the same frame is *settled* whatever the attitude; one of either is a cap. So is a row of joints that
-bounds a yaw or a pitch alone. All other pairs depend on what the joints are: step 1 leaves them *open*.
+known, then, in which frame they stand still, and a pair of a row and a sight that do so in different ones is
+a cap (`jaxplan.goal.pairs`).
 
 With ``R = R0 E`` an inertial direction ``z`` has the body components ``E^T R0^T z``. Every constraint on the
 goal keeps one such vector out of a cap of the unit sphere in body axes, of axis ``a`` and half-angle ``h``:
@@ -21,40 +19,28 @@ Constraints of which one is enough (a yaw range wider than half a turn, entries 
 of a group: it asks for one of its members, a member for all of its caps. An entry is held against what is
 settled, and where a constraint has an entry that nothing of a cap stands against, it gives none at all.
 
-`pairs_at_goal` computes with numpy or JAX, as its arguments do. Shapes: Z rows, S sights, m caps; in kernels
-lanes are the last axis.
+Shapes: Z rows, S sights, m caps; in kernels lanes are the last axis.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import chain, product
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, arrays, separation
-from jaxplan.goal.aims import AZIMUTH, Aims, Known, aims_of, goal_ranges, known_sights, pointed
+from jaxplan.geometry.vectors import pointing, separation
+from jaxplan.goal.aims import AZIMUTH, Aims
+from jaxplan.goal.pairs import single_yaws
+from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
 from jaxplan.model.constraints import (
-    BODY,
-    INERTIAL,
     JOINTS,
-    SIGHT,
-    Constraints,
     best_entries,
     chosen_entries,
-    joint_values,
-    pair_margins,
-    state_margins,
 )
-from jaxplan.model.directions import Sights
-from jaxplan.model.scenario import Targets
-from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import padded_count
 
 HAIR = 1e-12
@@ -63,82 +49,6 @@ EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
 ALTERNATIVES = 16
 """Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GoalProblem:
-    """What is asked of the attitude at a goal.
-
-    Attributes:
-        spacecraft: its devices.
-        start: (3, 3) attitude at the start, body to inertial, ``R0``.
-        rest: (J,) rad, joints that devices without a target have at the goal; of angles of the others that
-            differ by whole turns the nearest to these are taken.
-        aims: what must point where.
-        ranges: (J, 2) rad, of the joints at the goal.
-        rows: all constraints, at an instant.
-    """
-
-    spacecraft: Spacecraft
-    start: np.ndarray
-    rest: np.ndarray
-    aims: Aims
-    ranges: np.ndarray
-    rows: Constraints
-
-    @classmethod
-    def of(
-        cls,
-        spacecraft: Spacecraft,
-        start: ArrayLike,
-        targets: Targets,
-        rows: Constraints | None = None,
-        rest: ArrayLike | None = None,
-    ) -> Self:
-        """The problem of targets; without rows, and with other joints at zero, unless told."""
-        ranges = np.asarray(goal_ranges(spacecraft, targets))
-        return cls(
-            spacecraft=spacecraft,
-            start=np.asarray(start, float),
-            rest=np.zeros(len(ranges)) if rest is None else np.asarray(rest, float),
-            aims=aims_of(spacecraft, targets, float(targets.tolerance)),
-            ranges=ranges,
-            rows=tabulate((), (), spacecraft) if rows is None else rows,
-        )
-
-    @cached_property
-    def sights(self) -> Sights:
-        """The directions that the rows bind."""
-        return self.rows.sights(self.spacecraft.gimbals, self.spacecraft.fixed_boresights)
-
-    @cached_property
-    def known(self) -> Known:
-        """What is known of them."""
-        return known_sights(self.aims, self.sights, self.rest)
-
-    @cached_property
-    def pairs(self) -> "Pairs":
-        """All pairs of the rows."""
-        return pairs_at_goal(self.rows, self.sights, self.known, self.rest)
-
-    def joints(self, attitudes: np.ndarray) -> np.ndarray:
-        """(..., J) rad, at attitudes (..., 3, 3) at which devices point along their targets."""
-        return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
-
-    def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """(..., Z, S) rad, of every pair in states."""
-        return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
-
-    def wider(self, by: float) -> "GoalProblem":
-        """The problem without rows, with azimuths and elevations so many rad easier."""
-        around = np.array([-by, by])
-        nowhere = tabulate((), (), self.spacecraft)
-        return replace(
-            self,
-            aims=replace(self.aims, ranges=self.aims.ranges + around),
-            ranges=self.ranges + around,
-            rows=nowhere,
-        )
 
 
 def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -183,102 +93,6 @@ def applies(excess: Array, member: Array, group: Array) -> Array:
 
     choice = jnp.any(group[1:] == group[:-1])
     return jax.lax.cond(choice, chosen, lambda excess: jnp.ones(excess.shape, bool), excess)
-
-
-class Pairs(NamedTuple):
-    """Every pair at a goal.
-
-    Attributes:
-        settled: (Z, S) bool, pairs that the attitude changes nothing about.
-        margin: (Z, S) rad, of those that are settled.
-        capped: (Z, S) bool, pairs that are caps. A bound of a yaw is one beside others, see `caps`.
-        axis: (Z, S, 3) of the cap, unit vectors in body axes.
-        direction: (Z, S, 3) unit vectors that stay out of the caps, inertial.
-        half_angle: (Z, S) rad.
-    """
-
-    settled: AnyArray
-    margin: AnyArray
-    capped: AnyArray
-    axis: AnyArray
-    direction: AnyArray
-    half_angle: AnyArray
-
-
-def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
-    """All pairs of a scene as they are at a goal.
-
-    Args:
-        rows: the constraints, at an instant.
-        sights: what they bind.
-        known: of these.
-        rest: (J,) rad, joints that held devices keep.
-    """
-    xp, toward, along, axis = arrays(known.toward, known.along, rows.axis)
-    side, half_angle = rows.side[:, None], rows.half_angle[:, None]
-    inertial, in_body = rows.frame == INERTIAL, rows.frame == BODY
-    outside, inside = axis, axis
-    if rows.inner:
-        another, partner = rows.frame == SIGHT, rows.partner
-        inertial = inertial | (another & xp.asarray(known.inertial)[partner])
-        in_body = in_body | (another & xp.asarray(known.in_body)[partner])
-        outside = xp.where(another[:, None], toward[partner], axis)
-        inside = xp.where(another[:, None], along[partner], axis)
-    both_outside = inertial[:, None] & known.inertial
-    both_inside = in_body[:, None] & known.in_body
-    settled = rows.bound & (both_outside | both_inside)
-    margin = xp.where(both_outside, pair_margins(rows, toward, outside), pair_margins(rows, along, inside))
-    by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
-    of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
-    pairs = Pairs(
-        settled=settled,
-        margin=margin,
-        capped=rows.bound & by_attitude & ~settled,
-        axis=side[..., None] * xp.where(of_body, along, inside[:, None]),
-        direction=xp.where(of_body, outside[:, None], toward),
-        half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
-    )
-    return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
-
-
-def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
-    """The pairs with those of rows of joints: settled of held devices, and caps of a yaw or a pitch alone."""
-    xp, normal, bound, frames = arrays(rows.axis, rows.half_angle, sights.gimbals.frames)
-    of_yaw, sign = single_yaws(rows), xp.sign(normal[:, 0] + normal[:, 1])
-    edge = sign * (bound - np.pi / 2)
-    across = frames[:, :, 0] * xp.cos(edge)[:, None, None] + frames[:, :, 1] * xp.sin(edge)[:, None, None]
-    upward = -sign[:, None, None] * frames[:, :, 2]
-    rest_of = ((0, 0), (0, rows.bound.shape[1] - frames.shape[0]), (0, 0))
-    axis = xp.pad(xp.where(of_yaw[:, None, None], across, upward), rest_of)
-    half_angle = np.pi / 2 + xp.where(of_yaw, 0, bound)[:, None]
-    ours = (rows.frame == JOINTS)[:, None]
-    one_plane = of_yaw[:, None] & ~known.winds  # else no plane says which turn a yaw is in
-    alone = (one_plane | (normal[:, 0] == 0)[:, None]) & known.inertial
-    values = xp.swapaxes(joint_values(rows, sights.gimbals, rest), -1, -2)
-    held = ours & known.angles
-    return pairs._replace(
-        settled=xp.where(ours, rows.bound & held, pairs.settled),
-        margin=xp.where(ours, values - bound[:, None], pairs.margin),
-        capped=xp.where(ours, rows.bound & alone, pairs.capped),
-        axis=xp.where(ours[..., None], axis, pairs.axis),
-        direction=xp.where(ours[..., None], known.toward, pairs.direction),
-        half_angle=xp.where(ours, half_angle, pairs.half_angle),
-    )
-
-
-def single_yaws(rows: Constraints) -> AnyArray:
-    """(Z,) bool, the rows of joints that bound a yaw alone."""
-    return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
-
-
-def leaves_open(problem: GoalProblem) -> bool:
-    """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
-    return bool(np.any(_open(problem.rows, problem.pairs)))
-
-
-def _open(rows: Constraints, pairs: Pairs) -> AnyArray:
-    """(Z, S) bool, pairs that depend on the joints at a goal otherwise than as caps."""
-    return rows.bound & ~pairs.settled & ~pairs.capped
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -336,12 +150,12 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
         widening: rad by which every row is made easier.
     """
     rows, pairs = problem.rows, problem.pairs
-    open_ = leaves_open(problem)
     fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
     if widening:
         away = np.where(rows.frame == JOINTS, 1, rows.side)
         problem = replace(problem, rows=replace(rows, half_angle=rows.half_angle - away * widening))
     groups = [*_of_aims(problem.aims), *_of_rows(problem, fails)]
+    groups += [group for wish in problem.wishes if (group := _of_wish(wish))]
     members = [(number, member) for number, group in enumerate(groups) for member in group]
     found = [(number, group, cap) for number, (group, member) in enumerate(members) for cap in member]
     size = max(8, padded_count(len(found)))
@@ -357,7 +171,7 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
         group=np.array(group),
         row=row,
         sight=sight,
-        open=open_,
+        open=leaves_open(problem),
     )
 
 
@@ -458,6 +272,34 @@ def _of_aims(aims: Aims) -> Iterator[_Group]:
         upward = frame[:, 2]
         yield [[cap._replace(axis=upward, half_angle=np.pi / 2 - most)]]
         yield [[cap._replace(axis=-upward, half_angle=np.pi / 2 + least)]]
+
+
+def _of_wish(wish: Wished) -> _Group:
+    """The group of caps that keeps a device near what it is wished to be near to; none where all is near."""
+    reach, frame = wish.reach, wish.frame
+    cap = _Cap(-1, wish.device, np.zeros(3), wish.direction, 0.0)
+
+    def near(azimuth: float, elevation: float) -> _Member:
+        """The cap outside a cone about a direction in the device's axes."""
+        axis = -frame @ pointing(azimuth, elevation)
+        return [cap._replace(axis=axis, half_angle=np.pi - reach)]
+
+    (low, high), (least, most) = wish.box.tolist()
+    if wish.kind == "instrument":
+        group = [near(0.0, 0.0)]
+    else:
+        beside = reach if wish.kind == "terminal" else 0.0
+        upward = frame[:, 2]
+        band = [
+            cap._replace(axis=upward, half_angle=np.pi / 2 - most - reach),
+            cap._replace(axis=-upward, half_angle=np.pi / 2 + least - reach),
+        ]
+        ways = _of_arc(low - beside, high + beside, cap, frame) or [[]]
+        group = [[*way, *band] for way in ways]
+        if wish.kind == "drive" and high - low < 2 * np.pi:
+            group += [near(low, least), near(high, least)]
+    group = [[cap for cap in member if cap.half_angle > EMPTY] for member in group]
+    return group if all(group) else []
 
 
 def deepest_row(

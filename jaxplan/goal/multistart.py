@@ -23,8 +23,9 @@ from jax import Array
 
 from jaxplan.geometry import quaternion, rotations
 from jaxplan.goal.aims import pointed
-from jaxplan.goal.caps import Caps, GoalProblem, assemble, group_excess
+from jaxplan.goal.caps import Caps, assemble, group_excess
 from jaxplan.goal.descent import CLEAR, LANES, Minima, descend, descent_ends
+from jaxplan.goal.problem import GoalProblem
 from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import quick_jit
@@ -172,7 +173,7 @@ def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
     return kept
 
 
-def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -> np.ndarray:
+def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -> tuple[np.ndarray, float]:
     """The attitude that breaks a problem's constraints least.
 
     The least widening with which the problem has a solution is found by bisection. Every trial starts from
@@ -184,7 +185,7 @@ def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -
         seed: of the covering.
 
     Returns:
-        (4,) unit quaternion of ``E``.
+        (4,) unit quaternion of ``E``, and a widening with which it is a solution, rad.
     """
     least_deep = np.argsort(depths(widened(0), seed), kind="stable")
     starts = covering_points(seed)[least_deep[:LANES]]
@@ -197,7 +198,7 @@ def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -
             wide, starts[0] = trial, solutions[0]
         else:
             narrow = trial
-    return starts[0]
+    return starts[0], wide
 
 
 def nearest_attitudes(

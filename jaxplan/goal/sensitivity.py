@@ -28,8 +28,8 @@ from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, known_sights, pointed
-from jaxplan.goal.caps import pairs_at_goal, single_yaws
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
+from jaxplan.goal.pairs import pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.gimbals import TURN

@@ -26,7 +26,8 @@ from jax.typing import ArrayLike
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
 from jaxplan.model.gimbals import Gimbals
-from jaxplan.model.keys import key
+from jaxplan.model.hidden import Hidden
+from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -48,6 +49,7 @@ class DirectionPath:
         samples: (n, 3) unit vectors.
         times: (n,) s, rising; a single one of a direction that stands still.
         slopes: (n, 3) 1/s, derivatives of the spline at the samples.
+        hidden: when what is there cannot be seen, and so is no target.
     """
 
     samples: np.ndarray = field(
@@ -62,6 +64,7 @@ class DirectionPath:
         )
     )
     slopes: np.ndarray = field(metadata=key("", kind="slopes"))
+    hidden: tuple[Hidden, ...] = keyed((), "hidden", "when what is there is hidden, of a target", static=True)
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:

@@ -20,9 +20,10 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.epochs import parse_epoch
+from jaxplan.model.hidden import after_hidden
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, bound_by, masks, tabulate
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -138,7 +139,8 @@ class Targets:
         metadata=key(
             "targets",
             "where devices point, inertial: an array of one a terminal, or a table by names of devices; "
-            "one that moves as { direction_samples, times_s }, or the name of a satellite or body of [sky]",
+            "one that moves as { direction_samples, times_s }, or "
+            "a name: of a satellite or ground point of [sky], a body, nadir, zenith, ram, orbit_normal",
             kind="targets",
         )
     )
@@ -385,7 +387,9 @@ class Scenario:
         static=True,
     )
     spacecraft: Spacecraft = field(metadata=key("spacecraft", "platform, terminals and instruments"))
-    start: GivenState = field(metadata=key("start", "the state the manoeuvre starts from"))
+    start: GivenState = field(
+        metadata=key("start", "the state the manoeuvre starts from, or what points where then", kind="start")
+    )
     goal: Targets | GivenState = field(
         metadata=key("goal", "directions to point at, or a given state", kind="goal")
     )
@@ -401,14 +405,25 @@ class Scenario:
 
     @property
     def zones(self) -> tuple[Zone, ...]:
-        """All pointing constraints, in the order of `constraints`."""
-        return (*self.keep_out, *self.keep_in, *self.joint_bounds)
+        """All pointing constraints with the masks of terminals, in the order of `constraints`."""
+        return (*self.keep_out, *self.keep_in, *self.joint_bounds, *masks(self.spacecraft))
 
     @property
     @made_once
     def constraints(self) -> Constraints:
         """All pointing constraints as rows, see `jaxplan.model.constraints`."""
-        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=self.joint_bounds)
+        return self.rows()
+
+    def rows(self, turns: Turns | None = None) -> Constraints:
+        """The constraints, with masks after given turns of the yaw, see `jaxplan.model.zones.masks`."""
+        bounds = self.joint_bounds
+        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=bounds, turns=turns)
+
+    @property
+    @made_once
+    def sight_names(self) -> tuple[str, ...]:
+        """Names of all that constraints bind: devices, edges of fields of view, and other vectors."""
+        return tuple(bound_by(self.zones, self.spacecraft).names)
 
     def __eq__(self, other: object) -> bool:
         return same(self, other) if isinstance(other, Scenario) else NotImplemented
@@ -422,19 +437,31 @@ def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
+    for device, path in target_paths(scenario):
+        yield f"the target of {device}", path
+    if isinstance(scenario.goal, Targets):
+        for wish in scenario.goal.prefer:
+            if as_path(wish.direction).moves:
+                yield f"what {wish.device} prefers", as_path(wish.direction)
+
+
+def target_paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
+    """The paths of targets that move, each with the name of the device that points there."""
     goal = scenario.goal
     if isinstance(goal, Targets) and goal.moves:
         for name, path in zip(goal.names(scenario.spacecraft), goal.paths, strict=True):
             if path.moves:
-                yield f"the target of {name}", path
-        for wish in goal.prefer:
-            if as_path(wish.direction).moves:
-                yield f"what {wish.device} prefers", as_path(wish.direction)
+                yield name, path
 
 
 def moves(scenario: Scenario) -> bool:
     """Whether a zone or a target moves."""
     return next(paths(scenario), None) is not None
+
+
+def seen_from(scenario: Scenario, time: float) -> float:
+    """The first time, from some time on, at which no target is hidden, s; as far as they are known."""
+    return after_hidden([span for _, path in target_paths(scenario) for span in path.hidden], time)
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
@@ -473,7 +500,9 @@ def _same_paths(one: Any, other: Any) -> bool:
     if not (isinstance(one, DirectionPath) and isinstance(other, DirectionPath)):
         path, direction = (one, other) if isinstance(one, DirectionPath) else (other, one)
         return not path.moves and same(path.samples[0], direction)
-    return same(one.samples, other.samples) and (not one.moves or same(one.times, other.times))
+    return same(one.samples, other.samples) and (
+        not one.moves or (same(one.times, other.times) and same(one.hidden, other.hidden))
+    )
 
 
 def _instant(value: Any) -> Any:

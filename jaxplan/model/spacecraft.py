@@ -6,7 +6,7 @@ devices is in `jaxplan.model.gimbals`. Attitudes map body to inertial.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import jax
 import numpy as np
@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.gimbals import Gimbals, angles_toward, frame_about_z, frame_of, stacked
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.outlines import FORWARD, UP, field_edges
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -60,6 +61,9 @@ class Mount:
     "acceleration_limit deg/s^2",
     "yaw_acceleration_limit deg/s^2",
     "pitch_acceleration_limit deg/s^2",
+    "field_of_view deg",
+    "up",
+    "mask deg",
 )
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +85,11 @@ class Terminal:
         acceleration_limit: bound of either joint's acceleration, rad/s^2, but for a joint that has its own.
         yaw_acceleration_limit: bound of the yaw's acceleration, rad/s^2; None for `acceleration_limit`.
         pitch_acceleration_limit: likewise of the pitch's.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector along the boresight, to its left and upward, at right angles to the boresight;
+            None for upward.
+        mask: (k, 2) rad each, corners (yaw, pitch) of a convex polygon that the joints must not enter.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
@@ -124,6 +133,32 @@ class Terminal:
     pitch_acceleration_limit: float | None = keyed(
         None, "pitch_acceleration_limit_deg_s2", "of the pitch", "[1e-9, 1e9]"
     )
+
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None,
+        "up",
+        "of its field, in parts along the boresight, to its left and upward; upward if absent",
+        kind="unit vector",
+    )
+    mask: tuple[np.ndarray, ...] = keyed(
+        (),
+        "mask_deg",
+        "convex polygons of (yaw, pitch) that it must not enter, met again every turn",
+        "[-360, 360]",
+        kind="polygons",
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges: along the boresight, to its left and upward."""
+        return field_edges(FORWARD, UP if self.up is None else self.up, self.field_of_view)
 
     @property
     def frame(self) -> AnyArray:
@@ -180,6 +215,8 @@ class Drive:
         acceleration_limit: rad/s^2.
     """
 
+    field_of_view: ClassVar[None] = None
+
     name: str = field(metadata=key("name", "unique among the devices", static=True))
     axis: np.ndarray = field(metadata=key("axis", "that it turns about, body axes", kind="unit vector"))
     boresight: np.ndarray = field(
@@ -207,7 +244,7 @@ class Drive:
         return xp.arcsin(xp.sum(axis * boresight) / xp.sqrt(xp.sum(axis * axis) * xp.sum(boresight**2)))
 
 
-@shown("boresight")
+@shown("boresight", "field_of_view deg", "up")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Instrument:
@@ -216,10 +253,28 @@ class Instrument:
     Attributes:
         name: unique among the devices.
         boresight: (3,) unit vector in body axes.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector in body axes, at right angles to the boresight; needed for a field.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
     boresight: np.ndarray = field(metadata=key("boresight", "where it looks, body axes", kind="unit vector"))
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None, "up", "of its field, body axes, at right angles to the boresight", kind="unit vector"
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges in body axes."""
+        return field_edges(self.boresight, self.up, self.field_of_view)
 
 
 @shown(
@@ -293,6 +348,11 @@ class Spacecraft:
         """Names of terminals, drives and instruments: the order of every device axis."""
         names = [one.name for one in self.terminals] + [one.name for one in self.drives]
         return (*names, *(one.name for one in self.instruments))
+
+    @property
+    def devices(self) -> tuple[Terminal | Drive | Instrument, ...]:
+        """Terminals, drives and instruments."""
+        return (*self.terminals, *self.drives, *self.instruments)
 
     @property
     @made_once

@@ -5,20 +5,29 @@ boresight of another device. It binds devices, and further vectors that are fixe
 terminal's moving part. Zones that share a group, ``any_of``, form one constraint, which holds while one of
 its entries does: each zone is an entry of its own unless several name the same one.
 
+A cone to stay out of may count from the edge of a device's field of view instead of from its boresight, and
+one to stay in ask for a place inside the field. Masks are no zones of a scenario but of its terminals; they
+hold as zones do (`masks`).
+
 `tabulate` makes rows of them, see `jaxplan.model.constraints`. A zone is a row, but one about a boresight,
-which is a row for each direction that it binds. The row of an axis that moves has NaN for an axis, so that
-where somebody forgets about that it counts as broken; `Constraints.at` gives the rows as they are at an
-instant.
+which is a row for each direction that it binds, one outside fields of view, which is a constraint of five
+entries for each device, and a mask, which is one of an entry for each edge. The row of an axis that moves has
+NaN for an axis, so that where somebody forgets about that it counts as broken; `Constraints.at` gives the
+rows as they are at an instant.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 from typing import Any, ClassVar
 
 import jax
 import numpy as np
 
+from jaxplan.model import outlines
+from jaxplan.model.bound import Bound
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.gimbals import stacked
@@ -64,7 +73,7 @@ class _Cone:
 
     name: str = field(metadata=_NAME)
     direction: np.ndarray | DirectionPath | None = keyed(
-        None, "direction", "axis of the cone, inertial", kind="axis", required=True
+        None, "direction", "axis of the cone, inertial, or a name of [sky]", kind="axis", required=True
     )
     axis_body: np.ndarray | None = keyed(
         None, "axis_body", "axis fixed in the body", kind="unit vector", instead_of="direction"
@@ -72,7 +81,14 @@ class _Cone:
     axis_device: str | None = keyed(
         None, "axis_device", "whose boresight is the axis", kind="device", instead_of="direction", static=True
     )
-    half_angle: float = field(metadata=key("half_angle_deg", "from the axis to the edge", "(0, 180)"))
+    half_angle: float = field(
+        metadata=key(
+            "half_angle_deg",
+            "from the axis to the edge; with a field of view from the axis to that, from 0 to below 90",
+            "(0, 180)",
+            kind="half angle",
+        )
+    )
     devices: tuple[str, ...] = keyed(
         (),
         "devices",
@@ -99,6 +115,16 @@ class _Cone:
         """Whether its axis is inertial, so that it has a place on the sky."""
         return self.axis_body is None and self.axis_device is None
 
+    @property
+    def binds_all(self) -> bool:
+        """Whether it binds all devices since it names none, as only inertial ones to stay out of may."""
+        return self.side > 0 and self.is_inertial and not self.devices and not self.vectors
+
+    @property
+    def of_field(self) -> bool:
+        """Whether it counts from the edges of fields of view."""
+        return getattr(self, "outside" if self.side > 0 else "inside") is not None
+
     def axis_at(self, time: float = 0.0) -> np.ndarray:
         """(3,) inertial axis at an instant, s; of one that stands still, at any."""
         if self.path is None:
@@ -108,9 +134,11 @@ class _Cone:
 
 
 _SHOWN = ("half_angle deg", "direction", "axis_body", "axis_device", "devices", "vectors", "any_of", "entry")
+FIELD_OF_VIEW = "field_of_view"
+"""What a zone may be outside or inside of."""
 
 
-@shown(*_SHOWN)
+@shown(*_SHOWN, "outside")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(_Cone):
@@ -120,7 +148,7 @@ class KeepOut(_Cone):
         name: unique among all zones.
         direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. One of this,
             `axis_body` and `axis_device` is given.
-        half_angle: rad, in (0, pi).
+        half_angle: rad, in (0, pi); outside a field of view in [0, pi / 2), the distance from the field.
         axis_body: (3,) unit vector of an axis that is fixed in the body.
         axis_device: name of the device whose boresight is the axis.
         devices: names of the devices it binds; empty for all, of an inertial axis without vectors.
@@ -128,12 +156,22 @@ class KeepOut(_Cone):
         any_of: name of its group, None for a zone that must hold by itself.
         entry: name of its entry in the group; zones of the same one must hold together. None for a zone
             that is an entry by itself.
+        outside: "field_of_view" to keep the axis away from the rectangular field of each device it binds,
+            by default all that have one.
     """
 
     side: ClassVar[float] = 1.0
 
+    outside: str | None = keyed(
+        None,
+        "outside",
+        "of what half_angle_deg is the distance: of each device's field instead of its boresight",
+        options=(FIELD_OF_VIEW,),
+        static=True,
+    )
 
-@shown(*_SHOWN)
+
+@shown(*_SHOWN, "inside")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepIn(_Cone):
@@ -143,7 +181,7 @@ class KeepIn(_Cone):
         name: unique among all zones.
         direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. One of this,
             `axis_body` and `axis_device` is given.
-        half_angle: rad, in (0, pi).
+        half_angle: rad, in (0, pi); inside a field of view in [0, pi / 2), the distance from its edges.
         axis_body: (3,) unit vector of an axis that is fixed in the body.
         axis_device: name of the device whose boresight is the axis.
         devices: names of the devices it binds, at least one unless there are vectors.
@@ -151,12 +189,20 @@ class KeepIn(_Cone):
         any_of: name of its group, None for a zone that must hold by itself.
         entry: name of its entry in the group; zones of the same one must hold together. None for a zone
             that is an entry by itself.
+        inside: "field_of_view" to keep the axis in the rectangular field of each device it binds.
     """
 
     side: ClassVar[float] = -1.0
 
     devices: tuple[str, ...] = keyed(
         (), "devices", "which it binds, each by itself; these or vectors", kind="devices", static=True
+    )
+    inside: str | None = keyed(
+        None,
+        "inside",
+        "where the axis must be, half_angle_deg or more from its edges: in each device's field",
+        options=(FIELD_OF_VIEW,),
+        static=True,
     )
 
 
@@ -189,12 +235,58 @@ class JointBound:
     is_inertial: ClassVar[bool] = False
 
 
-Zone = KeepOut | KeepIn | JointBound
+@shown("device", "corners deg", "turns")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mask:
+    """A convex polygon of yaw and pitch that a terminal must not enter, as its spacecraft has it.
+
+    Attributes:
+        name: after the terminal, such as "mask 1 of antenna".
+        device: name of the terminal.
+        corners: (k, 2) rad.
+        turns: whole turns of yaw after which it is met again.
+    """
+
+    name: str
+    device: str
+    corners: np.ndarray
+    turns: tuple[int, ...]
+
+    any_of: ClassVar[None] = None
+    entry: ClassVar[None] = None
+    path: ClassVar[None] = None
+    moves: ClassVar[bool] = False
+    is_inertial: ClassVar[bool] = False
+
+
+Zone = KeepOut | KeepIn | JointBound | Mask
 """A pointing constraint, or a member of one, as it is stated."""
+
+Turns = tuple[tuple[int, ...], ...]
+"""Whole turns after which each mask of a spacecraft is met again."""
+
+
+def masks(spacecraft: Spacecraft, turns: Turns | None = None) -> tuple[Mask, ...]:
+    """The masks of all terminals.
+
+    Args:
+        spacecraft: whose terminals they are of.
+        turns: of each mask; None for those that reach into the yaw's range.
+    """
+    found: list[Mask] = []
+    for terminal in spacecraft.terminals:
+        low, high = terminal.ranges[0]
+        for number, corners in enumerate(terminal.mask):
+            own = outlines.turns(corners, low, high) if turns is None else turns[len(found)]
+            name = f"mask {number + 1} of {terminal.name}"
+            found.append(Mask(name=name, device=terminal.name, corners=corners, turns=own))
+    return tuple(found)
 
 
 _NOWHERE = np.full(3, np.nan)  # the axis of a row whose axis moves
 _PADDING_AXIS = np.array([0.0, 0.0, 1.0])
+MOST_WAYS = 64
+"""Ways in which the entry of a group may hold at most: five for each field of view that it keeps clear."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -211,33 +303,34 @@ class _Row:
     path: DirectionPath | None = None
 
 
+_Ways = list[list[_Row]]  # of which one must hold, with all of its rows
+
+
 def tabulate(
     keep_out: Sequence[KeepOut],
     keep_in: Sequence[KeepIn],
     spacecraft: Spacecraft,
     *,
     joint_bounds: Sequence[JointBound] = (),
+    turns: Turns | None = None,
 ) -> Constraints:
-    """The zones as padded rows, in the order in which they are given.
+    """The zones and the spacecraft's masks as padded rows, in the order in which they are given.
 
     Args:
         keep_out: zones to stay out of.
         keep_in: zones to stay in.
         spacecraft: whose devices they bind.
         joint_bounds: of terminals.
+        turns: after which masks are met again, where that is known; `masks` finds it.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
-            twice, or needs joints of a device without.
+            twice, or needs joints or a field of view of a device without.
     """
-    zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds]
-    further = [vector for zone in zones if not isinstance(zone, JointBound) for vector in zone.vectors]
-    still = [vector for vector in further if vector.to is None]
-    moved = [vector for vector in further if vector.to is not None]
-    sights = _Sights(spacecraft, [*still, *moved])
-    rows = [row for number, zone in enumerate(zones) for row in _rows(number, zone, sights)]
+    zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds, *masks(spacecraft, turns)]
+    sights = bound_by(zones, spacecraft)
+    rows, entry, group = _numbered(zones, sights)
     size = padded_count(len(rows))
-    entry, group = _numbered([zones[row.zone] for row in rows])
     padding = range(len(rows), size)
     rows += [_Row() for _ in padding]
     paths = tuple(row.path for row in rows)
@@ -254,97 +347,101 @@ def tabulate(
         entry=np.array([*entry, *padding], int),
         group=np.array([*group, *padding], int),
         zone=np.array([row.zone for row in rows], int),
-        body=stacked([vector.along for vector in still]).reshape(-1, 3),
-        carrier=np.array([sights.devices.index(str(vector.to)) for vector in moved], int),
-        carried=stacked([vector.along for vector in moved]).reshape(-1, 3),
+        body=stacked([vector for vector, _ in sights.body]).reshape(-1, 3),
+        carrier=np.array([carrier for *_, carrier in sights.carried], int),
+        carried=stacked([vector for vector, *_ in sights.carried]).reshape(-1, 3),
         paths=paths if any(path is not None for path in paths) else (),
         inner=any(row.frame != INERTIAL for row in rows),
         nested=len(set(entry)) < len(entry),
     )
 
 
-def _numbered(zones: Sequence[Zone]) -> tuple[list[int], list[int]]:
-    """Entry and constraint of each row by its zone, each by the number of its first row.
-
-    Rows of a zone without a group are constraints by themselves: all must hold anyway.
-    """
-    first: dict[tuple[Any, ...], int] = {}
-    entry, group = [], []
-    for row, zone in enumerate(zones):
-        whole = (row,) if zone.any_of is None else ("any of", zone.any_of)
-        own = (row,) if zone.any_of is None else ("entry", zone.any_of, zone.entry or id(zone))
-        group.append(first.setdefault(whole, row))
-        entry.append(first.setdefault(own, row))
-    return entry, group
-
-
-class _Sights:
-    """Sights by number; it finds those of a zone, and raises for names that are wrong."""
-
-    def __init__(self, spacecraft: Spacecraft, vectors: list[FixedVector]) -> None:
-        self.devices, self.terminals = spacecraft.device_names, len(spacecraft.terminals)
-        self.gimbals = self.terminals + len(spacecraft.drives)
-        self._vectors = {id(vector): len(self.devices) + i for i, vector in enumerate(vectors)}
-        self.count = len(self.devices) + len(vectors)
-
-    def device(self, zone: Zone, key: str, name: str) -> int:
-        """The number of a device, by its name."""
-        if name not in self.devices:
-            known = ", ".join(self.devices) or "the spacecraft has none"
-            raise ValueError(f"zone {zone.name}: {key}: there is no {name!r}, only {known}")
-        return self.devices.index(name)
-
-    def terminal(self, zone: Zone, key: str, name: str) -> int:
-        """The number of a device that must be a terminal."""
-        number = self.device(zone, key, name)
-        if number >= self.terminals:
-            raise ValueError(f"zone {zone.name}: {key}: {name!r} is no terminal")
-        return number
-
-    def gimbal(self, zone: Zone, key: str, name: str) -> int:
-        """The number of a device that must have joints."""
-        number = self.device(zone, key, name)
-        if number >= self.gimbals:
-            raise ValueError(f"zone {zone.name}: {key}: {name!r} has no joints")
-        return number
-
-    def bound(self, zone: KeepOut | KeepIn) -> list[int]:
-        """The numbers of all sights that a cone binds."""
-        given: object = zone.devices  # whatever its type says
-        if isinstance(given, str):
-            raise ValueError(f"zone {zone.name}: devices = {given!r}: must be a tuple of names")
-        for vector in zone.vectors:
-            if vector.to is not None:
-                self.gimbal(zone, "vectors", vector.to)
-        names = zone.devices
-        if binds_all(zone):
-            names = self.devices
-        elif not names and not zone.vectors:
-            raise ValueError(f"zone {zone.name}: devices: must name what it binds, at least one")
-        numbers = [self.device(zone, "devices", name) for name in names]
-        for place, name in enumerate(names):
-            if name in names[:place]:
-                raise ValueError(f"zone {zone.name}: devices: {name!r} is named twice")
-        return numbers + [self._vectors[id(vector)] for vector in zone.vectors]
+def _numbered(zones: Sequence[Zone], sights: Bound) -> tuple[list[_Row], list[int], list[int]]:
+    """All rows in the order of their zones, with the entry and the constraint of each by its first row."""
+    asked = [list(_asked(number, zone, sights)) for number, zone in enumerate(zones)]
+    found: list[tuple[_Row, Any, Any]] = []  # each with names of its constraint and its entry
+    groups: dict[str, dict[Any, list[_Ways]]] = {}
+    for number, (zone, each) in enumerate(zip(zones, asked, strict=True)):
+        if zone.any_of is None:
+            for place, ways in enumerate(each):
+                of = (number, place)
+                found += [(row, of, (of, way)) for way, own in enumerate(ways) for row in own]
+        else:
+            groups.setdefault(zone.any_of, {}).setdefault(zone.entry or number, []).extend(each)
+    for name, entries in groups.items():
+        for own_entry, each in entries.items():
+            if math.prod(map(len, each)) > MOST_WAYS:
+                raise ValueError(f"group {name}: {_too_many(each)}")
+            for way, parts in enumerate(product(*each)):
+                found += [(row, name, (name, own_entry, way)) for part in parts for row in part]
+    found.sort(key=lambda one: one[0].zone)
+    first: dict[Any, int] = {}
+    entry = [first.setdefault(("entry", own), number) for number, (_, _, own) in enumerate(found)]
+    group = [first.setdefault(("constraint", of), number) for number, (_, of, _) in enumerate(found)]
+    return [row for row, *_ in found], entry, group
 
 
-def binds_all(zone: KeepOut | KeepIn) -> bool:
-    """Whether a cone binds all devices since it names none, as only inertial ones to stay out of may."""
-    return zone.side > 0 and zone.is_inertial and not zone.devices and not zone.vectors
+def _too_many(each: Sequence[_Ways]) -> str:
+    ways = math.prod(map(len, each))
+    return f"an entry of it may hold in {ways} ways, {MOST_WAYS} at most: bind fewer fields of view by it"
 
 
-def _rows(number: int, zone: Zone, sights: _Sights) -> Iterator[_Row]:
-    """The rows of a zone."""
+def _asked(number: int, zone: Zone, sights: Bound) -> Iterator[_Ways]:
+    """All that a zone asks for, each in the ways in which it can be had."""
     if isinstance(zone, JointBound):
-        bound = [sights.terminal(zone, "device", zone.device)]
-        axis = stacked([zone.normal[0], zone.normal[1], 0.0])
-        yield _Row(zone=number, axis=axis, half_angle=zone.least, bound=bound, frame=JOINTS)
+        yield [[_joint_row(number, zone.normal, zone.least, sights.terminal(zone, "device", zone.device))]]
+        return
+    if isinstance(zone, Mask):
+        device = sights.terminal(zone, "device", zone.device)
+        normals, least = outlines.half_planes(zone.corners)
+        for turn in zone.turns:
+            beyond = least + 2 * np.pi * turn * normals[:, 0]
+            yield [[_joint_row(number, *edge, device)] for edge in zip(normals, beyond, strict=True)]
         return
     given = [key for key in ("direction", "axis_body", "axis_device") if getattr(zone, key) is not None]
     if len(given) != 1:
         what = " and ".join(given) or "no axis"
         raise ValueError(f"zone {zone.name} has {what}: give one of direction, axis_body and axis_device")
-    bound, cone = sights.bound(zone), partial(_Row, zone=number, half_angle=zone.half_angle, side=zone.side)
+    if zone.of_field:
+        for device in sights.fields(zone):
+            yield from _of_field(number, zone, device, sights)
+    else:
+        for row in _cones(number, zone, sights.bound(zone), sights):
+            yield [[row]]
+
+
+def _joint_row(number: int, normal: Any, least: Any, device: int) -> _Row:
+    axis = stacked([normal[0], normal[1], 0.0])
+    return _Row(zone=number, axis=axis, half_angle=least, bound=[device], frame=JOINTS)
+
+
+def _of_field(number: int, zone: KeepOut | KeepIn, device: int, sights: Bound) -> Iterator[_Ways]:
+    """What a zone asks of the field of a device: that an axis is beyond it, or within all of its edges.
+
+    An axis beyond an edge by ``m`` is at most ``90 deg - m`` from the edge's outward normal. Behind the
+    device that may hold for none, so there it is enough to be farther from the boresight than the corners.
+    """
+    edges = sights.edges(device)
+
+    if zone.side < 0:
+        for edge in edges:
+            yield [
+                list(_cones(number, zone, [edge], sights, side=1.0, half_angle=np.pi / 2 + zone.half_angle))
+            ]
+        return
+    corner = outlines.corner_angle(sights.craft.devices[device].field_of_view)
+    beyond = [
+        list(_cones(number, zone, [edge], sights, side=-1.0, half_angle=np.pi / 2 - zone.half_angle))
+        for edge in edges
+    ]
+    yield [*beyond, list(_cones(number, zone, [device], sights, half_angle=corner + zone.half_angle))]
+
+
+def _cones(
+    number: int, zone: KeepOut | KeepIn, bound: Sequence[int], sights: Bound, **other: Any
+) -> Iterator[_Row]:
+    """Rows about the axis of a zone for some sights, with another side or half angle where given."""
+    cone = partial(_Row, **{"zone": number, "half_angle": zone.half_angle, "side": zone.side} | other)
     if zone.path is not None:
         moving = zone.path.moves
         yield cone(
@@ -354,7 +451,7 @@ def _rows(number: int, zone: Zone, sights: _Sights) -> Iterator[_Row]:
         yield cone(axis=zone.axis_body, bound=bound, frame=BODY)
     else:
         partner = sights.device(zone, "axis_device", str(zone.axis_device))
-        if partner in bound:
+        if zone.axis_device in zone.devices:
             raise ValueError(
                 f"zone {zone.name}: devices: {zone.axis_device!r} is its axis, which it cannot bind"
             )
@@ -362,19 +459,6 @@ def _rows(number: int, zone: Zone, sights: _Sights) -> Iterator[_Row]:
             yield cone(bound=[sight], frame=SIGHT, partner=partner)
 
 
-def sight_names(device_names: Sequence[str], rows: Constraints) -> list[str]:
-    """Names of the directions that constraints bind: devices by name, others by their vector."""
-    moved = [
-        f"direction {_numbers(v)} of {device_names[of]}"
-        for of, v in zip(rows.carrier, rows.carried, strict=True)
-    ]
-    return [*device_names, *map(body_axis_name, rows.body), *moved]
-
-
-def body_axis_name(axis: np.ndarray) -> str:
-    """What an axis (3,) of the body is called."""
-    return f"axis {_numbers(axis)} of the body"
-
-
-def _numbers(vector: np.ndarray) -> str:
-    return f"({', '.join(f'{part:.3g}' for part in vector)})"
+def bound_by(zones: Sequence[Zone], spacecraft: Spacecraft) -> Bound:
+    """What zones bind."""
+    return Bound([zone for zone in zones if isinstance(zone, KeepOut | KeepIn)], spacecraft)

@@ -24,7 +24,6 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import TRAJECTORY_METHODS, Scenario, moves
 from jaxplan.model.status import Status
-from jaxplan.model.zones import sight_names
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, scenario_from_dict, scenario_to_dict
@@ -56,7 +55,7 @@ STEPS = ("goal", "search", "path", "trajectory", "report")
 _STEPS_OF = {
     Status.OK: (5, 5),
     Status.INVALID_START: (0, 0),
-    Status.INVALID_GOAL: (1, 1),
+    Status.INVALID_GOAL: (0, 1),
     Status.GOAL_UNREACHABLE: (0, 0),
     Status.NO_PATH: (1, 2),
     Status.NODE_LIMIT: (2, 2),
@@ -340,7 +339,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
         raise ScenarioError([f"scenario: {fault}" for fault in error.faults]) from error
     craft = scenario.spacecraft
     names = {
-        "device": tuple(sight_names(craft.device_names, scenario.constraints)),
+        "device": scenario.sight_names,
         "zone": tuple(zone.name for zone in scenario.zones),
     }
     root = Place(Reading(names, {"joint": craft.joint_count}))

@@ -1,18 +1,23 @@
 """What a failed plan tells its user: what happened, and which setting to change."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
+from jaxplan.geometry.vectors import separation
 from jaxplan.goal import Decomposition
 from jaxplan.goal.aims import AZIMUTH
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import Scenario, Targets, moves
+from jaxplan.model.scenario import Scenario, Targets, known_until, moves, seen_from
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.zones import KeepIn, KeepOut, sight_names
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
+from jaxplan.planner.validity import rounded_up
 from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
 
 
@@ -21,11 +26,23 @@ def when(scenario: Scenario, time: float) -> str:
     return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
 
 
+def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
+    """Why targets that are hidden at a time, s, are no goal, and until when the manoeuvre may wait."""
+    seen, (known, _) = seen_from(scenario, time), known_until(scenario)
+    advice = "change goal.targets, or give samples for longer, of [sky] a longer for_duration_s"
+    if seen <= known:
+        advice = f'set trajectory.duration_s = {rounded_up(seen)}, when all are seen, or "minimum"'
+    return f"{'; '.join(unseen)}{when(scenario, time)}: {advice}"
+
+
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
     """Why no attitude reaches the targets beside the rows of the scenario's constraints."""
     craft = scenario.spacecraft
     asked = scenario.goal
     if found.worst_aim is not None and found.aim_excess > 0 and isinstance(asked, Targets):
+        apart = _apart(craft, asked)
+        if apart is not None:
+            return apart
         number, angle = found.worst_aim
         device = asked.numbers(craft)[number]
         name, off = craft.device_names[device], f"{np.rad2deg(found.aim_excess):.4g} deg"
@@ -37,7 +54,7 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
             what = f"{name} is {off} off its target at the goal"
         return f"at best {what}: change goal.targets or the limits"
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
-        sight = sight_names(craft.device_names, rows)[found.worst_device]
+        sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
@@ -56,11 +73,27 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
     )
 
 
+def _apart(craft: Spacecraft, asked: Targets) -> str | None:
+    """A sentence on two instruments that cannot both see their targets; None where no two are so."""
+    first, names = craft.gimbals.count, craft.device_names
+    fixed = [(place, number) for place, number in enumerate(asked.numbers(craft)) if number >= first]
+    for (i, one), (j, other) in combinations(fixed, 2):
+        boresights = craft.fixed_boresights[[one - first, other - first]]
+        between, targets = separation(*boresights), separation(asked.directions[i], asked.directions[j])
+        if abs(between - targets) > 2 * asked.tolerance:
+            return (
+                f"{names[one]} and {names[other]} are {np.rad2deg(between):.6g} deg apart, their targets "
+                f"{np.rad2deg(targets):.6g} deg: change one of goal.targets, or raise goal.tolerance_deg"
+            )
+    return None
+
+
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
     """Why no motion brings a device to its goal direction, in one of the scenario's scenes."""
     rows = scene.cones
-    ring = [scenario.zones[zone] for zone in rows.zone[list(barrier.zones)]]
-    sight = sight_names(scenario.spacecraft.device_names, rows)[barrier.device]
+    zones = scenario.zones
+    ring = [zones[zone] for zone in rows.zone[list(barrier.zones)]]
+    sight = scenario.sight_names[barrier.device]
     names = [zone.name for zone in ring]
     out, inside = (any(isinstance(zone, kind) for zone in ring) for kind in (KeepOut, KeepIn))
     change = " or ".join(["a keep-out zone smaller"] * out + ["a keep-in zone larger"] * inside)
@@ -93,7 +126,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
         return ""
     rows, row = obstacle
     zone = scenario.zones[rows.zone[row]]
-    if rows.single[row]:
+    if zone.any_of is None:
         return f"; zone {zone.name} is most in the way"
     members = [one for one in scenario.zones if one.any_of == zone.any_of]
     kind = "keep-in group" if all(isinstance(one, KeepIn) for one in members) else "group"

@@ -9,7 +9,8 @@ parts start from goal for good, so they serve for the proof that there is no pat
 A goal that moves is one at the end of the manoeuvre. In a given duration that is known. In the shortest, or
 one stretched to the limits, the duration depends on the goal and the goal on the duration: in a `Meeting`
 fits and goals follow each other until both agree. That goes fast, since targets turn slowly. At last the
-motion is fitted in just the time after which its goal is there.
+motion is fitted in just the time after which its goal is there. Where a target is hidden then, the manoeuvre
+lasts until it is seen.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves
+from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves, seen_from
 from jaxplan.model.status import Status
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
@@ -133,7 +134,9 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
         guess = _DETOUR * duration_bound(
             scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
         )
-    return tuple(float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS)
+    guesses = [float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS]
+    seen = [time for time in (seen_from(scenario, guess) for guess in guesses) if time <= known]
+    return tuple(dict.fromkeys(seen or guesses[:1]))
 
 
 class Meeting:
@@ -193,6 +196,9 @@ class Meeting:
         if curve.duration > self._known:
             self._miss(_unknown(self._what, self._known, curve.duration))
             return
+        if seen_from(self.scenario, curve.duration) > curve.duration:
+            self._ask(curve.duration)
+            return
         if curve.duration > 0:  # else it is there from the start, and need not stay
             self._durations.append(curve.duration)
             self._settled = abs(curve.duration - expected) <= _SETTLED * expected
@@ -218,9 +224,18 @@ class Meeting:
         self._ask(min(needed * (1 + self._slacks.pop(0)), self._known))
 
     def _ask(self, time: float) -> None:
-        """Ask for the goals at a time."""
-        self._asked = time
-        self.need = GoalQuery(self.scenario, time)
+        """Ask for the goals at a time; if a target is hidden then, at the next when all are seen."""
+        self._asked = seen_from(self.scenario, time)
+        if self._asked > self._known:
+            self._miss(
+                f"the motion takes about {time:.4g} s, and then not all targets are seen until "
+                f"{self._known:g} s, as long as they are known"
+            )
+            return
+        if self._asked > time:
+            self._durations.append(self._asked)
+            self._settled = self._timed = True
+        self.need = GoalQuery(self.scenario, self._asked)
 
     def _miss(self, message: str) -> None:
         """End without a trajectory, since there is none whose end means anything."""

@@ -16,8 +16,8 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, known_until, moves
-from jaxplan.model.zones import sight_names
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import hidden_targets
 from jaxplan.runtime.arguments import expect
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import refuse_types, take_in
@@ -71,7 +71,7 @@ def _claim(query: ProofQuery) -> Claim:
         spacecraft=craft,
         cones=scenario.constraints,
         zone_names=_zone_names(scenario),
-        sight_names=sight_names(craft.device_names, scenario.constraints),
+        sight_names=scenario.sight_names,
         start=EndState(
             attitude=start.attitude,
             joints=start.joints,
@@ -144,14 +144,15 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
             spacecraft=scenario.spacecraft,
             cones=scenario.constraints,
             zone_names=_zone_names(scenario),
-            sight_names=sight_names(scenario.spacecraft.device_names, scenario.constraints),
+            sight_names=scenario.sight_names,
         )
     )
 
 
 def _zone_names(scenario: Scenario) -> list[str]:
     """The name of the zone that each row of the scenario's constraints is of."""
-    return [scenario.zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
+    zones = scenario.zones
+    return [zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
@@ -208,6 +209,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     if not 0 <= goal.time <= known_until(scenario)[0]:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
+    yield from hidden_targets(scenario, goal.time)
     beams, rates = _beam_motion(scenario, goal, goal.angular_velocity, goal.joint_rates)
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)

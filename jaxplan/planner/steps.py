@@ -12,13 +12,14 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, tracking_rates
+from jaxplan.goal.rates import least_rates
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.planner.validity import breaches
+from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 
@@ -44,6 +45,10 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     """
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     asked, start = scenario.goal, scenario.start.attitude
+    unseen = hidden_targets(scenario, end)
+    if unseen:
+        message = messages.hidden(scenario, unseen, end)
+        return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message)
     if isinstance(asked, GivenState):
         candidates: tuple[Goal, ...] = (_given(asked, start),)
     else:
@@ -89,6 +94,8 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
     asked = scenario.goal
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
+    elif asked.prefer:  # the optimum that `tracking_rates` follows knows of no wishes
+        rates = least_rates(scenario.spacecraft, asked, goal, asked.rates(time))
     else:
         rates = tracking_rates(goal, **pursuit(scenario, asked, time))
     return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from jaxplan.model.bound import body_axis_name
 from jaxplan.model.constraints import (
     INERTIAL,
     JOINTS,
@@ -13,9 +14,10 @@ from jaxplan.model.constraints import (
     chosen_entries,
     state_margins,
 )
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.hidden import after_hidden
+from jaxplan.model.scenario import Scenario, known_until, target_paths
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import body_axis_name, sight_names
+from jaxplan.model.zones import KeepIn, KeepOut, Mask, Zone
 
 ROUNDING = 1e-9
 """rad, or share of a rate: what rounding may cost at the very limit; the certificate allows the same."""
@@ -75,9 +77,9 @@ def breaches(
     ]
     found += _overruns(scenario, joints, joint_rates, arriving)
     rows = scenario.constraints.at(time)
-    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
-    names, groups = [zone.name for zone in zones], [zone.any_of for zone in zones]
-    return (*found, *constraint_breaches(rows, craft, attitude, joints, names, groups))
+    stated = scenario.zones
+    zones = [stated[zone] for zone in rows.zone if zone >= 0]
+    return (*found, *constraint_breaches(rows, craft, attitude, joints, zones, scenario.sight_names))
 
 
 def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +97,25 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Everything that the scenario's start breaks, a phrase each."""
     start = scenario.start
     return breaches(scenario, start.attitude, start.joints, start.angular_velocity, start.joint_rates)
+
+
+def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
+    """The targets that cannot be seen at a time, s, a phrase each with what hides them and until when."""
+    known, _ = known_until(scenario)
+    found = []
+    for device, path in target_paths(scenario):
+        there = [span for span in path.hidden if span.at(time)]
+        if there:
+            seen = after_hidden(path.hidden, time)
+            again = f"seen from {rounded_up(seen)} s on" if seen <= known else f"not seen until {known:g} s"
+            by = " and ".join(dict.fromkeys(span.by for span in there))
+            found.append(f"{there[0].target}, the target of {device}, is hidden by {by}, and {again}")
+    return tuple(found)
+
+
+def rounded_up(time: float) -> str:
+    """A time as text, s, so that what is not yet at that time is then."""
+    return f"{np.ceil(time * 100) / 100:.12g}"
 
 
 def _overruns(
@@ -120,8 +141,8 @@ def constraint_breaches(
     spacecraft: Spacecraft,
     attitude: np.ndarray,
     joints: np.ndarray,
-    names: Sequence[str],
-    groups: Sequence[str | None],
+    zones: Sequence[Zone],
+    called: Sequence[str],
 ) -> Iterator[str]:
     """Every pointing constraint that a state breaks, a phrase each.
 
@@ -130,8 +151,8 @@ def constraint_breaches(
         spacecraft: whose devices they bind.
         attitude: (3, 3) body to inertial.
         joints: (2n,) rad.
-        names: of the rows, without padding.
-        groups: of the rows, the name of the group that a row's constraint is, None where it has none.
+        zones: that the rows are of, without padding.
+        called: names of the sights.
 
     Yields:
         The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
@@ -142,23 +163,26 @@ def constraint_breaches(
     leaders = np.flatnonzero(~(best_entries(rows, worst) >= -ROUNDING))
     if not len(leaders):
         return
-    called = sight_names(spacecraft.device_names, rows)
     beams = [f"the beam of {name}" for name in spacecraft.device_names]
-    axes = beams + called[len(beams) :]
+    axes = [*beams, *called[len(beams) :]]
     chosen = chosen_entries(rows, worst)
     for leader in leaders:
         row = int(np.argmin(np.where(rows.entry == chosen[leader], worst, np.inf)))
         sight = int(np.argmin(table[row]))
-        name = names[row] if groups[row] is None else f"{names[row]}, the nearest of group {groups[row]}"
+        zone = zones[row]
+        name = zone.name if zone.any_of is None else f"{zone.name}, the nearest of group {zone.any_of}"
         overlap = f"{np.rad2deg(-worst[row]):.4g} deg"
-        yield f"{called[sight]} is {overlap} {_where(rows, row, name, axes)}"
+        yield f"{called[sight]} is {overlap} {_where(rows, row, zone, name, axes)}"
 
 
-def _where(rows: Constraints, row: int, name: str, axes: Sequence[str]) -> str:
+def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[str]) -> str:
     """The end of a sentence on a sight that breaks a row; `axes` are the sights' names as axes of others."""
     if rows.frame[row] == JOINTS:
-        return f"beyond joint bound {name}"
-    side = "outside keep-in" if rows.side[row] < 0 else "inside keep-out"
+        return f"{'inside' if isinstance(zone, Mask) else 'beyond joint bound'} {name}"
+    inside = isinstance(zone, KeepIn)
+    side = "outside keep-in" if inside else "inside keep-out"
+    if isinstance(zone, KeepOut | KeepIn) and zone.of_field:
+        side = "short of keep-in" if inside else "too close to keep-out"
     if rows.frame[row] == INERTIAL:
         return f"{side} zone {name}"
     if rows.frame[row] == SIGHT:

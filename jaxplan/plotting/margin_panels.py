@@ -19,7 +19,6 @@ from matplotlib.ticker import Locator
 
 from jaxplan.model.constraints import chosen_entries, state_margins
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.zones import sight_names
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     GREY,
@@ -180,7 +179,7 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
     marks = [(time, bound) for time, bound, _ in proved]
     _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
     _name_zones(axes, moves.times, smallest, marks)
-    names = device_entries(sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints))
+    names = device_entries(plan.scenario.sight_names)
     kinds: Entries = [
         (Line2D([], [], color=GREY, linewidth=2), "smallest of a device"),
         (Line2D([], [], color=GREY, linewidth=0.7), "to each zone"),

@@ -19,7 +19,7 @@ from jaxplan.geometry.vectors import separation
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import KeepIn, KeepOut, binds_all
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
@@ -273,7 +273,7 @@ def _zone_fill(zone: Cone) -> Look:
 
 def _binds_devices(zone: Cone) -> bool:
     """True if a zone binds a device, False if it binds only other vectors."""
-    return binds_all(zone) or bool(zone.devices)
+    return zone.binds_all or bool(zone.devices)
 
 
 def name_zones(
@@ -343,7 +343,7 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
     """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
-    bound = [name for name in names if binds_all(zone) or name in zone.devices]
+    bound = [name for name in names if zone.binds_all or name in zone.devices]
     others = [name for name in names if name not in bound]
     lines = []
     if len(bound) == 1 and others:

@@ -18,7 +18,7 @@ from jaxplan.geometry.vectors import azimuth_elevation
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import GivenState, Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import JointBound, Zone, binds_all
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan
 from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, share, table, tag
 from jaxplan.trajectory import excess
@@ -93,7 +93,11 @@ def _direction(vector: Any) -> tuple[str, str]:
 
 def kind_of(zone: Zone) -> str:
     """What a zone asks, in words."""
+    if isinstance(zone, Mask):
+        return "mask"
     words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]
+    if isinstance(zone, KeepOut | KeepIn) and zone.of_field:
+        words = ["outside the field of view" if zone.side > 0 else "inside the field of view"]
     words += ["moving"] * zone.moves
     words += [] if zone.any_of is None else [f"any of {zone.any_of}"]
     words += [] if zone.entry is None else [f"with all of {zone.entry}"]
@@ -102,6 +106,9 @@ def kind_of(zone: Zone) -> str:
 
 def _where(zone: Zone) -> tuple[str, str, str, str]:
     """What a zone is about, the azimuth and elevation of its axis there, and its half angle, deg."""
+    if isinstance(zone, Mask):
+        corners = ", ".join(f"({', '.join(degrees(part) for part in corner)})" for corner in zone.corners)
+        return f"yaw and pitch within {corners} deg", NONE, NONE, NONE
     if isinstance(zone, JointBound):
         yaw, pitch = (float(weight) for weight in zone.normal)
         sign = "+" if pitch >= 0 else "\N{MINUS SIGN}"
@@ -117,10 +124,10 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
 
 def _bound(zone: Zone) -> str:
     """Devices and vectors that a zone binds, in words."""
-    if isinstance(zone, JointBound):
+    if isinstance(zone, JointBound | Mask):
         return zone.device
     of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
-    return "all devices" if binds_all(zone) else ", ".join([*zone.devices, *of])
+    return "all devices" if zone.binds_all else ", ".join([*zone.devices, *of])
 
 
 def zones_table(scenario: Scenario) -> Markup:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.geometry import quaternion
+from jaxplan.model import outlines
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.kinds import NUMBER, Kind, Number
@@ -92,11 +93,14 @@ class Array(Kind):
         if outside:
             return WRONG
         if self.of.degrees and not reading.python:
-            array = array * (math.pi / 180)
+            array = np.radians(array)
         return array if self.rule is None else self.rule(array, value, place)
 
     def write(self, value: Any) -> Any:
-        return np.asarray(value, float).tolist()
+        array = np.asarray(value, float)
+        if not self.of.degrees:
+            return array.tolist()
+        return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
         """How long an axis must be; one that is not known yet is as long as that of the array."""
@@ -185,6 +189,83 @@ class PerAxis(Kind):
             if isinstance(numbers, list)
             else self.of.write(numbers)
         )
+
+
+@dataclass(frozen=True)
+class Numbers(Kind):
+    """Some numbers in an array.
+
+    Attributes:
+        count: how many.
+        of: kind of each.
+    """
+
+    count: int
+    of: Number
+
+    @property
+    def range(self) -> str | None:
+        return self.of.range
+
+    @property
+    def wanted(self) -> str:
+        return f"{self.count} numbers"
+
+    def read(self, value: Any, place: Place) -> Any:
+        array = as_floats(value) if place.reading.python or isinstance(value, list) else None
+        listed = isinstance(value, list | tuple) or (array is not None and array.ndim == 1)
+        if not listed or len(value) != self.count:
+            size = f", not {len(value)}" if listed else ""
+            return place.refuse(f"must be an array of {self.wanted}{size}", value)
+        read = [self.of.read(number, place[i]) for i, number in enumerate(value)]
+        if WRONG in read:
+            return WRONG
+        same = isinstance(value, np.ndarray) and value.dtype == float and value.tolist() == read
+        return value if same else np.array(read)
+
+    def write(self, value: Any) -> list[Any]:
+        return [self.of.write(number) for number in np.asarray(value, float).tolist()]
+
+
+@dataclass(frozen=True)
+class Polygons(Kind):
+    """Convex polygons, each an array of corners.
+
+    Attributes:
+        of: kind of each coordinate.
+    """
+
+    of: Number
+    wanted = "an array of polygons, each of 3 corners [yaw, pitch] or more"
+
+    @property
+    def range(self) -> str | None:
+        return self.of.range
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, list | tuple):
+            return place.refuse(f"must be {self.wanted}", value)
+        read = tuple(self._polygon(polygon, place[i]) for i, polygon in enumerate(value))
+        same = isinstance(value, tuple) and all(one is given for one, given in zip(read, value, strict=True))
+        return WRONG if any(one is WRONG for one in read) else value if same else read
+
+    def _polygon(self, value: Any, place: Place) -> Any:
+        given = as_floats(value) if place.reading.python else None
+        listed = value if given is None else given
+        if not isinstance(listed, list | tuple | np.ndarray) or not np.ndim(np.asarray(listed, object)):
+            return place.refuse("must be an array of corners [yaw, pitch]", value)
+        corners = [Numbers(2, self.of).read(corner, place[i]) for i, corner in enumerate(listed)]
+        if any(corner is WRONG for corner in corners):
+            return WRONG
+        array = np.array(corners).reshape(-1, 2)
+        complaint = outlines.fault(array)
+        if complaint is not None:
+            return place.fault(f"must {complaint}", _told(np.asarray(value, float), value, place))
+        same = isinstance(value, np.ndarray) and value.dtype == float and np.array_equal(value, array)
+        return value if same else array
+
+    def write(self, value: Any) -> list[Any]:
+        return [[Numbers(2, self.of).write(corner) for corner in polygon] for polygon in value]
 
 
 _OR_THREE = ", or 3, one a body axis"

@@ -6,6 +6,7 @@ made in Python it names attributes instead, and the unit.
 """
 
 import difflib
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -98,9 +99,11 @@ class Reading:
         sizes: lengths of arrays by their names; any where None, set by the first array where absent.
         terminals: how many there must be, None where that cannot be told.
         ranges: (J, 2) rad, of the joints; None where that cannot be told.
+        folder: to which paths in the file are relative.
     """
 
     python = False
+    folder: str | os.PathLike[str] = ""
     root = "the file"
 
     def __init__(

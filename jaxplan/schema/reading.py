@@ -14,6 +14,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,13 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
+from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.sky import View, resolve
+from jaxplan.schema.states import Pointing
 
+_POINTING = "jaxplan.goal.start:pointing_state"  # which is above this floor, so it is found by name
 SETTINGS_TABLES = ("search", "trajectory")
 
 
@@ -75,7 +79,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
             content = file.read(texts.LARGEST_FILE + 1)
         if len(content) > texts.LARGEST_FILE:
             raise texts.too_large()
-        return parse_scenario(content.decode("utf-8-sig"))
+        return parse_scenario(content.decode("utf-8-sig"), folder=os.path.dirname(path))
     except OSError as error:
         faults = [f"cannot be read: {error.strerror or error}"]
     except UnicodeDecodeError as error:
@@ -85,11 +89,12 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     raise ScenarioError(faults, os.fspath(path) or quote(""))
 
 
-def parse_scenario(text: str) -> Scenario:
+def parse_scenario(text: str, *, folder: str | os.PathLike[str] = "") -> Scenario:
     """Read a scenario from the text of a file.
 
     Args:
         text: TOML.
+        folder: to which paths in it are relative; that of the process unless given.
 
     Returns:
         The scenario in radians and seconds.
@@ -97,14 +102,15 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: the text is no scenario; the message lists every fault.
     """
-    return scenario_from_dict(texts.parse(text))
+    return scenario_from_dict(texts.parse(text), folder=folder)
 
 
-def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
+def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[str] = "") -> Scenario:
     """Make a scenario from the tables of a file.
 
     Args:
         tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
+        folder: to which paths in it are relative; that of the process unless given.
 
     Returns:
         The scenario in radians and seconds.
@@ -113,6 +119,7 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
         ScenarioError: it is no scenario; the message lists every fault.
     """
     root = Place(Reading())
+    root.reading.folder = folder
     given = dict(tables)
     if check_count([given.get(key) for key in ZONES], root):
         scenario, view = SCENARIO.read(given, root)
@@ -122,11 +129,26 @@ def scenario_from_dict(tables: Mapping[str, Any]) -> Scenario:
                 complaint = f"is not that of [sky], {view.epoch}: give one of them"
                 root["epoch_utc"].fault(complaint, given["epoch_utc"])
             scenario = replace(scenario, epoch=view.epoch)
-        scenario = resolve(scenario, view, root)
+        scenario = _with_start(resolve(scenario, view, root), root)
         check_paths(scenario, root)
+        check_zones(scenario, root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return scenario
+
+
+def _with_start(scenario: Scenario, root: Place) -> Scenario:
+    """The scenario with a state for its start, where the file says what points where then."""
+    asked: Any = scenario.start
+    if not isinstance(asked, Pointing) or root.reading.faults:
+        return scenario
+    find: Any = resolve_name(_POINTING)
+    try:
+        start = find(scenario.spacecraft, asked, scenario.constraints, joints=asked.joints)
+    except ValueError as error:
+        root["start"]["targets"].fault(str(error))
+        return scenario
+    return replace(scenario, start=start)
 
 
 def take_in(given: object) -> Scenario:
@@ -160,6 +182,7 @@ def _taken(given: object) -> tuple[Any, Reading]:
         taken = SCENARIO.read(scenario, root)
         check_parts(taken, root)
         check_paths(taken, root)
+        check_zones(taken, root)
     return taken, root.reading
 
 

@@ -1,10 +1,11 @@
-"""The table ``[sky]``, and what bodies and satellites of it stand for in zones and targets.
+"""The table ``[sky]``, and what its names stand for in zones and targets.
 
-A scenario holds directions and half angles only, so a file that is written, or a plan, has these and no
-``[sky]``: it means the same on every machine, whatever its version of pyerfa, and without the extra too.
+A scenario holds directions, half angles and when targets are hidden, so a file that is written, or a plan,
+has these and no ``[sky]``: it means the same on every machine, whatever its version of pyerfa, and without
+the extra too. `direction_by_name` is the one place where a name becomes a direction.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -12,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from jaxplan import sky
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.keys import key, keyed
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.scenario import Scenario, Targets
 from jaxplan.schema.checks import placed
 from jaxplan.schema.faults import WRONG, Place, nearest
-from jaxplan.schema.kinds import Epoch, Interval, Kind, Number, shortest_degrees
-from jaxplan.schema.tables import Either, Field, Table, table
-
-_ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
-_INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
+from jaxplan.schema.kinds import Epoch, shortest_degrees
+from jaxplan.schema.orbits import Orbit
+from jaxplan.schema.tables import table
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Followed:
     """What a direction follows, until it is looked up.
 
     Attributes:
-        name: of a body or satellite.
+        name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
         key: under which it stands; empty where the name itself stands for the direction.
         from_limb: whether the half angle of a zone counts from the body's limb.
         moving: whether a zone about a body moves.
@@ -40,12 +40,44 @@ class Followed:
     moving: bool = False
 
 
+_NAME = key("name", "unique, and no body's nor of nadir, zenith, ram, orbit_normal")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Satellite:
     """A satellite that is looked at: a zone is about it, or a target."""
 
-    name: str = field(metadata=key("name", "unique, and no body's"))
-    orbit: sky.CircularOrbit | sky.Tle = field(metadata=key("orbit", "of the satellite", kind="orbit"))
+    name: str = field(metadata=_NAME)
+    orbit: sky.Satellite = field(metadata=key("orbit", "of the satellite", kind="orbit"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """A point of the ground that is looked at; geodetic on WGS 84, it turns with the Earth."""
+
+    name: str = field(metadata=_NAME)
+    latitude: float = field(metadata=key("latitude_deg", "geodetic, WGS 84", "[-90, 90]"))
+    longitude: float = field(metadata=key("longitude_deg", "to the east", "[-360, 360]"))
+    altitude: float = keyed(0.0, "altitude_m", "above the ellipsoid", "[-1000, 100000]")
+    minimum_elevation: float = keyed(
+        0.0, "minimum_elevation_deg", "above its horizon, from which on it is seen as a target", "[0, 90)"
+    )
+
+    @property
+    def thing(self) -> sky.GroundPoint:
+        """The point itself."""
+        return sky.GroundPoint(**{name: part for name, part in vars(self).items() if name in _POINT})
+
+
+_POINT = ("latitude", "longitude", "altitude", "minimum_elevation")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere:
+    """What may stand before a target, beside the Earth, which always does."""
+
+    name: str = field(metadata=key("name", '"sun", "moon", or a satellite of [sky]'))
+    radius: float | None = keyed(None, "radius_km", "of the sphere; the body's own if absent", "(0, 1e6]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,84 +89,49 @@ class View:
         observer: the satellite.
         for_duration: s, how long zones about bodies hold, and motion is known; None for the trajectory's
             duration.
-        atmosphere: km that belong to the Earth's limb.
+        atmosphere: km that belong to the Earth's limb, and hide targets.
         satellites: others, that are looked at.
+        ground: points of the ground, that are looked at.
+        spheres: what hides targets beside the Earth.
     """
 
     epoch: np.datetime64 = field(metadata=key("epoch_utc", "UTC of the start", kind="epoch"))
-    observer: sky.CircularOrbit | sky.Tle = field(
-        metadata=key("observer", "the satellite that looks", kind="orbit")
-    )
+    observer: sky.Satellite = field(metadata=key("observer", "the satellite that looks", kind="orbit"))
     for_duration: float | None = keyed(
         None,
         "for_duration_s",
         "how long zones about bodies hold and what moves is known; trajectory.duration_s if a number",
         "[0, 86400]",
     )
-    atmosphere: float = keyed(0.0, "atmosphere_km", "belongs to the Earth's limb", "[0, 1000]")
+    atmosphere: float = keyed(
+        0.0,
+        "atmosphere_km",
+        "belongs to the Earth's limb, and hides satellites that are targets",
+        "[0, 1000]",
+    )
     satellites: tuple[Satellite, ...] = keyed((), "satellite", "others, for zones and targets to follow")
+    ground: tuple[Ground, ...] = keyed((), "ground", "points of the ground, for zones and targets to follow")
+    spheres: tuple[Sphere, ...] = keyed((), "occulter", "spheres that hide targets, beside the Earth")
 
 
 @dataclass(frozen=True)
-class TwoLines(Kind):
-    """Two-line elements."""
+class Known:
+    """The view with all that its names stand for.
 
-    wanted = "an array of the two lines of a set of elements"
+    Attributes:
+        view: with its duration.
+        things: satellites and points of the ground by name.
+        occulters: what hides targets beside the Earth.
+    """
 
-    def read(self, value: Any, place: Place) -> Any:
-        lines = value if isinstance(value, list) else []
-        if len(lines) != 2 or not all(isinstance(line, str) for line in lines):
-            return place.refuse(f"must be {self.wanted}", value)
-        try:
-            return sky.parse_tle("\n".join(lines))
-        except sky.TleError as error:
-            for fault in error.faults:
-                place.fault(fault)
-        return WRONG
+    view: View
+    things: Mapping[str, sky.Satellite | sky.GroundPoint]
+    occulters: tuple[sky.Occulter, ...] = ()
 
 
-_ORBIT = Table(
-    sky.CircularOrbit,
-    (
-        Field("altitude_km", Number(Interval("(0, 1e6]")), "altitude", "above 6378.137 km", required=True),
-        Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
-        Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
-        Field(
-            "argument_of_latitude_deg",
-            _ANGLE_DEG,
-            "latitude",
-            "from the node on, at epoch_utc",
-            required=True,
-        ),
-    ),
-    make=lambda parts, place: WRONG if WRONG in parts.values() else sky.CircularOrbit(**parts),
-    refused={"tle": "the satellite has an altitude_km; give either two-line elements or a circular orbit"},
-)
-_TWO_LINES = Table(
-    sky.Tle,
-    (Field("tle", TwoLines(), "tle", "two-line elements", required=True),),
-    make=lambda parts, place: parts["tle"],
-    refused={entry.key: "the satellite has a tle, which says all of its orbit" for entry in _ORBIT.fields},
-)
-
-
-class Orbit(Either):
-    """A satellite: a table with two-line elements, or one with a circular orbit."""
-
-    wanted = f"a table with tle, or with {', '.join(entry.key for entry in _ORBIT.fields)}"
-
-    @property
-    def tables(self) -> dict[str, Table]:
-        return {"by two-line elements": _TWO_LINES, "on a circular orbit": _ORBIT}
-
-    def read(self, value: Any, place: Place) -> Any:
-        before = len(place.reading.faults)
-        read = (_TWO_LINES if isinstance(value, dict) and "tle" in value else _ORBIT).read(value, place)
-        return read if len(place.reading.faults) == before else WRONG
-
-
-_KINDS = {"orbit": Orbit(), "epoch": Epoch()}
-SKY = table(View, {**_KINDS, Satellite: table(Satellite, _KINDS)})
+_KINDS: dict[Any, Any] = {"orbit": Orbit(), "epoch": Epoch()}
+_KINDS |= {row: table(row, _KINDS) for row in (Satellite, Ground, Sphere)}
+SKY = table(View, _KINDS)
 
 
 def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
@@ -145,18 +142,14 @@ def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
         view: the table ``[sky]`` as far as it could be read; None where the file has none.
         root: the place of the file.
     """
-    goal: Any = scenario.goal
-    targets = getattr(goal, "directions", WRONG)
     zones = {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
     looked_up = [(place[axis.key], axis) for rows in zones.values() for place, _, axis in _followed(rows)]
-    looked_up += [
-        (place, target)
-        for place, target in placed(targets, root["goal"]["targets"])
-        if isinstance(target, Followed)
-    ]
+    ends = {name: getattr(scenario, name) for name in ("start", "goal")}
+    looked_up += [one for name, end in ends.items() for one in _aims(end, root[name])]
     if view is None:
         for place, axis in looked_up:
-            place.fault("needs [sky], with epoch_utc and observer", axis.name)
+            vector = "must be a unit vector of 3 numbers; a name " * (axis.key == "direction")
+            place.fault(f"{vector}needs [sky], with epoch_utc and observer", axis.name)
     seen = _known(view, scenario.trajectory, root["sky"]) if view is not None and looked_up else None
     if seen is None:
         return scenario
@@ -166,15 +159,43 @@ def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
         if found:
             changed: dict[str, Any] = {kind: tuple(found.get(id(zone), zone) for zone in given)}
             scenario = replace(scenario, **changed)
-    if any(isinstance(target, Followed) for _, target in placed(targets, root)):
-        directions = tuple(
-            _path(target.name, root["goal"]["targets"][i], seen, sky.BODIES)
-            if isinstance(target, Followed)
-            else target
-            for i, target in enumerate(targets)
-        )
-        scenario = replace(scenario, goal=replace(goal, directions=directions))
-    return scenario
+    aimed: dict[str, Any] = {
+        name: _aimed(end, root[name], seen) for name, end in ends.items() if any(_aims(end, root[name]))
+    }
+    return replace(scenario, **aimed) if aimed else scenario
+
+
+def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
+    """The targets and wishes of a start or goal that are to be looked up, with their places."""
+    if not isinstance(end, Targets):
+        return
+    count = len(end.directions) if isinstance(end.directions, tuple) else 0
+    names: Sequence[str | int] = end.devices or range(count)
+    for name, target in zip(names, end.directions if names else (), strict=False):
+        if isinstance(target, Followed):
+            yield place["targets"][name], target
+    for here, wish in placed(end.prefer, place["prefer"]):
+        if isinstance(wish.direction, Followed):
+            yield here["direction"], wish.direction
+
+
+def _aimed(end: Targets, place: Place, seen: Known) -> Targets:
+    """Targets and wishes with directions in the place of names."""
+    names: Sequence[str | int] = end.devices or range(len(end.directions))
+    directions = tuple(
+        direction_by_name(target.name, place["targets"][name], seen, target=True)
+        if isinstance(target, Followed)
+        else target
+        for name, target in zip(names, end.directions, strict=True)
+    )
+    wishes = tuple(
+        replace(wish, direction=direction_by_name(wish.direction.name, place["prefer"][i]["direction"], seen))
+        if wish is not WRONG and isinstance(wish.direction, Followed)
+        else wish
+        for i, wish in enumerate(end.prefer)
+    )
+    moving = any(isinstance(one, DirectionPath) or one is WRONG for one in directions)
+    return replace(end, directions=directions if moving else np.array(directions), prefer=wishes)
 
 
 def _followed(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, Followed]]:
@@ -184,10 +205,15 @@ def _followed(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, F
             yield place, zone, zone.direction
 
 
-def _zone(zone: Any, axis: Followed, place: Place, view: View) -> Any:
-    """A zone about a body or a satellite, with its direction and half angle."""
-    if axis.key == "satellite":
-        return replace(zone, direction=_path(axis.name, place["satellite"], view, ()))
+def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
+    """A zone about a body, or about what a name stands for, with its direction and half angle."""
+    if axis.key == "satellite" and axis.name not in seen.things:
+        known = nearest(axis.name, [*seen.things], "satellites and ground points")
+        place["satellite"].fault(f"no such satellite or ground point, {known}", axis.name)
+        return replace(zone, direction=WRONG)
+    if axis.key != "body":
+        return replace(zone, direction=direction_by_name(axis.name, place[axis.key], seen))
+    view = seen.view
     if zone.half_angle is WRONG:
         return zone
     angle = shortest_degrees(zone.half_angle)
@@ -209,19 +235,28 @@ def _zone(zone: Any, axis: Followed, place: Place, view: View) -> Any:
     return zone if found is WRONG else replace(zone, direction=found.direction, half_angle=found.half_angle)
 
 
-def _path(name: str, place: Place, view: View, bodies: tuple[str, ...]) -> Any:
-    """The path of a satellite, or of a body where there may be one, or `WRONG` after noting why not."""
-    known = {one.name: one.orbit for one in view.satellites}
-    if name not in known and name not in bodies:
-        return place.fault(f"no such satellite, {nearest(name, [*known, *bodies], 'satellites')}", name)
-    make = partial(
-        sky.path,
-        known.get(name, name),
-        epoch=view.epoch,
-        observer=view.observer,
-        duration_s=view.for_duration or 0.0,
-    )
-    return _tried(make, place, name)
+def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = False) -> Any:
+    """The path of what a name stands for, or `WRONG` after noting why there is none.
+
+    Args:
+        name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
+        place: where the name stands.
+        seen: what there is.
+        target: whether it is looked at, so that it matters when it is hidden.
+    """
+    names = [*seen.things, *sky.BODIES, *sky.LOCAL]
+    if name not in names:
+        kinds = "satellite, ground point, body or direction"
+        return place.fault(f"no such {kinds}, {nearest(name, names, 'names')}", name)
+    asked: dict[str, Any] = {
+        "epoch": seen.view.epoch,
+        "observer": seen.view.observer,
+        "duration_s": seen.view.for_duration or 0.0,
+    }
+    if target:
+        asked |= {"name": name, "atmosphere_km": seen.view.atmosphere, "occulters": seen.occulters}
+    thing = seen.things.get(name, name)
+    return _tried(partial(sky.target if target else sky.path, thing, **asked), place, name)
 
 
 def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
@@ -232,23 +267,25 @@ def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
         return place.fault(str(error), *value)
 
 
-def _known(view: View, settings: Any, place: Place) -> View | None:
-    """The view with its duration, None if a part of it is wrong.
+def _known(view: View, settings: Any, place: Place) -> Known | None:
+    """What the view's names stand for, None if a part of it is wrong.
 
     Args:
         view: as far as it could be read.
         settings: of the trajectory, likewise.
         place: of the view.
     """
-    rows = () if view is WRONG else view.satellites
-    wrong = view is WRONG or any(part is WRONG for part in vars(view).values())
-    if wrong or any(row is WRONG or WRONG in (row.name, row.orbit) for row in rows):
+    if _is_wrong(view) or any(_is_wrong(row) for rows in _rows(view).values() for row in rows):
         return None  # noted before
-    names = [row.name for row in rows]
-    for i, name in enumerate(names):
-        if name in sky.BODIES or name in names[:i]:
-            place["satellite"][i]["name"].fault("must be unique, and no body's", name)
-            return None
+    things: dict[str, Any] = {}
+    for place_key, rows in _rows(view).items():
+        for i, row in enumerate(rows if place_key != "occulter" else ()):
+            if row.name in (*sky.BODIES, *sky.LOCAL, *things):
+                complaint = "must be unique, and no body's nor a direction's"
+                place[place_key][i]["name"].fault(complaint, row.name)
+                return None
+            things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
+    spheres = [_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
     duration = getattr(settings, "duration", None)
     number = duration if isinstance(duration, float) else None
     wanted = number if view.for_duration is None else view.for_duration
@@ -262,4 +299,35 @@ def _known(view: View, settings: Any, place: Place) -> View | None:
     there = _tried(
         partial(sky.positions, view.observer, epoch=view.epoch, times=[0.0, wanted]), place["observer"]
     )
-    return None if there is WRONG else replace(view, for_duration=wanted)
+    if there is WRONG or WRONG in spheres:
+        return None
+    return Known(replace(view, for_duration=wanted), things, tuple(spheres))
+
+
+def _rows(view: View) -> dict[str, tuple[Any, ...]]:
+    """The rows of the view by their keys."""
+    return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
+
+
+def _is_wrong(part: Any) -> bool:
+    """Whether a part, or an attribute of it, was wrong."""
+    return part is WRONG or any(value is WRONG for value in vars(part).values())
+
+
+def _sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:
+    """What may stand before targets, or `WRONG` after noting why not."""
+    if row.name == "earth":
+        return place["name"].fault("the Earth hides targets always, with sky.atmosphere_km", row.name)
+    thing = things.get(row.name)
+    if row.name not in ("sun", "moon") and (thing is None or isinstance(thing, sky.GroundPoint)):
+        known = [
+            "sun",
+            "moon",
+            *(name for name, one in things.items() if not isinstance(one, sky.GroundPoint)),
+        ]
+        return place["name"].fault(
+            f"no such satellite or body, {nearest(row.name, known, 'names')}", row.name
+        )
+    if thing is not None and row.radius is None:
+        return place["radius_km"].fault("missing, since that of a satellite is not known")
+    return sky.occulter(row.name, thing, radius_km=row.radius)

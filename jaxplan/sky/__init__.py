@@ -8,20 +8,28 @@
 
 Conventions. Axes are those of the GCRS, which are those of J2000 (EME2000) to 1.2e-7 rad; positions are in km
 from the Earth's centre, times in SI seconds after an epoch in UTC. Two-line elements are propagated by SGP4
-in its frame TEME and turned into these axes. A satellite, a body's name (``"sun"``, ``"moon"``, ``"earth"``)
-or a position may stand wherever something is looked at, or looked from.
+in its frame TEME and turned into these axes. A satellite, a point of the ground, a body's name (``"sun"``,
+``"moon"``, ``"earth"``) or a position may stand wherever something is looked at, or looked from. Looked at
+may also be ``"nadir"``, ``"zenith"``, ``"ram"`` and ``"orbit_normal"``, the observer's own directions.
 
 Directions are geometric: where the other is at that instant. Left out are light time and aberration, by
 which the Sun appears up to 1.0e-4 rad (0.006 deg) off for the Earth's motion, and everything up to 2.6e-5 rad
 for that of a satellite in low orbit. The Moon is good to 1e-4 rad, the Sun to 1e-6; a satellite of two-line
 elements to about 1 km at their epoch, and several more for each day since.
 
-It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements.
+It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements; and for ephemeris
+messages the extra ``oem``.
 """
 
+from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
 from jaxplan.sky.frames import BODIES, RADII
+from jaxplan.sky.ground import GroundPoint
+from jaxplan.sky.kepler import KeplerOrbit
+from jaxplan.sky.lines import Occulter, hidden, occulter, target
 from jaxplan.sky.satellites import CircularOrbit, StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.sights import (
+    LOCAL,
+    Satellite,
     angular_radius,
     direction_rates,
     directions,
@@ -33,8 +41,15 @@ from jaxplan.sky.zone import keep_out, path
 
 __all__ = [
     "BODIES",
+    "LOCAL",
     "RADII",
     "CircularOrbit",
+    "Ephemeris",
+    "EphemerisError",
+    "GroundPoint",
+    "KeplerOrbit",
+    "Occulter",
+    "Satellite",
     "StaleTleWarning",
     "Tle",
     "TleError",
@@ -42,9 +57,13 @@ __all__ = [
     "direction_rates",
     "directions",
     "drift",
+    "hidden",
     "keep_out",
+    "occulter",
     "parse_tle",
     "path",
     "positions",
+    "read_oem",
+    "target",
     "velocities",
 ]

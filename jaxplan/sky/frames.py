@@ -14,6 +14,11 @@ AIAA 2006-6753, appendix C):
 so that r_GCRS = (N P B)^T R3(GMST82 - GAST) r_TEME. N P B is IAU 2006/2000A's. The turn is the difference of
 two sidereal times of one instant, in which UT1 - UTC does not matter.
 
+**The turning Earth.** Points of the ground are fixed to axes that turn with the Earth (ITRS), about the
+Celestial Intermediate Pole by the Earth rotation angle, IAU 2006/2000A. Left out are polar motion, 0.6 arc
+seconds or 20 m at most, and UT1 - UTC: the Earth is turned as if UT1 were UTC, by which a place at the
+equator is off to east or west by 46 m for each 0.1 s between the two, which are at most 0.9 s apart (420 m).
+
 **Bodies.** The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the
 Moon's ``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon
 (2015), equatorial of the Earth, so that the flattened Earth lies within the sphere.
@@ -33,11 +38,12 @@ BODIES = ("sun", "moon", "earth")
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0  # s in a day
+_EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
 _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
 
 
 def library(module: str) -> Any:
-    """A module of the extra ``orbit``: ``erfa``, or one of ``sgp4``.
+    """A module of the extra ``orbit``, ``erfa`` or one of ``sgp4``, or ``ccsds_ndm`` of the extra ``oem``.
 
     Raises:
         ImportError: if it is not installed; the message names the extra.
@@ -45,8 +51,9 @@ def library(module: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        package = {"erfa": "pyerfa"}.get(module, module.partition(".")[0])
-        raise ImportError(f"{package} is missing: pip install 'jaxplan[orbit]'") from error
+        package = {"erfa": "pyerfa", "ccsds_ndm": "ccsds-ndm-py"}.get(module, module.partition(".")[0])
+        extra = "oem" if module == "ccsds_ndm" else "orbit"
+        raise ImportError(f"{package} is missing: pip install 'jaxplan[{extra}]'") from error
 
 
 def seconds(times: ArrayLike) -> np.ndarray:
@@ -120,6 +127,24 @@ def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
     about_z = np.stack([c, s, o, -s, c, o, o, o, o + 1], axis=-1).reshape(*np.shape(turn), 3, 3)
     rotation: np.ndarray = np.swapaxes(true_of_date, -1, -2) @ about_z
     return rotation
+
+
+def earth_fixed_state(
+    place: np.ndarray, epoch: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of a place that turns with the Earth.
+
+    Args:
+        place: (3,) km, along the axes that are fixed to the Earth.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km and (..., 3) km/s, GCRS.
+    """
+    to_earth = library("erfa").c2t06a(*terrestrial(epoch, times), *universal(epoch, times), 0.0, 0.0)
+    to_sky = np.swapaxes(to_earth, -1, -2)
+    return to_sky @ place, to_sky @ np.cross([0.0, 0.0, _EARTH_RATE], place)
 
 
 def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

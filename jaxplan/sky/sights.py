@@ -1,11 +1,20 @@
 """Where things are and in which direction they are seen, how fast that turns, and how large bodies look.
 
-Who looks, and what is looked at, is a `CircularOrbit`, a `Tle`, a body's name or a position in km from the
-Earth's centre: (3,), or (k, 3) for k times. Times are (...) s after the epoch, a number or (k,).
+Who looks, and what is looked at, is a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle` or `Ephemeris`), a
+`GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for k times. Times
+are (...) s after the epoch, a number or (k,).
+
+Directions that go with the observer's own motion have names, too, with ``r`` its position from the Earth's
+centre and ``v`` its velocity, both inertial, in the GCRS:
+
+    nadir         -r, to the Earth's centre; not at right angles to the ellipsoid (0.19 deg off at most)
+    zenith        r
+    ram           v; at right angles to nadir on a circular orbit alone
+    orbit_normal  r x v
 """
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,15 +22,32 @@ from numpy.typing import ArrayLike
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import floats, number
+from jaxplan.sky.ephemeris import Ephemeris, ephemeris_state
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
+from jaxplan.sky.ground import GroundPoint, ground_state
+from jaxplan.sky.kepler import KeplerOrbit, kepler_state
 from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 
-Thing: TypeAlias = CircularOrbit | Tle | str | np.ndarray | Sequence[float]
+Satellite: TypeAlias = CircularOrbit | KeplerOrbit | Tle | Ephemeris
+Thing: TypeAlias = Satellite | GroundPoint | str | np.ndarray | Sequence[float]
 Epoch: TypeAlias = str | np.datetime64
+
+LOCAL = ("nadir", "zenith", "ram", "orbit_normal")
+"""Names of the directions that go with the observer's own motion."""
+_STATES: dict[type, Callable[[Any, np.datetime64, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+    CircularOrbit: orbit_state,
+    KeplerOrbit: kepler_state,
+    Tle: tle_state,
+    Ephemeris: ephemeris_state,
+    GroundPoint: ground_state,
+}
 
 DRIFT_SAMPLES = 512  # intervals over a duration, at least; more make a drift's bound sharper
 LONGEST_DRIFT = 86400.0  # s, beyond which a duration is refused
 _LONGEST_STEP = 10.0  # s between samples of a drift, at most
+_RATE_STEP = (
+    0.5  # s to either side, over which ram and orbit_normal are differenced; off by 1e-10 rad/s at most
+)
 
 
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
@@ -30,7 +56,7 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
     With these, `jaxplan.sky.orbits.earth_blocks` tells whether the Earth is in between two satellites.
 
     Args:
-        thing: a satellite, a body's name, or a position.
+        thing: a satellite, a point of the ground, a body's name, or a position.
         epoch: UTC, such as ``"2026-03-20T12:00:00"``.
         times: (...) s after it.
 
@@ -38,7 +64,8 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
         (..., 3) km from the Earth's centre, GCRS.
 
     Raises:
-        ValueError: if an argument is no good; a `TleError` where SGP4 has no answer.
+        ValueError: if an argument is no good; a `TleError` where SGP4 has no answer, an `EphemerisError` at a
+            time outside of an ephemeris.
         ImportError: if the extra ``orbit`` is needed and not installed.
     """
     return _state(thing, epoch, times)[0]
@@ -63,7 +90,7 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
     """Where a target is seen: the axis of a zone, or the target of a terminal.
 
     Args:
-        target: what is looked at.
+        target: what is looked at, or one of `LOCAL`.
         epoch: UTC.
         observer: who looks.
         times: (...) s after the epoch.
@@ -74,6 +101,8 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
     Raises:
         ValueError: as `positions`, and if the two are in one place.
     """
+    if isinstance(target, str) and target in LOCAL:
+        return _local(target, observer, epoch, times)
     between, distance = _between(target, observer, epoch, times)
     return between / distance[..., None]
 
@@ -90,6 +119,10 @@ def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: Arra
     Raises:
         ValueError: as `directions`, and where either is a given position, whose motion is not known.
     """
+    if isinstance(target, str) and target in LOCAL:
+        after = np.asarray(times, float)
+        ahead, behind = (_local(target, observer, epoch, after + step) for step in (_RATE_STEP, -_RATE_STEP))
+        return (ahead - behind) / (2 * _RATE_STEP)
     between, distance = _between(target, observer, epoch, times)
     unit = between / distance[..., None]
     moving = velocities(target, epoch=epoch, times=times) - velocities(observer, epoch=epoch, times=times)
@@ -158,7 +191,7 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
         raise ValueError(f"duration = {duration_s}: must lie in [0, {LONGEST_DRIFT:g}] s")
     if duration_s == 0:
         return np.zeros(1)
-    if not isinstance(observer, CircularOrbit | Tle | str):
+    if not isinstance(observer, (*_STATES, str)):
         raise ValueError(
             f"observer: a given position says nothing of its motion over {duration_s:g} s; give a satellite"
         )
@@ -174,10 +207,8 @@ def half_step(seen: np.ndarray) -> float:
 def _state(thing: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray | None]:
     """Position (..., 3) km and velocity (..., 3) km/s, which of a given position is None."""
     start, after = parse_epoch(epoch), seconds(times)
-    if isinstance(thing, CircularOrbit):
-        return orbit_state(thing, start, after)
-    if isinstance(thing, Tle):
-        return tle_state(thing, start, after)
+    if type(thing) in _STATES:
+        return _STATES[type(thing)](thing, start, after)
     if isinstance(thing, str):
         check_body(thing)
         return body_state(thing, start, after)
@@ -203,3 +234,18 @@ def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> 
     if not np.all(distance > 0):
         raise ValueError("target and observer are in one place, so that there is no direction")
     return between, distance
+
+
+def _local(name: str, observer: Thing, epoch: Epoch, times: ArrayLike) -> np.ndarray:
+    """One of the directions (..., 3) that go with the observer's own motion."""
+    position = positions(observer, epoch=epoch, times=times)
+    if name in ("nadir", "zenith"):
+        along = position if name == "zenith" else -position
+    else:
+        velocity = velocities(observer, epoch=epoch, times=times)
+        along = velocity if name == "ram" else np.cross(position, velocity)
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    if not np.all(length > 0):
+        raise ValueError(f"target = {name!r}: the observer is at the Earth's centre, or does not move")
+    unit: np.ndarray = along / length
+    return unit

@@ -25,7 +25,10 @@ from jaxplan.sky.sights import (
 )
 
 ACCURACY = 1e-9  # rad: how far a path may be from the direction wherever it is looked at between samples
-_FEWEST, _MOST = 8, 4096  # intervals of a path; they are doubled until it is accurate
+_FEWEST, _MOST = (
+    8,
+    4096,
+)  # intervals of a path to begin with, and samples; they are halved until it is accurate
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
@@ -33,17 +36,19 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
     """The direction to a target over a manoeuvre.
 
     Args:
-        target: what is looked at: a satellite, a body's name, or a position.
+        target: what is looked at: a satellite, a point of the ground, a body's name, one of `LOCAL`, or a
+            position.
         epoch: UTC of the manoeuvre's start.
         observer: who looks, a satellite or a body.
         duration_s: s, in (0, 86400].
 
     Returns:
-        The path, as the axis of a zone or the target of a terminal, with so many samples that it is within
-        1e-9 rad of `directions` wherever it was looked at between them.
+        The path, as the axis of a zone or the target of a terminal, with samples so near each other that it
+        is within 1e-9 rad of `directions` in the middle between them.
 
     Raises:
-        ValueError: as `directions`; and if the target passes so close that 4,096 samples are not enough.
+        ValueError: as `directions`; and if the target passes so close that 4,096 samples are not enough, as
+            of an ephemeris with a burn.
         ImportError: if the extra ``orbit`` is needed and not installed.
 
     Example:
@@ -53,18 +58,27 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
     if not number("duration_s", duration_s, "a number of s") > 0:
         raise ValueError(f"duration_s = {duration_s}: must lie in (0, 86400] s")
     drift_times(observer, duration_s)  # for its errors
-    intervals = _FEWEST
-    while intervals <= _MOST:
-        times = np.linspace(0.0, duration_s, 2 * intervals + 1)
-        seen = directions(target, epoch=epoch, observer=observer, times=times)
+    times = np.linspace(0.0, duration_s, _FEWEST + 1)
+    seen = directions(target, epoch=epoch, observer=observer, times=times)
+    while len(times) <= _MOST:
+        middle = (times[1:] + times[:-1]) / 2
+        between = directions(target, epoch=epoch, observer=observer, times=middle)
         try:
-            found = DirectionPath.through(times[::2], seen[::2])
-        except ValueError:  # it turns too far between them
-            found = None
-        if found is not None and np.all(separation(found.at(times), seen) <= ACCURACY):
-            return found
-        intervals *= 2
-    raise ValueError(f"target: passes so close that {_MOST} samples over {duration_s:g} s do not follow it")
+            found = DirectionPath.through(times, seen)
+            rough = separation(found.at(middle), between) > ACCURACY
+            if not np.any(rough):
+                return found
+        except ValueError:  # it turns too far between samples
+            rough = np.ones(len(middle), bool)
+        rough[:-1] |= rough[1:]  # neighbours, too, since the spline goes through all
+        rough[1:] |= rough[:-1]
+        order = np.argsort(np.concatenate([times, middle[rough]]))
+        times = np.concatenate([times, middle[rough]])[order]
+        seen = np.concatenate([seen, between[rough]])[order]
+    raise ValueError(
+        f"target: passes so close, or with such a jump of its velocity, that {_MOST} samples over "
+        f"{duration_s:g} s do not follow it"
+    )
 
 
 def keep_out(

@@ -99,6 +99,28 @@ def test_within_64_bits_it_is_replan_and_has_both_modes(plan, trajectory, slopes
     np.testing.assert_allclose(float(slope), square, rtol=1e-8)
 
 
+@pytest.mark.slow
+def test_within_64_bits_plain_numbers_have_both_modes_by_kernels(plan, trajectory, slopes):
+    def effort(own):
+        return jp.measures.effort(trajectory(own))
+
+    with jax.enable_x64(True):
+        back = jax.grad(effort, allow_int=True)(plan.scenario)
+        way = jax.tree.map(
+            lambda leaf, slope: (
+                np.zeros(np.shape(leaf), jax.dtypes.float0) if slope.dtype.kind == "V" else slope
+            ),
+            plan.scenario,
+            back,
+        )
+        _, along = jax.jvp(effort, (plan.scenario,), (way,))
+    real = [np.asarray(leaf) for leaf in jax.tree.leaves(back) if leaf.dtype.kind == "f"]
+    expected = [np.asarray(leaf) for leaf in jax.tree.leaves(slopes[1]) if leaf.dtype.kind == "f"]
+    for own, other in zip(real, expected, strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(float(along), sum(np.sum(leaf**2) for leaf in real), rtol=1e-8)
+
+
 def test_what_is_no_plan_or_scenario_is_named(plan, trajectory):
     with pytest.raises(TypeError, match="plan must be a Plan"):
         jp.differentiable(plan.scenario)

@@ -15,7 +15,7 @@ from jaxplan.goal import tracking_rates
 from jaxplan.goal.caps import GoalProblem, leaves_open
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.zones import KeepOut, sight_names
+from jaxplan.model.zones import FixedVector, KeepIn, KeepOut
 from jaxplan.planner import messages
 from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import constraint_breaches
@@ -157,8 +157,11 @@ def test_only_rows_that_need_the_joints_are_left_open():
 
 def stated(monkeypatch, problem, **search):
     """A scenario of the problem, whose zones are read as the problem's rows."""
-    names = [f"row-{number}" for number in range(16)]
-    zones = tuple(KeepOut(name=name, direction=AXIS[0], half_angle=0.1) for name in names)
+    names, axis = [f"row-{number}" for number in range(16)], (FixedVector(along=AXIS[0]),)
+    zones = tuple(
+        KeepOut(name=name, direction=AXIS[0], half_angle=0.1, vectors=() if number else axis)
+        for number, name in enumerate(names)
+    )
     scenario = make_scenario(1, keep_out=zones)
     start = replace(
         scenario.start,
@@ -243,8 +246,13 @@ def test_a_broken_row_is_told_in_words_of_its_kind(words):
         now = row_margins(bare, goal.attitude[None])[0, 0].min()
         row["half_angle"] = row.get("side", 1.0) * (now - margin)
         found = with_rows(free_problem(), row | {"entry": 0, "group": 0}, *others, **carried)
-        names, groups = ["one", "two"], ["all", "all"] if others else [None, None]
-        return list(constraint_breaches(found.cones, found.spacecraft, goal.attitude, joints, names, groups))
+        group = "all" if others else None
+        zones = [
+            (KeepIn if own.get("side") == -1 else KeepOut)(name=name, half_angle=1.0, any_of=group)
+            for name, own in zip(("one", "two"), (row, *others), strict=False)
+        ]
+        names = ["t0", "t1", "i0", "axis (1, 0, 0) of the body", "direction (0, 1, 0) of t1"]
+        return list(constraint_breaches(found.cones, found.spacecraft, goal.attitude, joints, zones, names))
 
     assert told(1e-6) == []
     assert told(-0.5) == [words]
@@ -257,10 +265,14 @@ def test_a_broken_row_is_told_in_words_of_its_kind(words):
 
 
 def test_every_sight_has_a_name():
-    carried = {"carrier": np.array([1]), "carried": np.array([[0.0, 0.5, -1.0]])}
-    problem = with_rows(free_problem(), **carried)
-    names = sight_names(problem.spacecraft.device_names, problem.cones)
-    assert names == ["t0", "t1", "i0", "axis (1, 0, 0) of the body", "direction (0, 0.5, -1) of t1"]
+    vectors = FixedVector(along=AXIS[0]), FixedVector(along=np.array([0.0, 0.6, -0.8]), to="t1")
+    scenario = replace(
+        make_scenario(1),
+        spacecraft=free_problem().spacecraft,
+        keep_in=(KeepIn(name="sun", direction=AXIS[0], half_angle=1.0, vectors=vectors),),
+    )
+    names = ("t0", "t1", "i0", "axis (1, 0, 0) of the body", "direction (0, 0.6, -0.8) of t1")
+    assert scenario.sight_names == names
 
 
 @pytest.mark.parametrize(

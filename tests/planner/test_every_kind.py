@@ -13,7 +13,6 @@ from reference import least_margin, stated_margins
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM
-from jaxplan.model.zones import sight_names
 from jaxplan.planner.proof import check_margins
 from jaxplan.plotting import margin_panels, style
 
@@ -95,7 +94,7 @@ def test_margins_are_among_the_figures_of_every_kind_and_name_all_that_is_ever_b
         bound = {
             margin.device for margin in margin_panels.margins_over_time(plan.scenario, style.motion(plan))
         }
-        names = sight_names(plan.scenario.spacecraft.device_names, plan.scenario.constraints)
+        names = plan.scenario.sight_names
         for name in ("margins", "overview"):
             legends = figures[name].findobj(Legend)
             told = {text.get_text() for legend in legends for text in legend.get_texts()}

@@ -25,9 +25,10 @@ from jaxplan.constellation.shell import Shell
 from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.hidden import Hidden
 from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings, Wish
 from jaxplan.model.spacecraft import Instrument, Spacecraft
-from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
+from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
@@ -191,6 +192,8 @@ def results(plan, failed, scenario):
     study = run_task(task(36), None, None, None, False, plan_nothing)
     switch = jp.link_switch(jp.walker("30:36/6/3", 2000.0), sun_direction=np.array([0.0, 0.6, 0.8]))
     constellation = Constellation(switch=switch, satellites=range(36), study=study)
+    around = 7e3 * np.stack([np.cos(angles := np.linspace(0, 1, 9)), np.sin(angles), 0 * angles], axis=-1)
+    ephemeris = sky.Ephemeris.through(1e3 * angles, around)
     scene = scene_of(make_scenario(2, 1, keep_out=scenario.keep_out))
     turn = 0.1 * np.arange(9)
     turning = DirectionPath.through(10 * turn, np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1))
@@ -211,6 +214,7 @@ def results(plan, failed, scenario):
             moving,
             panel,
             corner,
+            Mask(name="mask 1", device="terminal-1", corners=np.eye(3)[:, :2], turns=(0,)),
             turning,
             Targets(directions=(np.eye(3)[0], turning)),
             *(observer.terminals[0].mounting, observer.drives[0], observer.gimbals),
@@ -251,6 +255,11 @@ def results(plan, failed, scenario):
         *(study, study.summary(), jp.compare_studies(study, study), switch, switch.shell),
         *(constellation, constellation.summary(), next(iter(printed_rows(PAPER_KINDS))), sky.parse_tle(TLE)),
         sky.CircularOrbit(altitude=500.0, inclination=0.9, node=0.2, latitude=1.0),
+        *(ephemeris, ephemeris.pieces[0], sky.occulter("moon"), sky.GroundPoint(latitude=0.7, longitude=0.1)),
+        sky.KeplerOrbit(
+            semi_major_axis=7e3, eccentricity=0.01, inclination=0.9, node=0.2, perigee=0.1, anomaly=1.0
+        ),
+        Hidden(target="lisbon", by="its horizon", start=0.0, end=80.0),
         Tuning(
             scenarios=(plan.scenario,),
             plans=(plan,),

@@ -16,6 +16,7 @@ import jaxplan as jp
 import jaxplan.schema as sc
 from jaxplan.schema.kinds import shortest_degrees
 from jaxplan.schema.layout import (
+    INSTRUMENT,
     JOINT_BOUND,
     KEEP_IN,
     KEEP_OUT,
@@ -74,7 +75,16 @@ def test_a_file_is_read_in_radians_and_seconds():
     np.testing.assert_array_equal(s.start.joints, [0.9272, 1.2532, 0.1686, 0.1439])
     np.testing.assert_array_equal(s.goal.joint_rates, [0, 0, 0, 0.004])
     assert s.goal.pitch_limit == pytest.approx(math.radians(8), rel=1e-15)
-    assert [zone.devices for zone in s.keep_out] == [("star-tracker", "aft"), (), ("fore",), ("aft",)]
+    assert [zone.devices for zone in s.keep_out] == [
+        ("star-tracker", "aft"),
+        (),
+        ("fore",),
+        ("aft",),
+        ("star-tracker",),
+    ]
+    assert [zone.outside for zone in s.keep_out] == [None] * 4 + ["field_of_view"]
+    np.testing.assert_allclose(craft.instruments[0].field_of_view, np.deg2rad([20.1, 12]), rtol=1e-15)
+    np.testing.assert_allclose(craft.terminals[0].mask[0][2], np.deg2rad([-160, -5.5]), rtol=1e-15)
     assert (s.keep_in[0].devices, s.keep_in[0].any_of) == (("fore",), "relay")
     assert s.search.terminal_step_scale == {"fore": 0.5}
     assert (s.search.attitude_moves, s.search.clearance) == (7, pytest.approx(math.radians(0.7)))
@@ -297,13 +307,13 @@ def test_the_example_file_uses_every_key():
     assert keys(TERMINAL) == set(used["spacecraft"]["terminal"][0])
     assert keys(STATE, "quaternion_wxyz", "yaw_deg", "pitch_deg") == set(used["start"])
     assert keys(TARGETS) == set(used["goal"])
-    moving = ("satellite", "direction_samples", "times_s")
-    other_axes = ("axis_body", "axis_device")
-    assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *moving, *other_axes) == set(used["keep_out"][0])
-    assert keys(KEEP_IN, *moving, *other_axes) == set(used["keep_in"][0])
+    others = ("satellite", "direction_samples", "times_s", "axis_body", "axis_device")
+    assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *others, "outside") == set(used["keep_out"][0])
+    assert keys(KEEP_IN, *others, "inside") == set(used["keep_in"][0])
+    assert keys(INSTRUMENT) == set(used["spacecraft"]["instrument"][0])
     assert keys(VECTOR) == set(used["keep_in"][0]["vector"][0])
     assert keys(JOINT_BOUND) == set(used["joint_bound"][0])
-    assert {"axis_body", "axis_device"} <= {key for zone in used["keep_out"] for key in zone}
+    assert {"axis_body", "axis_device", "outside"} <= {key for zone in used["keep_out"] for key in zone}
     # methods are written even where they are the default
     assert keys(SEARCH) == set(used["search"])
     assert keys(TRAJECTORY) == set(used["trajectory"])

@@ -141,7 +141,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "keep_out, keep_in, joint_bound, search, trajectory",
         "keep_out[0].colour: unknown key, the keys are name, direction, axis_body, axis_device, "
         "half_angle_deg, body, exclusion_deg, moving, satellite, direction_samples, times_s, devices, "
-        "vector, any_of, entry",
+        "vector, any_of, entry, outside",
     )
 
 
@@ -281,7 +281,7 @@ def test_the_wrong_spacecraft_does_not_hide_what_is_wrong_elsewhere():
 def test_too_many_zones_or_faults_end_the_reading():
     zone = TABLES["keep_out"][1]
     assert faults_of(changed({"keep_out": [zone] * 1000})) == (
-        "the file: 1002 zones, more than the 1000 that are allowed",
+        "the file: 1003 zones, more than the 1000 that are allowed",
     )
     found = faults_of({f"key {i}": 0 for i in range(100_000)})
     assert (len(found), found[-1]) == (1001, "too many faults, reading stopped here")

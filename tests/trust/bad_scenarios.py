@@ -114,7 +114,8 @@ trajectory = (an array of 1): must be a table
 name = 4: must be a line of text
 trajectory.order = 12.5: must be an integer in [5, 24]
 keep_in[0].half_angle_deg = 1e+300: must lie in (0, 180)
-keep_out[0].direction = "north": must be a unit vector of 3 numbers
+keep_out[0].direction = "north": must be a unit vector of 3 numbers; a name needs [sky], with epoch_utc and \
+observer
 start.attitude = [1, 0, 0, 0]: must be a rotation vector of 3 numbers, not of 4
 start.attitude[0] = 1e+308: must lie in [-1e3, 1e3]
 start.yaw_rad[1] = -1e+308: must lie in [-1e3, 1e3]

@@ -1,0 +1,110 @@
+"""Pairs of a row and a sight at a goal: which are settled, and which the attitude decides on as caps.
+
+Of most directions it is known at a goal where they are in one of two frames (`jaxplan.goal.aims`): targets
+and inertial axes in the inertial one, boresights of instruments, axes of the body and held devices in the
+body's. A pair of a row and a sight in the same frame is *settled* whatever the attitude; one of either is a
+cap, see `jaxplan.goal.caps`. So is a row of joints that bounds a yaw or a pitch alone. All other pairs depend
+on what the joints are: step 1 leaves them *open*. It computes with numpy or JAX, as its arguments do. Shapes:
+Z rows, S sights.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.goal.aims import Known
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, joint_values, pair_margins
+from jaxplan.model.directions import Sights
+
+
+class Pairs(NamedTuple):
+    """Every pair at a goal.
+
+    Attributes:
+        settled: (Z, S) bool, pairs that the attitude changes nothing about.
+        margin: (Z, S) rad, of those that are settled.
+        capped: (Z, S) bool, pairs that are caps. A bound of a yaw is one beside others, see `caps`.
+        axis: (Z, S, 3) of the cap, unit vectors in body axes.
+        direction: (Z, S, 3) unit vectors that stay out of the caps, inertial.
+        half_angle: (Z, S) rad.
+    """
+
+    settled: AnyArray
+    margin: AnyArray
+    capped: AnyArray
+    axis: AnyArray
+    direction: AnyArray
+    half_angle: AnyArray
+
+
+def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
+    """All pairs of a scene as they are at a goal.
+
+    Args:
+        rows: the constraints, at an instant.
+        sights: what they bind.
+        known: of these.
+        rest: (J,) rad, joints that held devices keep.
+    """
+    xp, toward, along, axis = arrays(known.toward, known.along, rows.axis)
+    side, half_angle = rows.side[:, None], rows.half_angle[:, None]
+    inertial, in_body = rows.frame == INERTIAL, rows.frame == BODY
+    outside, inside = axis, axis
+    if rows.inner:
+        another, partner = rows.frame == SIGHT, rows.partner
+        inertial = inertial | (another & xp.asarray(known.inertial)[partner])
+        in_body = in_body | (another & xp.asarray(known.in_body)[partner])
+        outside = xp.where(another[:, None], toward[partner], axis)
+        inside = xp.where(another[:, None], along[partner], axis)
+    both_outside = inertial[:, None] & known.inertial
+    both_inside = in_body[:, None] & known.in_body
+    settled = rows.bound & (both_outside | both_inside)
+    margin = xp.where(both_outside, pair_margins(rows, toward, outside), pair_margins(rows, along, inside))
+    by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
+    of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
+    pairs = Pairs(
+        settled=settled,
+        margin=margin,
+        capped=rows.bound & by_attitude & ~settled,
+        axis=side[..., None] * xp.where(of_body, along, inside[:, None]),
+        direction=xp.where(of_body, outside[:, None], toward),
+        half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
+    )
+    return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
+
+
+def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
+    """The pairs with those of rows of joints: settled of held devices, and caps of a yaw or a pitch alone."""
+    xp, normal, bound, frames = arrays(rows.axis, rows.half_angle, sights.gimbals.frames)
+    of_yaw, sign = single_yaws(rows), xp.sign(normal[:, 0] + normal[:, 1])
+    edge = sign * (bound - np.pi / 2)
+    across = frames[:, :, 0] * xp.cos(edge)[:, None, None] + frames[:, :, 1] * xp.sin(edge)[:, None, None]
+    upward = -sign[:, None, None] * frames[:, :, 2]
+    rest_of = ((0, 0), (0, rows.bound.shape[1] - frames.shape[0]), (0, 0))
+    axis = xp.pad(xp.where(of_yaw[:, None, None], across, upward), rest_of)
+    half_angle = np.pi / 2 + xp.where(of_yaw, 0, bound)[:, None]
+    ours = (rows.frame == JOINTS)[:, None]
+    one_plane = of_yaw[:, None] & ~known.winds  # else no plane says which turn a yaw is in
+    alone = (one_plane | (normal[:, 0] == 0)[:, None]) & known.inertial
+    values = xp.swapaxes(joint_values(rows, sights.gimbals, rest), -1, -2)
+    held = ours & known.angles
+    return pairs._replace(
+        settled=xp.where(ours, rows.bound & held, pairs.settled),
+        margin=xp.where(ours, values - bound[:, None], pairs.margin),
+        capped=xp.where(ours, rows.bound & alone, pairs.capped),
+        axis=xp.where(ours[..., None], axis, pairs.axis),
+        direction=xp.where(ours[..., None], known.toward, pairs.direction),
+        half_angle=xp.where(ours, half_angle, pairs.half_angle),
+    )
+
+
+def single_yaws(rows: Constraints) -> AnyArray:
+    """(Z,) bool, the rows of joints that bound a yaw alone."""
+    return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
+
+
+def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:
+    """(Z, S) bool, pairs that depend on the joints at a goal otherwise than as caps."""
+    return rows.bound & ~pairs.settled & ~pairs.capped

@@ -1,0 +1,153 @@
+"""What is asked at a goal, in one piece: the aims, the constraints, and what devices would like besides."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.vectors import azimuth_elevation, pointing, separation
+from jaxplan.goal.aims import Aims, Known, aims_of, box_of, goal_ranges, known_sights, pointed
+from jaxplan.goal.pairs import Pairs, open_pairs, pairs_at_goal
+from jaxplan.model.constraints import Constraints, state_margins
+from jaxplan.model.directions import Sights, as_path
+from jaxplan.model.gimbals import in_range
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import tabulate
+
+
+class Wished(NamedTuple):
+    """A direction that a device without a target shall come near to.
+
+    Attributes:
+        device: its number.
+        kind: "instrument", "drive" or "terminal".
+        direction: (3,) inertial unit vector.
+        frame: (3, 3) body from the device's axes.
+        box: (2, 2) rad, where in them it can point, see `aims.box_of`.
+        reach: rad, how far it may be away.
+    """
+
+    device: int
+    kind: str
+    direction: np.ndarray
+    frame: np.ndarray
+    box: np.ndarray
+    reach: float = np.pi
+
+    @classmethod
+    def all_of(cls, craft: Spacecraft, targets: Targets, ranges: np.ndarray) -> list[Self]:
+        """All wishes of targets in their order, as they are at an instant."""
+        found = []
+        for wish in targets.prefer:
+            number = craft.device_names.index(wish.device)
+            frame, box = box_of(craft, number, ranges, 0.0)
+            kinds = ("terminal", len(craft.terminals)), ("drive", craft.gimbals.count)
+            kind = next((kind for kind, end in kinds if number < end), "instrument")
+            direction = np.asarray(as_path(wish.direction).at(0.0), float)
+            found.append(cls(number, kind, direction, np.asarray(frame), np.asarray(box)))
+        return found
+
+    def distance(self, attitudes: np.ndarray) -> np.ndarray:
+        """(...) rad from where the device can point to the direction, at attitudes (..., 3, 3).
+
+        Of a terminal it is by how much a joint would have to leave its range.
+        """
+        body = self.direction @ attitudes
+        if self.kind == "instrument":
+            return np.asarray(separation(self.frame[:, 0], body))
+        own = body @ self.frame
+        azimuth, elevation = azimuth_elevation(own)
+        azimuth = in_range(azimuth[..., None], self.box[:1])[..., 0]
+        (low, high), (least, most) = self.box
+        beside = np.maximum(np.maximum(low - azimuth, azimuth - high), 0)
+        above = np.maximum(np.maximum(least - elevation, elevation - most), 0)
+        if self.kind == "terminal":
+            return np.maximum(beside, above)
+        ends = np.min([separation(pointing(end, least), own) for end in (low, high)], axis=0)
+        return np.where(beside > 0, ends, above)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GoalProblem:
+    """What is asked of the attitude at a goal.
+
+    Attributes:
+        spacecraft: its devices.
+        start: (3, 3) attitude at the start, body to inertial, ``R0``.
+        rest: (J,) rad, joints that devices without a target have at the goal; of angles of the others that
+            differ by whole turns the nearest to these are taken.
+        aims: what must point where.
+        ranges: (J, 2) rad, of the joints at the goal.
+        rows: all constraints, at an instant.
+        wishes: what devices without a target are near to, each with how near.
+    """
+
+    spacecraft: Spacecraft
+    start: np.ndarray
+    rest: np.ndarray
+    aims: Aims
+    ranges: np.ndarray
+    rows: Constraints
+    wishes: tuple[Wished, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        spacecraft: Spacecraft,
+        start: ArrayLike,
+        targets: Targets,
+        rows: Constraints | None = None,
+        rest: ArrayLike | None = None,
+    ) -> Self:
+        """The problem of targets; without rows, and with other joints at zero, unless told."""
+        ranges = np.asarray(goal_ranges(spacecraft, targets))
+        return cls(
+            spacecraft=spacecraft,
+            start=np.asarray(start, float),
+            rest=np.zeros(len(ranges)) if rest is None else np.asarray(rest, float),
+            aims=aims_of(spacecraft, targets, float(targets.tolerance)),
+            ranges=ranges,
+            rows=tabulate((), (), spacecraft) if rows is None else rows,
+        )
+
+    @cached_property
+    def sights(self) -> Sights:
+        """The directions that the rows bind."""
+        return self.rows.sights(self.spacecraft.gimbals, self.spacecraft.fixed_boresights)
+
+    @cached_property
+    def known(self) -> Known:
+        """What is known of them."""
+        return known_sights(self.aims, self.sights, self.rest)
+
+    @cached_property
+    def pairs(self) -> "Pairs":
+        """All pairs of the rows."""
+        return pairs_at_goal(self.rows, self.sights, self.known, self.rest)
+
+    def joints(self, attitudes: np.ndarray) -> np.ndarray:
+        """(..., J) rad, at attitudes (..., 3, 3) at which devices point along their targets."""
+        return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
+
+    def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """(..., Z, S) rad, of every pair in states."""
+        return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
+
+    def wider(self, by: float) -> "GoalProblem":
+        """The problem without rows, with azimuths and elevations so many rad easier."""
+        around = np.array([-by, by])
+        nowhere = tabulate((), (), self.spacecraft)
+        return replace(
+            self,
+            aims=replace(self.aims, ranges=self.aims.ranges + around),
+            ranges=self.ranges + around,
+            rows=nowhere,
+        )
+
+
+def leaves_open(problem: GoalProblem) -> bool:
+    """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
+    return bool(np.any(open_pairs(problem.rows, problem.pairs)))

@@ -1,0 +1,65 @@
+"""The least rates of the platform with which devices follow targets that move.
+
+A boresight ``u`` follows its direction ``z`` where ``R (omega x u + y' Y x u + p' P x u) = z'``, with the
+axes ``Y`` and ``P`` about which its joints turn. A terminal can do so whatever the platform does. An
+instrument asks two numbers of ``omega``, a drive one, across what its joint can do; of all that meet these
+the shortest ``omega`` is taken, so that nothing turns about a boresight that need not.
+"""
+
+import numpy as np
+
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Targets
+from jaxplan.model.spacecraft import Spacecraft
+
+_ALIKE = 1e-9  # share of the largest singular value below which an equation says nothing of its own
+
+
+def least_rates(
+    craft: Spacecraft, targets: Targets, state: Goal, target_rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates with which devices follow their targets.
+
+    Args:
+        craft: the spacecraft.
+        targets: which devices have them.
+        state: attitude and joints, at which these point along their targets.
+        target_rates: (k, 3) 1/s, how fast the directions turn, inertial.
+
+    Returns:
+        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s; those of other devices are zero.
+    """
+    gimbals, numbers = craft.gimbals, targets.numbers(craft)
+    attitude, joints = np.asarray(state.attitude, float), np.asarray(state.joints, float)
+    turned = np.asarray(target_rates, float).reshape(-1, 3) @ attitude  # in body axes
+    azimuth, _ = gimbals.angles(joints)
+    boresights = np.concatenate([gimbals.boresights(joints), craft.fixed_boresights])
+    matrix, right = [np.zeros((0, 3))], [np.zeros(0)]
+    by_joints = {}
+    for number, rate in zip(numbers, turned, strict=True):
+        beam = boresights[number]
+        across = np.linalg.svd(beam[None])[2][1:]  # (2, 3), what a direction can do
+        if number < gimbals.count:
+            axes = np.concatenate(gimbals.axes(azimuth[[number]], np.array([number])))
+            axes = axes[: 2 if number < gimbals.terminals else 1]
+            by_joints[number] = np.cross(axes, beam)
+            across = _beyond(across, by_joints[number])
+        # (omega x u) . c = omega . (u x c)
+        matrix.append(np.cross(beam, across))
+        right.append(across @ rate)
+    spin = np.linalg.pinv(np.concatenate(matrix), rcond=_ALIKE) @ np.concatenate(right)
+    rates = np.zeros(len(joints))
+    for number, rate in zip(numbers, turned, strict=True):
+        if number in by_joints:
+            left = rate - np.cross(spin, boresights[number])
+            own = [gimbals.yaws[number], *gimbals.pitches[number : number + 1]]
+            rates[own] = np.linalg.pinv(by_joints[number].T, rcond=_ALIKE) @ left
+    return spin, rates
+
+
+def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Unit vectors (c, 3) within the span of some (2, 3) that joints, which move a beam by (j, 3), leave."""
+    across = directions @ moved.T
+    _, sizes, own = np.linalg.svd(across.T)
+    rank = int(np.sum(sizes > _ALIKE * max(float(np.max(sizes, initial=0.0)), _ALIKE)))
+    return np.asarray(own[rank:] @ directions)

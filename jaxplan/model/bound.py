@@ -1,0 +1,143 @@
+"""What zones bind, by number and by name.
+
+Sights are numbered devices first (terminals, drives, instruments), then axes of the body, then vectors of
+moving parts, as in `jaxplan.model.constraints`. The axes are those that zones state, and the
+normals of the edges of instruments' fields of view; the vectors likewise, of devices with joints.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model import outlines
+from jaxplan.model.spacecraft import Spacecraft
+
+
+class Bound:
+    """The sights that cones bind; it finds those of a zone, and raises for names that are wrong.
+
+    Attributes:
+        craft: whose devices they are.
+        body: vectors of the body beside the devices, each with its name.
+        carried: vectors of moving parts, each with its name and the device's number.
+    """
+
+    def __init__(self, cones: Sequence[Any], spacecraft: Spacecraft) -> None:
+        self.devices, self.terminals = spacecraft.device_names, len(spacecraft.terminals)
+        self.gimbals = self.terminals + len(spacecraft.drives)
+        self.craft = spacecraft
+        self.body: list[tuple[Any, str]] = []
+        self.carried: list[tuple[Any, str, int]] = []
+        places: dict[Any, tuple[bool, int]] = {}  # whether it is of the body, and its place there
+        for zone in cones:
+            for vector in zone.vectors:
+                places[id(vector)] = self._add_vector(zone, vector)
+        for number in sorted({number for zone in cones if zone.of_field for number in self.fields(zone)}):
+            places[number] = self._add_edges(number)
+        first = len(self.devices), len(self.devices) + len(self.body)
+        self._first = {what: first[not of_body] + place for what, (of_body, place) in places.items()}
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all sights: devices by name, edges by that of their field, others by their vector."""
+        return [*self.devices, *(name for _, name in self.body), *(name for _, name, _ in self.carried)]
+
+    @property
+    def owners(self) -> list[int]:
+        """Number of the device that each edge of a field is of; of another sight its own."""
+        found = list(range(self.count))
+        for number, first in self._first.items():
+            if number in range(len(self.devices)):
+                found[first : first + len(outlines.EDGES)] = [number] * len(outlines.EDGES)
+        return found
+
+    @property
+    def count(self) -> int:
+        """Number of sights."""
+        return len(self.devices) + len(self.body) + len(self.carried)
+
+    def _add_vector(self, zone: Any, vector: Any) -> tuple[bool, int]:
+        if vector.to is None:
+            self.body.append((vector.along, body_axis_name(vector.along)))
+            return True, len(self.body) - 1
+        name = f"direction {_numbers(vector.along)} of {vector.to}"
+        self.carried.append((vector.along, name, self.gimbal(zone, "vectors", vector.to)))
+        return False, len(self.carried) - 1
+
+    def _add_edges(self, number: int) -> tuple[bool, int]:
+        device: Any = self.craft.devices[number]
+        of_body = number >= self.gimbals
+        first = len(self.body if of_body else self.carried)
+        for edge, normal in zip(outlines.EDGES, device.edges, strict=True):
+            name = f"{edge} edge of {device.name}'s field"
+            if of_body:
+                self.body.append((normal, name))
+            else:
+                self.carried.append((normal, name, number))
+        return of_body, first
+
+    def device(self, zone: Any, key: str, name: str) -> int:
+        """The number of a device, by its name."""
+        if name not in self.devices:
+            known = ", ".join(self.devices) or "the spacecraft has none"
+            raise ValueError(f"zone {zone.name}: {key}: there is no {name!r}, only {known}")
+        return self.devices.index(name)
+
+    def terminal(self, zone: Any, key: str, name: str) -> int:
+        """The number of a device that must be a terminal."""
+        number = self.device(zone, key, name)
+        if number >= self.terminals:
+            raise ValueError(f"zone {zone.name}: {key}: {name!r} is no terminal")
+        return number
+
+    def gimbal(self, zone: Any, key: str, name: str) -> int:
+        """The number of a device that must have joints."""
+        number = self.device(zone, key, name)
+        if number >= self.gimbals:
+            raise ValueError(f"zone {zone.name}: {key}: {name!r} has no joints")
+        return number
+
+    def bound(self, zone: Any) -> list[int]:
+        """The numbers of all sights that a cone binds."""
+        given: object = zone.devices  # whatever its type says
+        if isinstance(given, str):
+            raise ValueError(f"zone {zone.name}: devices = {given!r}: must be a tuple of names")
+        names = zone.devices
+        if zone.binds_all:
+            names = self.devices
+        elif not names and not zone.vectors:
+            raise ValueError(f"zone {zone.name}: devices: must name what it binds, at least one")
+        numbers = [self.device(zone, "devices", name) for name in names]
+        for place, name in enumerate(names):
+            if name in names[:place]:
+                raise ValueError(f"zone {zone.name}: devices: {name!r} is named twice")
+        return numbers + [self._first[id(vector)] for vector in zone.vectors]
+
+    def fields(self, zone: Any) -> list[int]:
+        """The numbers of the devices whose fields a zone binds, by default of all that have one."""
+        if zone.vectors:
+            raise ValueError(f"zone {zone.name}: vectors: have no field of view")
+        with_field = [n for n, one in enumerate(self.craft.devices) if one.field_of_view is not None]
+        if zone.binds_all:
+            if not with_field:
+                raise ValueError(f"zone {zone.name}: devices: none has a field_of_view")
+            return with_field
+        numbers = self.bound(zone)
+        for number in numbers:
+            if number not in with_field:
+                raise ValueError(f"zone {zone.name}: devices: {self.devices[number]!r} has no field_of_view")
+        return numbers
+
+    def edges(self, number: int) -> range:
+        """The numbers of the normals of a device's field."""
+        return range(self._first[number], self._first[number] + len(outlines.EDGES))
+
+
+def body_axis_name(axis: np.ndarray) -> str:
+    """What an axis (3,) of the body is called."""
+    return f"axis {_numbers(axis)} of the body"
+
+
+def _numbers(vector: np.ndarray) -> str:
+    return f"({', '.join(f'{part:.3g}' for part in vector)})"

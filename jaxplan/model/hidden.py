@@ -1,0 +1,42 @@
+"""When targets are hidden: behind the Earth, below their horizon, or behind something else.
+
+A target that is hidden when the manoeuvre ends cannot be pointed at. Times are seconds from the start of the
+manoeuvre on. What hides is found where a sky is at hand (`jaxplan.sky`); here is what follows from it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from jaxplan.model.keys import key
+from jaxplan.runtime.display import shown
+
+
+@shown("target", "by", "start s", "end s")
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """A span of time during which a target is hidden.
+
+    Attributes:
+        target: name of what is hidden.
+        by: what hides it.
+        start: s, from when on.
+        end: s, until when; then it is seen, unless something else hides it or nothing is known any more.
+    """
+
+    target: str = field(metadata=key("target", "name of what is hidden"))
+    by: str = field(metadata=key("by", "what hides it"))
+    start: float = field(metadata=key("from_s", "from when on", "[-1e7, 1e7]"))
+    end: float = field(metadata=key("to_s", "until when; then it is seen", "[-1e7, 1e7]"))
+
+    def at(self, time: float) -> bool:
+        """Whether the target is hidden at a time, s."""
+        return self.start <= time < self.end
+
+
+def after_hidden(spans: Iterable[Hidden], time: float) -> float:
+    """The first time, from some time on, that is in none of the spans, s."""
+    every = sorted(spans, key=lambda span: span.start)
+    for span in every:
+        if span.at(time):
+            time = span.end
+    return time

@@ -1,0 +1,131 @@
+"""Outlines of fields of view and masks: edges of a rectangular field, half-planes of a convex polygon.
+
+A *rectangular field* is a pyramid about a boresight. Across it lies ``left = up x boresight``, along it
+``up``; its full angles are those between opposite edges, measured in these two planes. It is on the inner
+side of four planes through its apex, whose normals point outward:
+
+    +-cos(across / 2) left - sin(across / 2) boresight,    +-cos(along / 2) up - sin(along / 2) boresight
+
+The angle from the boresight to a corner has the tangent ``hypot(tan(across / 2), tan(along / 2))``.
+
+A *mask* is a convex polygon of yaw and pitch, its corners in either order. It is outside of it that
+``normal . (yaw, pitch) >= least`` for one of its edges, ``normal`` of length one. Where a yaw may turn far,
+the mask is met again after each whole turn.
+
+All of it but `turns` and `fault` computes with numpy or JAX, as its arguments do. Angles in rad.
+"""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+
+EDGES = ("left", "right", "upper", "lower")
+"""Names of the edges of a field, in their order, as seen along the boresight with up upward."""
+UP = np.array([0.0, 0.0, 1.0])
+"""The direction of up of a terminal that does not say: the one in which its pitch rises."""
+FORWARD = np.array([1.0, 0.0, 0.0])
+"""The boresight of a terminal in the axes of its moving part: boresight, left, up."""
+MOST_TURNS = 2
+"""Whole turns to either side after which a mask of traced numbers is repeated: enough for ranges of two."""
+_FLAT = 1e-9  # rad, a shorter edge of a mask is none; rad^2, likewise of an area
+
+
+def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | None) -> AnyArray:
+    """Outward normals of the edges of a rectangular field.
+
+    Args:
+        boresight: (3,) unit vector.
+        up: (3,) about at right angles to it; only its part across the boresight counts.
+        angles: (2,) full angles across and along up, below pi.
+
+    Returns:
+        (4, 3) unit vectors in the frame of the boresight, in the order of `EDGES`.
+    """
+    xp, forward, above, full = arrays(boresight, up, angles)
+    left = xp.cross(above, forward)
+    left = left / xp.sqrt(xp.sum(left * left))
+    half = full / 2
+    across = (xp.cos(half[0]) * left, xp.sin(half[0]) * forward)
+    along = (xp.cos(half[1]) * xp.cross(forward, left), xp.sin(half[1]) * forward)
+    return xp.stack([sign * out - back for out, back in (across, along) for sign in (1.0, -1.0)])
+
+
+def corner_angle(angles: ArrayLike | None) -> AnyArray:
+    """Angle from the boresight to the corners of a rectangular field of full angles (2,)."""
+    xp, full = arrays(angles)
+    tangents = xp.tan(full / 2)
+    return xp.arctan(xp.sqrt(xp.sum(tangents * tangents)))
+
+
+def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """(4, 3) unit vectors to the corners of a rectangular field, in order around it; numpy alone."""
+    left, right, upper, lower = field_edges(boresight, up, angles)
+    corners = np.stack(
+        [np.cross(left, upper), np.cross(upper, right), np.cross(right, lower), np.cross(lower, left)]
+    )
+    corners /= np.linalg.norm(corners, axis=-1, keepdims=True)
+    return np.asarray(corners * np.sign(corners @ boresight)[:, None])
+
+
+def half_planes(corners: ArrayLike) -> tuple[AnyArray, AnyArray]:
+    """Outer sides of a convex polygon.
+
+    Args:
+        corners: (k, 2) in order around it, either way.
+
+    Returns:
+        Normals (k, 2) of length one that point outward, and the least ``normal . point`` (k,) outside.
+    """
+    xp, points = arrays(corners)
+    following = xp.roll(points, -1, axis=0)
+    edge = following - points
+    area = xp.sum(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
+    outward = xp.sign(area) * xp.stack([edge[:, 1], -edge[:, 0]], axis=-1)
+    normals = outward / xp.sqrt(xp.sum(edge * edge, axis=-1))[:, None]
+    return normals, xp.sum(normals * points, axis=-1)
+
+
+def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...]:
+    """Whole turns of yaw after which a mask is met within a range.
+
+    Args:
+        corners: (k, 2) of yaw and pitch.
+        low: least yaw of the range.
+        high: largest yaw.
+
+    Returns:
+        As few as there can be; of numbers of JAX, which may be traced, `MOST_TURNS` to either side.
+    """
+    if array_module(corners, low, high) is jnp:
+        return tuple(range(-MOST_TURNS, MOST_TURNS + 1))
+    yaws, turn = np.asarray(corners)[:, 0], 2 * np.pi
+    first, last = (np.asarray(low) - np.max(yaws)) / turn, (np.asarray(high) - np.min(yaws)) / turn
+    return tuple(range(math.floor(first) + 1, math.ceil(last)))
+
+
+def fault(corners: np.ndarray) -> str | None:
+    """Why corners (k, 2) make no mask, to stand after "must"; None where they do."""
+    if len(corners) < 3:
+        return f"have 3 corners or more, not {len(corners)}"
+    edge = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(edge, axis=-1)
+    if np.min(lengths) < _FLAT:
+        return f"have corners apart from each other, corner {int(np.argmin(lengths))} is at the next one"
+    following = np.roll(edge, -1, axis=0)
+    bend = edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]
+    ahead = np.sum(edge * following, axis=-1)
+    if np.all(np.abs(bend) <= _FLAT * lengths * np.roll(lengths, -1)):
+        return "have an area, its corners lie on a line"
+    turned = np.arctan2(bend, ahead)
+    around = round(float(np.sum(turned)) / (2 * np.pi))
+    if abs(around) != 1:
+        return "not cross itself"
+    inward = np.flatnonzero(np.sign(around) * turned < -_FLAT)
+    if len(inward):
+        corner = (int(inward[0]) + 1) % len(corners)
+        return f"be convex, it bends inward at corner {corner}: cut it there into convex ones, each a mask"
+    return None

@@ -1,0 +1,69 @@
+"""Linear maps with a kernel for each direction, where JAX differentiates functions of plain numbers.
+
+What JAX makes of a jitted function when it differentiates it outside `jax.jit` is traced and compiled anew in
+every process, without the options of `jaxplan.runtime.jit.quick_jit`. A rule of `jax.custom_jvp` may call
+kernels instead, but what it returns for tangents must be something that JAX can transpose. That is made here.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+Arrays = Sequence[Any]
+Map = Callable[[Any, Arrays], Sequence[Array]]
+
+
+def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays, Any], list[Array]]:
+    """A linear map that JAX can transpose, batch and jit.
+
+    Args:
+        name: in traces.
+        forward: of what the map depends on, any tree, and a vector as arrays: the answer as arrays.
+        backward: the transpose: of the same tree and an answer a vector.
+
+    Returns:
+        A function of the tree, a vector, and arrays like those of the answer. In the tree it cannot be
+        differentiated.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+
+    def apply(*args: Any, tree: Any, **_: Any) -> Sequence[Array]:
+        count = tree.num_leaves
+        return forward(tree.unflatten(args[:count]), args[count:])
+
+    def transpose(answers: Arrays, *args: Any, tree: Any, **_: Any) -> list[Any]:
+        count = tree.num_leaves
+        found = backward(tree.unflatten(args[:count]), [ad.instantiate_zeros(one) for one in answers])
+        return [None] * count + list(found)
+
+    def differentiate(args: Arrays, ways: Arrays, *, tree: Any, shapes: Any) -> tuple[Any, Any]:
+        count = tree.num_leaves
+        if not all(type(way) is ad.Zero for way in ways[:count]):
+            raise NotImplementedError(f"{name} cannot be differentiated in what it depends on")
+        along = (*args[:count], *map(ad.instantiate_zeros, ways[count:]))
+        return tuple(primitive.bind(*own, tree=tree, shapes=shapes) for own in (args, along))
+
+    def batch(args: Arrays, axes: Any, **told: Any) -> tuple[Any, Any]:
+        answers = jax.vmap(lambda *own: apply(*own, **told), in_axes=tuple(axes))(*args)
+        return answers, [0] * len(answers)
+
+    primitive.def_impl(apply)
+    primitive.def_abstract_eval(lambda *_, shapes, **__: list(shapes))
+    ad.primitive_transposes[primitive] = transpose
+    ad.primitive_jvps[primitive] = differentiate
+    batching.primitive_batchers[primitive] = batch
+    mlir.register_lowering(primitive, mlir.lower_fun(apply, multiple_results=True))
+
+    def mapped(fixed: Any, vector: Arrays, like: Any) -> list[Array]:
+        leaves, tree = jax.tree.flatten(fixed)
+        shapes = tuple(jax.core.ShapedArray(jnp.shape(one), jnp.result_type(one)) for one in like)
+        found: list[Array] = primitive.bind(*leaves, *vector, tree=tree, shapes=shapes)
+        return found
+
+    return mapped

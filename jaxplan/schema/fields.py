@@ -1,0 +1,123 @@
+"""What must go together where zones count from fields of view, and of devices that have one.
+
+As in `checks`, `WRONG` stands for what is given and wrong, and places go by the keys of a file.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model.outlines import EDGES
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.zones import MOST_WAYS
+from jaxplan.schema.arrays import UNIT_TOLERANCE
+from jaxplan.schema.checks import placed
+from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.kinds import shortest_degrees
+from jaxplan.schema.sky import Followed
+
+_CONES = ("keep_out", "keep_in")
+
+
+def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) -> None:
+    """A field of view needs the direction of up, at right angles to the boresight.
+
+    Args:
+        device: an instrument, or a terminal.
+        place: its place.
+        boresight: (3,) in the axes of up, where these are not the body's; up may then be left out.
+    """
+    up, given = device.up, device.field_of_view
+    if up is None and given is not None and boresight is None:
+        place["up"].fault("missing, must be a unit vector of 3 numbers, since there is a field of view")
+    if up is not None and given is None:
+        place["field_of_view_deg"].fault("missing, must be 2 numbers, since up is given")
+    forward = device.boresight if boresight is None else boresight
+    if up is None or up is WRONG or forward is WRONG:
+        return
+    cosine = float(np.dot(up, forward))
+    if abs(cosine) > UNIT_TOLERANCE:
+        angle = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+        complaint = f"must be at right angles to the boresight, is {angle:.6g} deg from it"
+        place["up"].fault(complaint, np.asarray(up).tolist())
+
+
+def check_zones(scenario: Scenario, root: Place) -> None:
+    """Note zones of fields of view that ask for what cannot be, and half angles of zero of the others.
+
+    Args:
+        scenario: as far as it could be read, its directions found.
+        root: its place.
+    """
+    craft = scenario.spacecraft
+    devices = [
+        one for name in ("terminals", "instruments") for _, one in placed(getattr(craft, name, ()), root)
+    ]
+    fields = {one.name: one.field_of_view for one in devices if one.field_of_view is not None}
+    for place, zone in _cones(scenario, root):
+        if not zone.of_field:
+            _check_open(zone, place)
+        else:
+            _check_distance(zone, fields, place)
+            _check_devices(zone, fields, place)
+    _check_groups(scenario, len(fields), root)
+
+
+def _cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
+    for key in _CONES:
+        yield from placed(getattr(scenario, key), root[key])
+
+
+def _check_open(zone: Any, place: Place) -> None:
+    """A zone of no field of view has a half angle above zero; that from a body's limb is not known yet."""
+    if zone.half_angle == 0 and not isinstance(zone.direction, Followed):
+        python = place.reading.python
+        place["half_angle_deg"].fault(f"must lie in (0, {np.pi if python else 180:g})", 0.0 if python else 0)
+
+
+def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
+    """The distance from a field is less than a right angle, and within one it leaves something of it."""
+    distance = zone.half_angle
+    if not isinstance(distance, float):
+        return
+    most, why = np.pi / 2, "for more take a cone about the boresight, without a field of view"
+    for name in zone.devices if zone.side < 0 and zone.devices is not WRONG else ():
+        angles = fields.get(name)
+        if isinstance(angles, np.ndarray) and np.min(angles) / 2 < most:
+            most, why = float(np.min(angles)) / 2, f"{name} sees no farther to either side"
+    if distance >= most:
+        told = (distance, most) if place.reading.python else map(shortest_degrees, (distance, most))
+        given, limit = told
+        place["half_angle_deg"].fault(f"must be below {limit:.6g}: {why}", given)
+
+
+def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
+    """What is bound by its field has one."""
+    where = place["outside" if zone.side > 0 else "inside"]
+    if zone.vectors not in ((), WRONG):
+        where.fault("is of fields of view, which vectors do not have")
+    if zone.devices is WRONG:
+        return
+    if zone.binds_all and not fields:
+        where.fault("needs a device with field_of_view_deg")
+    for number, name in enumerate(zone.devices):
+        if name is not WRONG and name not in fields and name in (place.reading.names.get("device") or ()):
+            place["devices"][number].fault("has no field_of_view_deg, from which to count", name)
+
+
+def _check_groups(scenario: Scenario, fields: int, root: Place) -> None:
+    """An entry of a group holds in five ways for each field that it keeps clear; these must be few."""
+    kept: dict[tuple[Any, Any], int] = defaultdict(int)
+    places: dict[tuple[Any, Any], Place] = {}
+    for place, zone in _cones(scenario, root):
+        if zone.side > 0 and zone.of_field and zone.any_of not in (None, WRONG) and zone.devices is not WRONG:
+            entry = zone.any_of, zone.entry or zone.name
+            kept[entry] += len(zone.devices) or fields
+            places.setdefault(entry, place)
+    for entry, count in kept.items():
+        ways = (len(EDGES) + 1) ** count
+        if ways > MOST_WAYS:
+            complaint = f"has an entry that keeps {count} fields of view clear, which may hold in {ways} ways"
+            places[entry]["any_of"].fault(f"{complaint}, {MOST_WAYS} at most", entry[0])

@@ -1,0 +1,176 @@
+"""How a file says an orbit: circular, Keplerian, two-line elements, an ephemeris file, or samples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxplan import sky
+from jaxplan.schema.arrays import Array, rising
+from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.kinds import Choice, Interval, Kind, Number
+from jaxplan.schema.tables import Either, Field, Table
+from jaxplan.sky.ephemeris import FRAMES
+from jaxplan.sky.orbits import EARTH_RADIUS
+
+_ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
+_INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
+_FAR = Number(Interval("[-1e7, 1e7]"))  # km, and s: beyond anything that circles the Earth
+_FAST = Number(Interval("[-100, 100]"))  # km/s
+
+
+@dataclass(frozen=True)
+class TwoLines(Kind):
+    """Two-line elements."""
+
+    wanted = "an array of the two lines of a set of elements"
+
+    def read(self, value: Any, place: Place) -> Any:
+        lines = value if isinstance(value, list) else []
+        if len(lines) != 2 or not all(isinstance(line, str) for line in lines):
+            return place.refuse(f"must be {self.wanted}", value)
+        try:
+            return sky.parse_tle("\n".join(lines))
+        except sky.TleError as error:
+            for fault in error.faults:
+                place.fault(fault)
+        return WRONG
+
+
+@dataclass(frozen=True)
+class Message(Kind):
+    """A CCSDS Orbit Ephemeris Message in a file, whose path is relative to that of the scenario."""
+
+    wanted = "the path of an Orbit Ephemeris Message (CCSDS OEM), relative to this file"
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, str) or not value:
+            return place.refuse(f"must be {self.wanted}", value)
+        try:
+            return sky.read_oem(Path(place.reading.folder) / value)
+        except OSError as error:
+            return place.fault(f"cannot be read: {error.strerror or error}", value)
+        except (ValueError, ImportError) as error:
+            return place.fault(str(error), value)
+
+
+def _make_circular(parts: dict[str, Any], place: Place) -> Any:
+    return WRONG if WRONG in parts.values() else sky.CircularOrbit(**parts)
+
+
+def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
+    if WRONG in parts.values():
+        return WRONG
+    lowest = parts["semi_major_axis"] * (1 - parts["eccentricity"])
+    if not lowest > EARTH_RADIUS:
+        complaint = f"with this eccentricity the perigee is {lowest:.6g} km from the Earth's centre, must be "
+        return place["semi_major_axis_km"].fault(
+            f"{complaint}beyond {EARTH_RADIUS}", parts["semi_major_axis"]
+        )
+    return sky.KeplerOrbit(**parts)
+
+
+def _make_samples(parts: dict[str, Any], place: Place) -> Any:
+    """The ephemeris through samples, whose times count from the start of the manoeuvre."""
+    place.reading.sizes.pop("sample", None)  # the next has its own number of them
+    if any(part is WRONG for part in parts.values()):
+        return WRONG
+    try:
+        return sky.Ephemeris.through(parts["times"], parts["positions"], parts.get("velocities"))
+    except sky.EphemerisError as error:
+        return place["position_samples_km"].fault(str(error))
+
+
+_CIRCULAR = (
+    Field("altitude_km", Number(Interval("(0, 1e6]")), "altitude", "above 6378.137 km", required=True),
+    Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
+    Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
+    Field(
+        "argument_of_latitude_deg", _ANGLE_DEG, "latitude", "from the node on, at epoch_utc", required=True
+    ),
+)
+_KEPLERIAN = (
+    Field(
+        "semi_major_axis_km",
+        Number(Interval("(0, 1e6]")),
+        "semi_major_axis",
+        "half the length of the ellipse, whose perigee is outside the Earth",
+        required=True,
+    ),
+    Field("eccentricity", Number(Interval("[0, 1)")), "eccentricity", "0 of a circle", required=True),
+    *_CIRCULAR[1:3],
+    Field("argument_of_perigee_deg", _ANGLE_DEG, "perigee", "from the node on", required=True),
+    Field("true_anomaly_deg", _ANGLE_DEG, "anomaly", "from the perigee on, at epoch_utc", required=True),
+)
+_TWO_LINES = (Field("tle", TwoLines(), "tle", "two-line elements", required=True),)
+_MESSAGE = (Field("ephemeris", Message(), "ephemeris", "needs the extra oem", required=True),)
+_SAMPLES = (
+    Field(
+        "position_samples_km",
+        Array(("sample", 3), _FAR, noun="positions of 3 numbers, one a time"),
+        "positions",
+        "over times_s, from the Earth's centre",
+        required=True,
+    ),
+    Field(
+        "velocity_samples_km_s",
+        Array(("sample", 3), _FAST, noun="velocities of 3 numbers, one a time"),
+        "velocities",
+        "over times_s; with them fewer samples do",
+    ),
+    Field(
+        "times_s",
+        Array(("sample",), _FAR, noun="rising numbers, the first at most 0", rule=rising),
+        "times",
+        "of the samples; 0 at epoch_utc",
+        required=True,
+    ),
+    Field("frame", Choice(FRAMES), "frame", "axes of the samples, all the same to 1.2e-7 rad"),
+)
+
+
+def _tables() -> dict[str, Table]:
+    """The tables by what they say, each with a word for the keys of others."""
+    kinds: Mapping[str, tuple[Any, Any, Any]] = {
+        "on a circular orbit": (sky.CircularOrbit, _CIRCULAR, _make_circular),
+        "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN, _make_keplerian),
+        "by two-line elements": (sky.Tle, _TWO_LINES, lambda parts, place: parts["tle"]),
+        "by an ephemeris": (sky.Ephemeris, _MESSAGE, lambda parts, place: parts["ephemeris"]),
+        "by samples": (sky.Ephemeris, _SAMPLES, _make_samples),
+    }
+    every = [entry.key for _, fields, _ in kinds.values() for entry in fields]
+    tables = {}
+    for words, (model, fields, make) in kinds.items():
+        first, own = fields[0].key, [entry.key for entry in fields]
+        others = dict.fromkeys(
+            [key for key in every if key not in own],
+            f"the satellite has {'an' if first[0] in 'ae' else 'a'} {first}, which says all of its orbit",
+        )
+        tables[words] = Table(model, fields, make=make, refused=others)
+    return tables
+
+
+_TABLES = _tables()
+
+
+class Orbit(Either):
+    """A satellite's way: one of several tables, told apart by their keys."""
+
+    wanted = "a table with tle, ephemeris, position_samples_km, semi_major_axis_km or altitude_km"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        return _TABLES
+
+    def read(self, value: Any, place: Place) -> Any:
+        before = len(place.reading.faults)
+        read = self._table(value).read(value, place)
+        return read if len(place.reading.faults) == before else WRONG
+
+    def _table(self, value: Any) -> Table:
+        """The table that a value is meant for: by the first key of each, or else by most of its keys."""
+        given = set(value) if isinstance(value, dict) else set()
+        circular, keplerian, *others = _TABLES.values()
+        named = [table for table in (*others, circular, keplerian) if table.fields[0].key in given]
+        likely = max(_TABLES.values(), key=lambda table: sum(entry.key in given for entry in table.fields))
+        return named[0] if named else likely

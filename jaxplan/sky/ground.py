@@ -1,0 +1,99 @@
+"""Points of the ground, which turn with the Earth.
+
+Latitude and longitude are geodetic, on the ellipsoid of WGS 84, and altitudes above it: not above the sea,
+from which it differs by up to 110 m. `jaxplan.sky.frames` says what is left out of the Earth's turning.
+"""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from jaxplan.runtime.display import shown
+from jaxplan.sky.frames import earth_fixed_state
+from jaxplan.sky.orbits import EARTH_RADIUS
+
+_FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
+_SQUARE = _FLATTENING * (2 - _FLATTENING)  # of its eccentricity
+
+
+@shown("latitude deg", "longitude deg", "altitude m", "minimum_elevation deg")
+@dataclass(frozen=True, kw_only=True)
+class GroundPoint:
+    """A point of the ground, or above it, which turns with the Earth.
+
+    Attributes:
+        latitude: rad, geodetic, in [-pi / 2, pi / 2].
+        longitude: rad, to the east, in [-2 pi, 2 pi].
+        altitude: m above the ellipsoid of WGS 84, in [-1000, 100000].
+        minimum_elevation: rad above its horizon from which on it sees the observer, in [0, pi / 2).
+    """
+
+    latitude: float
+    longitude: float
+    altitude: float = 0.0
+    minimum_elevation: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("latitude", "longitude", "altitude", "minimum_elevation"):
+            given: object = getattr(self, name)  # whatever its type says
+            if isinstance(given, bool) or not isinstance(given, Real):
+                raise ValueError(f"{name} = {given!r}: must be a number")
+        if not abs(self.latitude) <= np.pi / 2:
+            raise ValueError(f"latitude = {self.latitude}: must lie in [-pi / 2, pi / 2] rad")
+        if not abs(self.longitude) <= 2 * np.pi:
+            raise ValueError(f"longitude = {self.longitude}: must lie in [-2 pi, 2 pi] rad")
+        if not -1e3 <= self.altitude <= 1e5:
+            raise ValueError(f"altitude = {self.altitude}: must lie in [-1000, 100000] m")
+        if not 0 <= self.minimum_elevation < np.pi / 2:
+            raise ValueError(f"minimum_elevation = {self.minimum_elevation}: must lie in [0, pi / 2) rad")
+
+    @property
+    def up(self) -> np.ndarray:
+        """(3,) unit vector at right angles to the ellipsoid, along axes that are fixed to the Earth."""
+        cos = np.cos(self.latitude)
+        return np.array([cos * np.cos(self.longitude), cos * np.sin(self.longitude), np.sin(self.latitude)])
+
+    @property
+    def place(self) -> np.ndarray:
+        """(3,) km, along axes that are fixed to the Earth."""
+        normal = EARTH_RADIUS / np.sqrt(1 - _SQUARE * np.sin(self.latitude) ** 2)
+        height = self.altitude * 1e-3
+        return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARE) + height])
+
+
+def ground_state(
+    point: GroundPoint, epoch: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of a point of the ground.
+
+    Args:
+        point: of the ground.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km and (..., 3) km/s, GCRS.
+    """
+    return earth_fixed_state(point.place, epoch, times)
+
+
+def elevation(
+    point: GroundPoint, position: np.ndarray, epoch: np.datetime64, times: np.ndarray
+) -> np.ndarray:
+    """How high something stands above the horizon of a point of the ground; air does not bend the line.
+
+    Args:
+        point: of the ground.
+        position: (..., 3) km of what it looks at, GCRS.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (...) rad, negative below the plane at right angles to the ellipsoid's normal.
+    """
+    between = position - ground_state(point, epoch, times)[0]
+    up, _ = earth_fixed_state(point.up, epoch, times)
+    along = np.sum(between * up, axis=-1)
+    across = np.linalg.norm(np.cross(between, up), axis=-1)
+    return np.asarray(np.arctan2(along, across))

@@ -1,0 +1,129 @@
+"""Keplerian orbits of any shape that does not escape: two-body motion, which nothing disturbs.
+
+Left out are drag, Sun, Moon and the Earth's oblateness, by which the node of a low orbit turns by up to 8 deg
+a day, and the position is off by tens of km after one revolution. For long times take two-line elements or an
+ephemeris.
+"""
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.runtime.display import shown
+from jaxplan.sky.frames import elapsed
+from jaxplan.sky.orbits import EARTH_MU, EARTH_RADIUS
+
+_ROUNDS = 60  # of Newton's iteration, more than any takes; three to six, but for e near 1
+_ANGLES = ("node", "perigee", "anomaly")
+
+
+@shown(
+    "semi_major_axis km", "eccentricity", "inclination deg", "node deg", "perigee deg", "anomaly deg", "epoch"
+)
+@dataclass(frozen=True, kw_only=True)
+class KeplerOrbit:
+    """A satellite on a Keplerian orbit, whose elements are about the axes of the GCRS (the equator of J2000).
+
+    Attributes:
+        semi_major_axis: km, at most 1e6, and so long that the perigee is outside the Earth.
+        eccentricity: in [0, 1).
+        inclination: rad, in [-pi, pi].
+        node: rad, right ascension of the ascending node.
+        perigee: rad, argument of the perigee, from the ascending node on.
+        anomaly: rad, true anomaly at the orbit's epoch, from the perigee on.
+        epoch: UTC in ISO 8601; None for that of each question, whose times then count from the elements.
+    """
+
+    semi_major_axis: float
+    eccentricity: float
+    inclination: float
+    node: float
+    perigee: float
+    anomaly: float
+    epoch: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("semi_major_axis", "eccentricity", "inclination", *_ANGLES):
+            given: object = getattr(self, name)  # whatever its type says
+            if isinstance(given, bool) or not isinstance(given, Real):
+                raise ValueError(f"{name} = {given!r}: must be a number")
+        if not 0 <= self.eccentricity < 1:
+            raise ValueError(f"eccentricity = {self.eccentricity}: must lie in [0, 1)")
+        if not 0 < self.semi_major_axis <= 1e6:
+            raise ValueError(f"semi_major_axis = {self.semi_major_axis}: must lie in (0, 1e6] km")
+        lowest = self.semi_major_axis * (1 - self.eccentricity)
+        if not lowest > EARTH_RADIUS:
+            raise ValueError(
+                f"semi_major_axis = {self.semi_major_axis}: the perigee is {lowest:.6g} km from the Earth's "
+                f"centre, must be beyond {EARTH_RADIUS}"
+            )
+        if not abs(self.inclination) <= np.pi:  # more is degrees
+            raise ValueError(f"inclination = {self.inclination}: must lie in [-pi, pi] rad")
+        for name in _ANGLES:
+            if not abs(getattr(self, name)) <= 1e3:
+                raise ValueError(f"{name} = {getattr(self, name)}: must lie in [-1e3, 1e3] rad")
+        if self.epoch is not None:
+            parse_epoch(self.epoch)
+
+
+def kepler_state(
+    orbit: KeplerOrbit, epoch: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity on a Keplerian orbit.
+
+    Args:
+        orbit: the satellite's.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km and (..., 3) km/s, GCRS.
+    """
+    if orbit.epoch is not None:
+        times = elapsed(parse_epoch(orbit.epoch), epoch, times)
+    a, e = orbit.semi_major_axis, orbit.eccentricity
+    minor = np.sqrt((1 - e) * (1 + e))  # semi-minor axis, in semi-major ones
+    rate = np.sqrt(EARTH_MU / a) / a
+    first = 2 * np.arctan2(
+        np.sqrt(1 - e) * np.sin(orbit.anomaly / 2), np.sqrt(1 + e) * np.cos(orbit.anomaly / 2)
+    )
+    eccentric = eccentric_anomaly(first - e * np.sin(first) + rate * times, e)
+    cos, sin = np.cos(eccentric), np.sin(eccentric)
+    speed = a * rate / (1 - e * cos)
+    plane = _plane(orbit)
+    position = np.stack([a * (cos - e), a * minor * sin], axis=-1) @ plane
+    velocity = np.stack([-speed * sin, speed * minor * cos], axis=-1) @ plane
+    return position, velocity
+
+
+def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
+    """Solution of Kepler's equation ``E - e sin E = M``.
+
+    Args:
+        mean: (...) rad, the mean anomaly.
+        eccentricity: in [0, 1).
+
+    Returns:
+        (...) rad.
+    """
+    turns = 2 * np.pi * np.round(np.asarray(mean) / (2 * np.pi))
+    wanted = mean - turns  # in [-pi, pi]
+    # Beyond the solution on the side where the function is convex, so that no step leads past it.
+    found = np.where(wanted < 0, -np.pi, np.pi) * np.ones(np.shape(wanted))
+    for _ in range(_ROUNDS):
+        step = (found - eccentricity * np.sin(found) - wanted) / (1 - eccentricity * np.cos(found))
+        found = found - step
+        if np.all(np.abs(step) <= 1e-14):
+            break
+    return np.asarray(found + turns)
+
+
+def _plane(orbit: KeplerOrbit) -> np.ndarray:
+    """(2, 3): unit vectors to the perigee, and to where the satellite is a quarter of a turn later."""
+    ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
+    co, so = np.cos(orbit.node), np.sin(orbit.node)
+    cw, sw = np.cos(orbit.perigee), np.sin(orbit.perigee)
+    at_node, quarter_on = np.array([co, so, 0.0]), np.array([-so * ci, co * ci, si])
+    return np.stack([cw * at_node + sw * quarter_on, cw * quarter_on - sw * at_node])

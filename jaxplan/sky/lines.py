@@ -1,0 +1,209 @@
+"""Lines of sight: when a target is hidden by the Earth with its air, by its horizon, or by something else.
+
+Three rules. A line is blocked by a sphere that the straight way from observer to target meets; the Earth is
+one, of its equatorial radius and a height that counts as air, and others are named (`Occulter`). A point of
+the ground is seen from its least elevation on, above the plane at right angles to the ellipsoid's normal;
+for it that stands in the place of the Earth's sphere. Bodies and directions such as ``nadir`` are never
+hidden: an array may face the Sun in the Earth's shadow, too.
+
+Light is taken to go straight and at once: refraction, which lifts the horizon by 0.5 deg, is left out.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.model.hidden import Hidden
+from jaxplan.runtime.arguments import number
+from jaxplan.runtime.display import shown
+from jaxplan.sky.frames import RADII
+from jaxplan.sky.ground import GroundPoint, elevation
+from jaxplan.sky.sights import Epoch, Thing, drift_times, positions
+from jaxplan.sky.zone import path
+
+_GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
+_THIRDS = 40  # rounds in which a least or greatest value is found, to 2e-6 s of the 20 s about it
+_HALVES = 34  # rounds in which an end of a span is found, to 1e-9 s
+EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
+
+Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""How far a line is above what may hide it, from times (k,) s to (k,); negative where it is hidden."""
+
+
+@shown("name", "radius km")
+@dataclass(frozen=True, kw_only=True)
+class Occulter:
+    """A sphere that may stand before targets.
+
+    Attributes:
+        name: in messages.
+        thing: what it is about: a satellite or a body's name.
+        radius: km.
+    """
+
+    name: str
+    thing: Thing
+    radius: float
+
+
+def occulter(name: str, thing: Thing | None = None, *, radius_km: float | None = None) -> Occulter:
+    """A sphere that may stand before targets, beside the Earth, which always does.
+
+    Args:
+        name: of a body, "sun" or "moon", or what messages are to call it.
+        thing: a satellite; None for the body of that name.
+        radius_km: of the sphere, in (0, 1e6]; that of the body unless given.
+
+    Raises:
+        ValueError: if it is the Earth, or its radius is not known or out of range.
+    """
+    if thing is None and name not in ("sun", "moon"):
+        raise ValueError(f"name = {name!r}: must be 'sun' or 'moon', or that of a satellite that is given")
+    radius = RADII.get(name) if radius_km is None and thing is None else radius_km
+    if radius is None:
+        raise ValueError("radius_km: missing, since a satellite has none that is known")
+    if not 0 < number("radius_km", radius, "a number of km") <= 1e6:
+        raise ValueError(f"radius_km = {radius}: must lie in (0, 1e6]")
+    return Occulter(name=name, thing=name if thing is None else thing, radius=float(radius))
+
+
+def target(
+    thing: Thing,
+    *,
+    epoch: Epoch,
+    observer: Thing,
+    duration_s: float,
+    name: str = "target",
+    atmosphere_km: float = 0.0,
+    occulters: Sequence[Occulter] = (),
+) -> DirectionPath:
+    """The direction to a target over a manoeuvre, and when it is hidden; planning ends where it is seen.
+
+    Args:
+        thing: what is looked at: a satellite, a point of the ground, a body's name, or one of `LOCAL`.
+        epoch: UTC of the manoeuvre's start.
+        observer: who looks, a satellite.
+        duration_s: s, in (0, 86400].
+        name: what messages call it.
+        atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
+        occulters: what else may stand before it.
+
+    Returns:
+        The path, as `path` makes it.
+
+    Raises:
+        ValueError: as `path`, and if the observer is not outside the Earth's air and the occulters.
+    """
+    found = path(thing, epoch=epoch, observer=observer, duration_s=duration_s)
+    if isinstance(thing, str):
+        return found
+    spans = hidden(
+        thing,
+        epoch=epoch,
+        observer=observer,
+        duration_s=duration_s,
+        name=name,
+        atmosphere_km=atmosphere_km,
+        occulters=occulters,
+    )
+    return replace(found, hidden=spans)
+
+
+def hidden(
+    thing: Thing,
+    *,
+    epoch: Epoch,
+    observer: Thing,
+    duration_s: float,
+    name: str = "target",
+    atmosphere_km: float = 0.0,
+    occulters: Sequence[Occulter] = (),
+) -> tuple[Hidden, ...]:
+    """When a target is hidden; the arguments are those of `target`.
+
+    The clearance of each line is looked at every 10 s or oftener, and its least and greatest values between,
+    so that short spans are found too, unless several fall between two looks.
+
+    Returns:
+        Spans in the order of their beginnings, of each thing that hides it; they may overlap.
+    """
+    if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
+        raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
+    times = drift_times(observer, duration_s)
+    spheres = [one for one in occulters if one.thing is not thing]
+    heights: list[tuple[str, Height]] = []
+    if isinstance(thing, GroundPoint):
+        heights.append((HORIZON, partial(_above_horizon, thing, observer, parse_epoch(epoch))))
+    else:
+        spheres.insert(0, Occulter(name=EARTH, thing="earth", radius=RADII["earth"] + atmosphere_km))
+    for sphere in spheres:
+        nearest = float(np.min(_beside(sphere, observer, observer, epoch, times))) + sphere.radius
+        if not nearest > sphere.radius:
+            raise ValueError(
+                f"observer: {nearest:.6g} km from the centre of {sphere.name}, "
+                f"must be beyond {sphere.radius:.6g}"
+            )
+        heights.append((sphere.name, partial(_beside, sphere, thing, observer, epoch)))
+    found = [
+        Hidden(target=name, by=by, start=start, end=end)
+        for by, height in heights
+        for start, end in _spans_below(height, times)
+    ]
+    return tuple(sorted(found, key=lambda span: span.start))
+
+
+def _above_horizon(
+    point: GroundPoint, observer: Thing, epoch: np.datetime64, times: np.ndarray
+) -> np.ndarray:
+    """How much higher than its least elevation an observer stands above a point of the ground, rad."""
+    here = positions(observer, epoch=epoch, times=times)
+    return elevation(point, here, epoch, times) - point.minimum_elevation
+
+
+def _beside(sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray) -> np.ndarray:
+    """How far the line from an observer to something passes beside a sphere, km; negative through it."""
+    places = [positions(one, epoch=epoch, times=times) for one in (sphere.thing, observer, thing)]
+    return clearance(*places) - sphere.radius
+
+
+def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np.ndarray:
+    """Least distance (...) km of the straight way between two places from a centre; (..., 3) km each."""
+    start, way = observer - centre, thing - observer
+    square = np.sum(way * way, axis=-1)
+    along = np.clip(-np.sum(start * way, axis=-1) / np.where(square > 0, square, 1), 0, 1)
+    return np.asarray(np.linalg.norm(start + along[..., None] * way, axis=-1))
+
+
+def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> list[tuple[float, float]]:
+    """The spans of time in which a smooth function of time is negative, a little longer than found.
+
+    Args:
+        height: from times (k,) s to (k,).
+        times: (n,) s to look at first, rising.
+    """
+    values = height(times)
+    before, middle, after = values[:-2], values[1:-1], values[2:]
+    sign = np.where(middle > 0, 1.0, -1.0)  # looked for is what is lower than a dip, or higher than a peak
+    turning = 1 + np.flatnonzero((sign * middle <= sign * before) & (sign * middle <= sign * after))
+    if len(turning):
+        low, high, side = times[turning - 1], times[turning + 1], sign[turning - 1]
+        for _ in range(_THIRDS):
+            first, second = low + (high - low) / 3, high - (high - low) / 3
+            later = side * height(first) > side * height(second)
+            low, high = np.where(later, first, low), np.where(later, high, second)
+        times = np.union1d(times, (low + high) / 2)
+    negative = height(times) < 0
+    changes = np.flatnonzero(negative[1:] != negative[:-1])
+    low, high, below = times[changes], times[changes + 1], negative[changes]
+    for _ in range(_HALVES if len(changes) else 0):
+        middle = (low + high) / 2
+        same = (height(middle) < 0) == below
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    edges = [*times[:1][negative[:1]], *((low + high) / 2), *times[-1:][negative[-1:]]]
+    starts, ends = np.maximum(np.array(edges[::2]) - _GUARD, times[0]), np.array(edges[1::2]) + _GUARD
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
