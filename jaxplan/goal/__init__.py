@@ -19,7 +19,7 @@ import numpy as np
 from jaxplan.geometry import quaternion
 from jaxplan.goal import multistart
 from jaxplan.goal.beside import goals_beside
-from jaxplan.goal.caps import Caps, GoalProblem, assemble, deepest_row
+from jaxplan.goal.caps import Caps, GoalProblem, assemble, cleared, deepest_row
 from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.path import Goal
@@ -103,10 +103,14 @@ def decompose(
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
     limits = goal_limits(spacecraft, targets)
+    directions = np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3)
+    if targets.clearance:
+        sights = cones.sights(spacecraft.mounts, spacecraft.fixed_boresights)
+        cones = cleared(cones, sights, directions, targets.clearance)
     problem = GoalProblem(
         spacecraft=spacecraft,
         start=np.asarray(start_attitude, dtype=np.float64),
-        directions=np.asarray(targets.directions, dtype=np.float64).reshape(-1, 3),
+        directions=directions,
         joint_limits=limits,
         rows=cones,
     )

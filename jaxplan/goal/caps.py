@@ -46,6 +46,7 @@ from jaxplan.model.constraints import (
     best_entries,
     chosen_entries,
     pair_margins,
+    room,
     state_margins,
 )
 from jaxplan.model.directions import Sights
@@ -214,6 +215,27 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, seen: AnyArray
 def single_yaws(rows: Constraints) -> AnyArray:
     """(Z,) bool, the rows of joints that bound a yaw alone."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
+
+
+def cleared(rows: Constraints, sights: Sights, directions: ArrayLike, clearance: ArrayLike) -> Constraints:
+    """The constraints with a clearance, of what is left to the attitude.
+
+    A row gives it up to half of the room that it leaves (`room`), and no more than the least margin of its
+    pairs that are settled, since no attitude helps these.
+
+    Args:
+        rows: the constraints, at an instant.
+        sights: what they bind.
+        directions: (n, 3) inertial unit vectors that the terminals point along.
+        clearance: rad.
+    """
+    pairs = pairs_at_goal(rows, sights, directions)
+    xp, margin, half_angle, wanted = arrays(pairs.margin, rows.half_angle, clearance)
+    settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
+    kept = xp.minimum(wanted, xp.minimum(room(rows), xp.maximum(settled, 0)))
+    away = np.where(rows.frame == JOINTS, 1, rows.side)
+    widened: Constraints = replace(rows, half_angle=half_angle + away * kept)
+    return widened
 
 
 def leaves_open(rows: Constraints, sights: Sights, directions: ArrayLike) -> bool:

@@ -27,7 +27,7 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
-from jaxplan.goal.caps import pairs_at_goal, single_yaws
+from jaxplan.goal.caps import cleared, pairs_at_goal, single_yaws
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.path import Goal
@@ -127,6 +127,7 @@ def _optimum(
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
+    cones = _with_clearance(spacecraft, targets, cones)
     caps = _caps(spacecraft, start, targets, cones)
     matter = _matter(found, *jax.lax.stop_gradient((spacecraft, targets, cones)))
     number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter)
@@ -236,6 +237,17 @@ def _caps(spacecraft: Spacecraft, start: Array, targets: Targets, cones: Constra
             [joint_half_angle, joint_half_angle, pairs.half_angle[:, own].ravel(), end[:, 0]]
         ),
     )
+
+
+def _with_clearance(spacecraft: Spacecraft, targets: Targets, cones: Constraints) -> Constraints:
+    """The rows as step 1 had them, see `caps.cleared`."""
+    mounts, boresights, directions = map(
+        jnp.asarray, (spacecraft.mounts, spacecraft.fixed_boresights, targets.directions)
+    )
+    sights = cones.sights(mounts, _unit(boresights))
+    axis = _unit(jnp.asarray(cones.axis))
+    own = cleared(replace(cones, axis=axis), sights, _unit(directions), targets.clearance)  # type: ignore[arg-type]
+    return replace(cones, half_angle=own.half_angle)
 
 
 def _columns(cones: Constraints, terminals: int) -> slice:

@@ -86,7 +86,14 @@ class GivenState:
         return attitude
 
 
-@shown("directions", "yaw_limit deg", "pitch_limit deg", "angular_velocity deg/s", "joint_rates deg/s")
+@shown(
+    "directions",
+    "yaw_limit deg",
+    "pitch_limit deg",
+    "clearance deg",
+    "angular_velocity deg/s",
+    "joint_rates deg/s",
+)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Targets:
@@ -97,6 +104,8 @@ class Targets:
             vector (3,) or its path. These are met where they are at the end, and at their rates.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
+        clearance: rad by which the goal keeps clear of zones where its attitude can; a zone gives up to half
+            of the room that it leaves, and no more than what the targets themselves have.
         angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
         joint_rates: (2n,) rad/s at the goal; likewise.
     """
@@ -115,6 +124,7 @@ class Targets:
     pitch_limit: float | None = keyed(
         None, "pitch_limit_deg", "tighter than the joints' own, at the goal", "(0, 90)"
     )
+    clearance: float = keyed(0.0, "clearance_deg", "that the goal keeps from the edges of zones", "[0, 45]")
     angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
     joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 

@@ -343,14 +343,16 @@ TARGETS = _table(
 )
 GIVEN_GOAL = replace(
     STATE,
-    refused=dict.fromkeys(("yaw_limit_deg", "pitch_limit_deg"), "only a goal with targets has it"),
+    refused=dict.fromkeys(
+        ("yaw_limit_deg", "pitch_limit_deg", "clearance_deg"), "only a goal with targets has it"
+    ),
 )
 
 
 # A goal that is neither: its keys are read to note their faults.
 _UNDECIDED = replace(
     STATE,
-    fields=[replace(entry, required=False) for entry in (*TARGETS.fields[:3], *STATE.fields)],
+    fields=[replace(entry, required=False) for entry in (*TARGETS.fields[:4], *STATE.fields)],
     make=lambda parts, place: WRONG,
 )
 
