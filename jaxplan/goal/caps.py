@@ -230,10 +230,10 @@ def cleared(rows: Constraints, sights: Sights, directions: ArrayLike, clearance:
         clearance: rad.
     """
     pairs = pairs_at_goal(rows, sights, directions)
-    xp, margin, half_angle, wanted = arrays(pairs.margin, rows.half_angle, clearance)
+    xp, margin, half_angle, side, wanted = arrays(pairs.margin, rows.half_angle, rows.side, clearance)
     settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
     kept = xp.minimum(wanted, xp.minimum(room(rows), xp.maximum(settled, 0)))
-    away = np.where(rows.frame == JOINTS, 1, rows.side)
+    away = xp.where(rows.frame == JOINTS, 1, side)
     widened: Constraints = replace(rows, half_angle=half_angle + away * kept)
     return widened
 
