@@ -223,10 +223,70 @@ def state_margins(scenario, attitudes, joints, time):
         name, entry = zone.name if zone.any_of is None else zone.any_of, zone.entry or zone.name
         margin = _stated_margin(scenario.spacecraft, zone, attitudes, joints, time)
         groups.setdefault(name, {}).setdefault(entry, []).append(margin)
-    return {
+    found = {
         name: np.max([np.min(members, axis=0) for members in entries.values()], axis=0)
         for name, entries in groups.items()
     }
+    craft = scenario.spacecraft
+    for number, terminal in enumerate(craft.terminals):
+        own = joints[:, [number, len(craft.terminals) + number]]
+        for i, corners in enumerate(terminal.mask):
+            turned = own + 2 * np.pi * np.array([1.0, 0.0]) * np.arange(-3, 4)[:, None, None]
+            found[f"mask {i + 1} of {terminal.name}"] = np.min([outside(corners, q) for q in turned], axis=0)
+    return found
+
+
+def outside(corners, points):
+    """(k,) how far points (k, 2) are beyond the edge of a convex polygon that they are farthest beyond."""
+    middle = np.mean(corners, axis=0)
+    margins = []
+    for here, there in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        normal = np.array([there[1] - here[1], here[0] - there[0]]) / np.linalg.norm(there - here)
+        normal = normal if normal @ (here - middle) > 0 else -normal
+        margins.append((points - here) @ normal)
+    return np.max(margins, axis=0)
+
+
+def field_margins(device, parts):
+    """How far directions are beyond the worst edge of a device's field, and beyond its corners.
+
+    Args:
+        device: with a field of view.
+        parts: (3, k) along the boresight, along up x boresight, and along up.
+
+    Returns:
+        (k,) rad each; the first is below zero inside, the second counts from the boresight.
+    """
+    forward, *across = parts
+    half = np.asarray(device.field_of_view) / 2
+    beyond = [
+        np.hypot(side, forward) * np.sin(sign * np.arctan2(side, forward) - angle)
+        for side, angle in zip(across, half, strict=True)
+        for sign in (1, -1)
+    ]
+    corner = np.arctan(np.hypot(*np.tan(half)))
+    return np.arcsin(np.clip(np.max(beyond, axis=0), -1, 1)), np.arccos(np.clip(forward, -1, 1)) - corner
+
+
+def _of_fields(craft, zone, turn, axis, joints):
+    """(k,) margin to a zone outside or inside of fields of view, of the device that is worst."""
+    found = []
+    for device in (*craft.terminals, *craft.instruments):
+        if device.field_of_view is None or (zone.devices and device.name not in zone.devices):
+            continue
+        if device in craft.terminals:
+            local = [1.0, 0, 0], [0, 0, 1.0] if device.up is None else device.up
+        else:
+            local = device.boresight, device.up
+        forward, up = (
+            turn.apply(_in_body(craft, device.name if device in craft.terminals else None, own, joints))
+            for own in local
+        )
+        parts = [np.sum(axis * own, axis=1) for own in (forward, np.cross(up, forward), up)]
+        beyond, far = field_margins(device, parts)
+        inside = isinstance(zone, KeepIn)
+        found.append((-beyond if inside else np.maximum(beyond, far)) - zone.half_angle)
+    return np.min(found, axis=0)
 
 
 def _stated_margin(craft, zone, attitudes, joints, time):
@@ -244,6 +304,8 @@ def _stated_margin(craft, zone, attitudes, joints, time):
         axis = seen(zone.direction, time)
     else:
         axis = np.tile(zone.direction, (len(joints), 1))
+    if zone.of_field:
+        return _of_fields(craft, zone, turn, axis, joints)
     names = zone.devices if zone.devices or zone.vectors else craft.device_names
     bound = [_in_body(craft, name, [1.0, 0.0, 0.0], joints) for name in names]
     bound += [_in_body(craft, vector.to, vector.along, joints) for vector in zone.vectors]

@@ -61,6 +61,7 @@ _CAPTIONS = {
     "globe": "The sphere of directions, with zones and the ways of all boresights; what is behind is pale.",
     "sphere": "The same unfolded: inertial azimuth and elevation.",
     "margins": "Margin of every device to every zone; the triangle is the bound that is proved.",
+    "joint_map": "Yaw and pitch of every terminal, with its range and masks.",
     "angles": "Angles of the joints, with their limits.",
     "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
