@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, arrays
-from jaxplan.model.constraints import Constraints, axes_in_body, counted, pair_margins, room
+from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins, room
 from jaxplan.model.directions import Sights
 from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
@@ -158,7 +158,8 @@ class FitProblem:
         joints = self.joints[ends]
         seen = self.sights.in_body(joints)
         axes = axes_in_body(cones, self.axes(np.array([0.0, 1.0])) @ self.attitudes[ends], seen)
-        margins = pair_margins(cones, seen, axes, joints)
+        values = joint_values(cones, self.sights.gimbals, joints) if cones.inner else None
+        margins = pair_margins(cones, seen, axes, values)
         kept = counted(cones, np.min(margins, axis=2, initial=np.inf))
         return np.asarray(np.swapaxes(np.where(kept[..., None], margins, np.inf), 1, 2))
 

@@ -98,7 +98,7 @@ def in_the_way(row):
     side = 1.0 if row.frame == JOINTS else row.side
     of_row = table([[[row]]], 3, **EXTRA)
     held = side * np.min(
-        side * row_values(of_row, 0, seen_by(CRAFT, of_row, joints), attitudes, joints), axis=1
+        side * row_values(CRAFT, of_row, 0, seen_by(CRAFT, of_row, joints), attitudes, joints), axis=1
     )
     worst, at_ends = np.min(side * held), np.min(side * held[[0, -1]])
     assert worst < at_ends
