@@ -14,7 +14,8 @@ from pathlib import Path
 
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
-from jaxplan.schema.layout import SCENARIO, TargetList
+from jaxplan.schema.directions import TargetList
+from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 from jaxplan.schema.text import alternatives, default, entries, template
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from jaxplan.goal.start import point
     from jaxplan.gradients import differentiable
     from jaxplan.model.directions import DirectionPath
+    from jaxplan.model.hidden import Hidden
     from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings, Wish
     from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
     from jaxplan.model.status import Status
@@ -44,6 +45,7 @@ _HOMES = {
     "Drive": "jaxplan.model.spacecraft",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.scenario",
+    "Hidden": "jaxplan.model.hidden",
     "Instrument": "jaxplan.model.spacecraft",
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
@@ -99,6 +101,7 @@ __all__ = [
     "Drive",
     "FixedVector",
     "GivenState",
+    "Hidden",
     "Instrument",
     "JointBound",
     "KeepIn",

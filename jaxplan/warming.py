@@ -44,7 +44,7 @@ def warm_up(
 
     Raises:
         PlanningError: if gradients are asked for of a scenario without a plan.
-        TypeError: if it is neither a scenario nor a spacecraft.
+        TypeError: if it is neither a scenario nor a spacecraft, or a flag no bool.
         ValueError: if gradients are asked for of a spacecraft; `ScenarioError` for values that a scenario
             file may not have.
 
@@ -52,6 +52,9 @@ def warm_up(
         >>> jp.warm_up(jp.paper_case(2), gradients=True)
     """
     expect_any("problem", problem, (Scenario, Spacecraft), "a Scenario or a Spacecraft")
+    for name, flag in (("gradients", gradients), ("batches", batches), ("progress", progress)):
+        if not isinstance(flag, bool):
+            raise TypeError(f"{name} must be True or False, not {flag!r}")
     if gradients and isinstance(problem, Spacecraft):
         raise ValueError("gradients = True: needs a scenario, since what they compile follows from its plan")
     stated = [problem] if isinstance(problem, Scenario) else _quiet(problem)

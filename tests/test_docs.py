@@ -16,9 +16,10 @@ import pytest
 
 from jaxplan.cli import main
 from jaxplan.model.status import Status
+from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.kinds import FromZero
-from jaxplan.schema.layout import SCENARIO, TargetList
+from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.search import PLANNERS, remove_planner
 

@@ -223,6 +223,10 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
                 yield f"the mount of {terminal.name} is not finite"
         elif not _across(mounting.yaw_axis, mounting.boresight):
             yield f"the mount of {terminal.name} is no pair of unit vectors at right angles, to {_UNIT:g}"
+        for name in ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range"):
+            given = getattr(terminal, name)  # the pitch's is cut short below 90 deg, whatever it was
+            if given is not None and not np.isfinite(given).all():
+                yield f"{name} of {terminal.name} is not finite"
     for drive in spacecraft.drives:
         if not (_unit(drive.axis) and _unit(drive.boresight)):
             yield f"axis or boresight of {drive.name} is no unit vector to {_UNIT:g}"

@@ -387,7 +387,9 @@ class Scenario:
         static=True,
     )
     spacecraft: Spacecraft = field(metadata=key("spacecraft", "platform, terminals and instruments"))
-    start: GivenState = field(metadata=key("start", "the state the manoeuvre starts from"))
+    start: GivenState = field(
+        metadata=key("start", "the state the manoeuvre starts from, or what points where then", kind="start")
+    )
     goal: Targets | GivenState = field(
         metadata=key("goal", "directions to point at, or a given state", kind="goal")
     )

@@ -9,7 +9,9 @@ class Status(Enum):
     OK = "a certified plan"
     INVALID_START = "the start breaks a constraint"
     INVALID_GOAL = "the goal breaks a constraint"
-    GOAL_UNREACHABLE = "no attitude lets all terminals point at their targets within their limits"
+    GOAL_UNREACHABLE = (
+        "no attitude within reach lets all terminals point at their targets within their limits"
+    )
     NO_PATH = "it is proved that no path exists"
     NODE_LIMIT = "no path was found within search.max_expansions"
     TIME_LIMIT = "no path was found within search.time_limit_s"
@@ -51,7 +53,8 @@ _ADVICE = {
     Status.INVALID_START: "Correct the state in [start], or the zone or limit that it breaks.",
     Status.INVALID_GOAL: (
         "Correct [goal], or the zone or limit that it breaks. Of a goal with targets a larger "
-        "search.max_goals lets more attitudes be tried."
+        "search.max_goals lets more attitudes be tried. A hidden target is seen at another "
+        "trajectory.duration_s, which the message names."
     ),
     Status.GOAL_UNREACHABLE: (
         "Change goal.targets, widen spacecraft.terminal[i].yaw_limit_deg or pitch_limit_deg (or those of "

@@ -136,7 +136,7 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
         )
     guesses = [float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS]
     seen = [time for time in (seen_from(scenario, guess) for guess in guesses) if time <= known]
-    return tuple(seen or guesses[:1])
+    return tuple(dict.fromkeys(seen or guesses[:1]))
 
 
 class Meeting:

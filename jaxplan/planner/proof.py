@@ -17,6 +17,7 @@ from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, cert
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, known_until, moves
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import hidden_targets
 from jaxplan.runtime.arguments import expect
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import refuse_types, take_in
@@ -208,6 +209,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     if not 0 <= goal.time <= known_until(scenario)[0]:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
+    yield from hidden_targets(scenario, goal.time)
     beams, rates = _beam_motion(scenario, goal, goal.angular_velocity, goal.joint_rates)
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)

@@ -39,8 +39,8 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
     Raises:
         OSError: if it cannot be made.
         TypeError: if it is no path.
-        ValueError: if it is empty, nothing can be written there, or others than the user may write there or,
-            without the sticky bit, in a folder above it.
+        ValueError: if it is empty or a file, nothing can be written there, or others than the user may write
+            there or, without the sticky bit, in a folder above it.
 
     Example:
         >>> jp.compilation_cache("/scratch/compiled")
@@ -52,8 +52,11 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
         raise ValueError("folder is empty: name one, or pass None to keep nothing")
     place = None if folder is None else Path(folder).expanduser().absolute()
     if place is not None:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        why_not = _fault(place)
+        try:
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            why_not = _fault(place)
+        except FileExistsError:
+            why_not = "it is a file: name a folder"
         if why_not:
             raise ValueError(f"folder = {os.fspath(place)!r}: {why_not}")
     _use({"jax_compilation_cache_dir": None if place is None else str(place), **_KEEP_ALL})

@@ -20,6 +20,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
 import jax
@@ -146,7 +147,7 @@ def name_of(function: Any) -> str | None:
     """What a function is called in files; None for one that follows from more than this package's sources."""
     if isinstance(function, partial):
         values = [function.func, *function.args, *(value for _, value in sorted(function.keywords.items()))]
-        parts = [name_of(one) if callable(one) else _plain(one) for one in values]
+        parts = [text_of(one) for one in values]
         keys = ",".join(sorted(function.keywords))
         return None if None in parts else f"{', '.join(filter(None, parts))} ({keys})"
     module, name = getattr(function, "__module__", ""), getattr(function, "__qualname__", "")
@@ -157,7 +158,7 @@ def name_of(function: Any) -> str | None:
 
 def text_of(kinds: object) -> str | None:
     """The kinds of arguments as a text; None where some of them mean nothing to another process."""
-    if kinds is None or isinstance(kinds, bool | int | float | str | np.dtype):
+    if kinds is None or isinstance(kinds, bool | int | float | str | np.dtype | EllipsisType):
         return repr(kinds)
     if isinstance(kinds, type):
         return f"{kinds.__module__}.{kinds.__qualname__}"
@@ -166,14 +167,12 @@ def text_of(kinds: object) -> str | None:
         return None if " at 0x" in text else text
     if is_dataclass(kinds):
         kinds = (type(kinds), *(getattr(kinds, field.name) for field in fields(kinds)))
+    if callable(kinds):
+        return name_of(kinds)
     if not isinstance(kinds, tuple):
         return None
     parts = [text_of(part) for part in kinds]
     return None if None in parts else f"({', '.join(filter(None, parts))})"
-
-
-def _plain(value: object) -> str | None:
-    return repr(value) if isinstance(value, bool | int | float | str) else None
 
 
 def _place(name: str | None, kinds: str | None) -> Path | None:

@@ -213,7 +213,8 @@ def _compiled(
 ) -> Callable[..., Answer]:
     """An executable for arguments of some kinds, as it was kept or compiled now."""
     global _new
-    name, text = executables.name_of(function), executables.text_of(kinds)
+    # The same function may be jitted in two ways.
+    name, text = executables.name_of(function), executables.text_of((kinds, *sorted(flags.items())))
     kept = executables.load(name, text)
     if kept is None:
         with executables.one_at_a_time(name, text):

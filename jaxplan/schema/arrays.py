@@ -93,11 +93,14 @@ class Array(Kind):
         if outside:
             return WRONG
         if self.of.degrees and not reading.python:
-            array = array * (math.pi / 180)
+            array = np.radians(array)
         return array if self.rule is None else self.rule(array, value, place)
 
     def write(self, value: Any) -> Any:
-        return np.asarray(value, float).tolist()
+        array = np.asarray(value, float)
+        if not self.of.degrees:
+            return array.tolist()
+        return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
         """How long an axis must be; one that is not known yet is as long as that of the array."""

@@ -195,7 +195,7 @@ def check_targets(goal: Any, place: Place) -> None:
         return
     for key, name in RATES.items():
         rates = getattr(goal, name)
-        if rates is not WRONG and (np.any(rates) or np.any(np.signbit(rates))):
+        if rates is not None and rates is not WRONG and (np.any(rates) or np.any(np.signbit(rates))):
             place[key].fault("follows from the targets, of which some move; leave it out", rates.tolist())
 
 

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,18 +54,36 @@ class Kind(ABC):
         return value
 
 
+@dataclass(frozen=True)
 class Interval:
     """A range of numbers as mathematics writes it, such as ``(0, 180]``; infinite ends are open."""
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.low, self.high = (float(end) for end in text[1:-1].split(","))
-        self.open_low, self.open_high = text[0] == "(", text[-1] == ")"
+    text: str
 
     def __contains__(self, value: float) -> bool:
         above = value > self.low if self.open_low else value >= self.low
         below = value < self.high if self.open_high else value <= self.high
         return above and below
+
+    @cached_property
+    def low(self) -> float:
+        """Its lower end."""
+        return float(self.text[1:-1].split(",")[0])
+
+    @cached_property
+    def high(self) -> float:
+        """Its upper end."""
+        return float(self.text[1:-1].split(",")[1])
+
+    @property
+    def open_low(self) -> bool:
+        """Whether the lower end does not belong to it."""
+        return self.text[0] == "("
+
+    @property
+    def open_high(self) -> bool:
+        """Whether the upper end does not belong to it."""
+        return self.text[-1] == ")"
 
     def wanted(self, factor: float = 1.0) -> str:
         """The range, to stand after "must"; its ends times a factor."""

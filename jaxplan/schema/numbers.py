@@ -18,9 +18,11 @@ import numpy as np
 from jaxplan.geometry.vectors import array_module
 from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.schema.arrays import Array, PerAxis, range_of
+from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
-from jaxplan.schema.layout import SCENARIO, STATE, TARGETS, Axis, Goal, TargetList
+from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.states import STATE, TARGETS, Goal
 from jaxplan.schema.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")

@@ -154,7 +154,7 @@ _TABLES = _tables()
 
 
 class Orbit(Either):
-    """A satellite's way: one of several tables, told apart by the keys that no other has."""
+    """A satellite's way: one of several tables, told apart by their keys."""
 
     wanted = "a table with tle, ephemeris, position_samples_km, semi_major_axis_km or altitude_km"
 
@@ -168,13 +168,9 @@ class Orbit(Either):
         return read if len(place.reading.faults) == before else WRONG
 
     def _table(self, value: Any) -> Table:
-        """The table that a value is meant for: the first whose own keys it has, elements last."""
+        """The table that a value is meant for: by the first key of each, or else by most of its keys."""
+        given = set(value) if isinstance(value, dict) else set()
         circular, keplerian, *others = _TABLES.values()
-        given = value.keys() if isinstance(value, dict) else ()
-        if "altitude_km" not in given:
-            others.append(keplerian)
-        shared = {entry.key for entry in circular.fields}
-        for table in others:
-            if any(entry.key in given and entry.key not in shared for entry in table.fields):
-                return table
-        return circular
+        named = [table for table in (*others, circular, keplerian) if table.fields[0].key in given]
+        likely = max(_TABLES.values(), key=lambda table: sum(entry.key in given for entry in table.fields))
+        return named[0] if named else likely

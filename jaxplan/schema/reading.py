@@ -14,6 +14,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,9 @@ from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.sky import View, resolve
+from jaxplan.schema.states import Pointing
 
+_POINTING = "jaxplan.goal.start:pointing_state"  # which is above this floor, so it is found by name
 SETTINGS_TABLES = ("search", "trajectory")
 
 
@@ -126,12 +129,26 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
                 complaint = f"is not that of [sky], {view.epoch}: give one of them"
                 root["epoch_utc"].fault(complaint, given["epoch_utc"])
             scenario = replace(scenario, epoch=view.epoch)
-        scenario = resolve(scenario, view, root)
+        scenario = _with_start(resolve(scenario, view, root), root)
         check_paths(scenario, root)
         check_zones(scenario, root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return scenario
+
+
+def _with_start(scenario: Scenario, root: Place) -> Scenario:
+    """The scenario with a state for its start, where the file says what points where then."""
+    asked: Any = scenario.start
+    if not isinstance(asked, Pointing) or root.reading.faults:
+        return scenario
+    find: Any = resolve_name(_POINTING)
+    try:
+        start = find(scenario.spacecraft, asked, scenario.constraints, joints=asked.joints)
+    except ValueError as error:
+        root["start"]["targets"].fault(str(error))
+        return scenario
+    return replace(scenario, start=start)
 
 
 def take_in(given: object) -> Scenario:

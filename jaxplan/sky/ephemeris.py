@@ -28,19 +28,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxplan.model.epochs import parse_epoch
+from jaxplan.model.epochs import TT_MINUS_TAI, leaps, parse_epoch
 from jaxplan.runtime.arguments import file_path, floats
 from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import elapsed, library
 
 FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
-_TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
+_AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s; TDB to 0.002 s
+_TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
 _DEGREE = 7  # of the polynomial between samples
 _FARTHEST = np.deg2rad(45.0)  # rad between neighbouring samples, seen from the Earth's centre
 _LEAST_RADIUS = 6356.7  # km, of the Earth at its poles; nothing flies below
 _LARGEST_FILE = 64 * 2**20  # bytes of a message, some 500,000 samples
-_GPS_BEHIND_TAI = 19.0  # s
+_SECOND = np.timedelta64(1, "s")
 _DATE = re.compile(
     r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII
 )  # calendar date, or day of the year
@@ -194,18 +195,17 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
         raise EphemerisError(f"{target}: no Orbit Ephemeris Message ({reason})") from error
     try:
         epoch, pieces = _pieces(message.segments)
-    except EphemerisError as error:
+    except ValueError as error:
         raise EphemerisError(f"{target}: {error}") from error
     return Ephemeris(name=message.segments[0].metadata.object_name, epoch=epoch, pieces=pieces)
 
 
 def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]]:
-    """The segments of a message, and the epoch from which their times count: midnight before the first."""
-    erfa = library("erfa")
+    """The segments of a message, and the epoch from which their times count: a midnight of UTC."""
     if not segments:
         raise EphemerisError("has no segment")
-    epoch: np.datetime64 | None = None
-    pieces = []
+    pieces: list[Samples] = []
+    epoch: Any = None
     for i, segment in enumerate(segments):
         told = segment.metadata
         for key, value, known in (
@@ -220,13 +220,8 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
         ends = [told.useable_start_time or dates[0], told.useable_stop_time or dates[-1]]
         days, seconds = _atomic([*dates, *ends], told.time_system.upper())
         if epoch is None:
-            utc = erfa.taiutc(days[0], seconds[0] / 86400)
-            midnight = np.floor(utc[0] - 2440587.5 + utc[1] + 1e-12)
-            epoch = (np.datetime64("1970-01-01") + np.timedelta64(int(midnight), "D")).astype(
-                "datetime64[ns]"
-            )
-            first_day, first_second = _atomic([f"{str(epoch)[:19]}"], "UTC")
-        times = (days - first_day[0]) * 86400 + (seconds - first_second[0])
+            epoch = days[0].astype("datetime64[ns]")
+        times = (days - epoch) / _SECOND + seconds - leaps(epoch)
         table = np.asarray(segment.data.state_vector_numpy, float)
         pieces.append(_samples(times[:-2], table[:, :3], table[:, 3:6], *times[-2:]))
     assert epoch is not None
@@ -234,30 +229,23 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
 
 
 def _atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
-    """International Atomic Time as Julian days that end in .5, and seconds: (n,) each.
+    """International Atomic Time as midnights and seconds from there on: (n,) each.
 
     Args:
         dates: as CCSDS writes them, by calendar or by day of the year; second 60 is a leap second.
         system: in which they count.
     """
-    erfa = library("erfa")
-    rows = []
+    midnights, seconds = [], []
     for date in dates:
         found = _DATE.fullmatch(date.strip())
         if found is None:
             raise EphemerisError(f"{date!r}: must be a time such as 2026-01-01T00:00:00.0")
         year, month, day, of_year, hour, minute, second = found.groups()
-        rows.append((int(year), int(month or 1), int(day or of_year), int(hour), int(minute), float(second)))
-    year, month, day, hour, minute, second = (np.array(column) for column in zip(*rows, strict=True))
-    start, first = erfa.cal2jd(year, month, np.ones_like(day))
-    midnight = start + first + (day - 1)
-    if system == "UTC":
-        # The day is as long as it is; what erfa calls a quasi-day counts its leap second too.
-        ahead = np.array([erfa.dat(*erfa.jd2cal(one, 0.0)[:3], 0.0) for one in np.unique(midnight)])
-        offset = ahead[np.unique(midnight, return_inverse=True)[1]]
-    else:
-        offset = {"TAI": 0.0, "GPS": _GPS_BEHIND_TAI}.get(system, -erfa.TTMTAI)
-    return midnight, hour * 3600.0 + minute * 60.0 + second + offset
+        first = parse_epoch(f"{year}-{month or '01'}-{day or '01'}").astype("datetime64[D]")
+        midnights.append(first + np.timedelta64(int(of_year or 1) - 1, "D"))
+        seconds.append(int(hour) * 3600 + int(minute) * 60 + float(second))
+    ahead = {day: -leaps(day) if system == "UTC" else _AHEAD_OF_TAI[system] for day in set(midnights)}
+    return np.array(midnights), np.array(seconds) - [ahead[day] for day in midnights]
 
 
 def _samples(

@@ -11,6 +11,8 @@ Light is taken to go straight and at once: refraction, which lifts the horizon b
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -27,8 +29,10 @@ from jaxplan.sky.zone import path
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
 _THIRDS = 40  # rounds in which a least or greatest value is found, to 2e-6 s of the 20 s about it
 _HALVES = 34  # rounds in which an end of a span is found, to 1e-9 s
-EARTH = "the Earth"
-HORIZON = "its horizon"
+EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
+
+Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""How far a line is above what may hide it, from times (k,) s to (k,); negative where it is hidden."""
 
 
 @shown("name", "radius km")
@@ -131,38 +135,40 @@ def hidden(
     if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
         raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
     times = drift_times(observer, duration_s)
-    spheres = list(occulters)
-    spans = []
+    spheres = [one for one in occulters if one.thing is not thing]
+    heights: list[tuple[str, Height]] = []
     if isinstance(thing, GroundPoint):
-        start = parse_epoch(epoch)
-
-        def above(at: np.ndarray) -> np.ndarray:
-            here = positions(observer, epoch=epoch, times=at)
-            return elevation(thing, here, start, at) - thing.minimum_elevation
-
-        spans += [(HORIZON, *span) for span in _spans_below(above, times)]
+        heights.append((HORIZON, partial(_above_horizon, thing, observer, parse_epoch(epoch))))
     else:
         spheres.insert(0, Occulter(name=EARTH, thing="earth", radius=RADII["earth"] + atmosphere_km))
     for sphere in spheres:
-        if sphere.thing is thing:
-            continue
-
-        def beside(at: np.ndarray, sphere: Occulter = sphere) -> np.ndarray:
-            places = [positions(one, epoch=epoch, times=at) for one in (sphere.thing, observer, thing)]
-            return clearance(*places) - sphere.radius
-
-        away = positions(observer, epoch=epoch, times=times) - positions(
-            sphere.thing, epoch=epoch, times=times
-        )
-        nearest = float(np.min(np.linalg.norm(away, axis=-1)))
+        nearest = float(np.min(_beside(sphere, observer, observer, epoch, times))) + sphere.radius
         if not nearest > sphere.radius:
             raise ValueError(
                 f"observer: {nearest:.6g} km from the centre of {sphere.name}, "
                 f"must be beyond {sphere.radius:.6g}"
             )
-        spans += [(sphere.name, *span) for span in _spans_below(beside, times)]
-    found = [Hidden(target=name, by=by, start=start, end=end) for by, start, end in spans]
+        heights.append((sphere.name, partial(_beside, sphere, thing, observer, epoch)))
+    found = [
+        Hidden(target=name, by=by, start=start, end=end)
+        for by, height in heights
+        for start, end in _spans_below(height, times)
+    ]
     return tuple(sorted(found, key=lambda span: span.start))
+
+
+def _above_horizon(
+    point: GroundPoint, observer: Thing, epoch: np.datetime64, times: np.ndarray
+) -> np.ndarray:
+    """How much higher than its least elevation an observer stands above a point of the ground, rad."""
+    here = positions(observer, epoch=epoch, times=times)
+    return elevation(point, here, epoch, times) - point.minimum_elevation
+
+
+def _beside(sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray) -> np.ndarray:
+    """How far the line from an observer to something passes beside a sphere, km; negative through it."""
+    places = [positions(one, epoch=epoch, times=times) for one in (sphere.thing, observer, thing)]
+    return clearance(*places) - sphere.radius
 
 
 def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np.ndarray:

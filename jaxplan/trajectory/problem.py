@@ -296,6 +296,7 @@ class DiscreteProblem:
             self.tube_rows.shape,
             problem.cones.bound.shape,
             problem.joints.shape[1],
+            len(problem.spacecraft.drives),
             problem.names,
             bool(problem.cones.paths),
             problem.cones.inner,

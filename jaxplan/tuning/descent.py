@@ -152,6 +152,9 @@ class Tuning(Printed):
 
 _ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from those that were followed
 
+# Slopes; for more of them an optimised kernel pays, which takes some 6 s more to compile and saves 8 ms each.
+_OFTEN = 750
+
 RENEWED = 40  # steps until plans are made anew; at first a quarter and a half of that
 
 
@@ -227,7 +230,7 @@ def tune(
         if resume is not None:
             resume.state.expect(asked)
         state = State(asked=asked, free=free, memory=memory) if resume is None else resume.state
-        descent = _Descent(given, aim, tuned, optimizer, progress, state)
+        descent = _Descent(given, aim, tuned, optimizer, progress, state, steps)
         descent.go(steps)
         found = descent.result()
     return replace(found, label=objective_label(objective))
@@ -252,6 +255,7 @@ class _Descent:
         optimizer: Any,
         progress: bool,
         state: State,
+        steps: int,
     ) -> None:
         self._given, self._aim, self._tuned = given, aim, tuned
         self._optimizer, self._progress = optimizer, progress
@@ -260,7 +264,8 @@ class _Descent:
         first = state.first or self._plans_to_begin_with(state.free)
         self._state = replace(state, first=first, plans=state.plans or first)
         pairs = ((hold(plan), plan.scenario) for plan in self._state.plans)
-        self._slope = mean_slope(pairs, aim, tuned)
+        self._often = steps * len(given) > _OFTEN
+        self._slope = mean_slope(pairs, aim, tuned, often=self._often)
         seen = self._look(self._state)
         if seen is None:
             raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
@@ -274,6 +279,12 @@ class _Descent:
             with progress_bar("tuning", "steps", total=steps, shown=self._progress) as bar:
                 for _ in range(steps):
                     step = len(self._state.history)
+                    if not np.any(self._gradient):
+                        names = ", ".join(one.place.name for one in self._tuned)
+                        self._messages.append(
+                            f"stopped after {step} steps: there the objective's gradient in {names} is zero"
+                        )
+                        break
                     if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):
                         self._renew()
                     bar.note(f"{self._row['objective']:.5g}")
@@ -363,7 +374,7 @@ class _Descent:
                 return
             plans.append(now)
             pairs.append((held, now.scenario))
-        self._slope = mean_slope(pairs, self._aim, self._tuned)
+        self._slope = mean_slope(pairs, self._aim, self._tuned, often=self._often)
         self._row, self._gradient = self._look(state) or (self._row, self._gradient)
         self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 

@@ -124,42 +124,53 @@ def as_weights(given: object) -> dict[str, float]:
 @cache
 def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
     """Weighted sum of objectives; the same function for the same weights, so that it is compiled once."""
-
-    def objective(trajectory: Trajectory, scenario: Scenario) -> Array:
-        parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
-        return jnp.sum(jnp.stack(parts))
-
-    return objective
+    return partial(_sum_of, weights)
 
 
-def mean_slope(pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...]) -> Slope:
+def _sum_of(weights: tuple[tuple[str, float], ...], trajectory: Trajectory, scenario: Scenario) -> Array:
+    parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
+    return jnp.sum(jnp.stack(parts))
+
+
+def mean_slope(
+    pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...], *, often: bool
+) -> Slope:
     """The mean objective of plans and its gradient, as a function of the free parameters.
 
     Args:
         pairs: what is held of each plan, with its scenario.
         aim: the objective.
         tuned: what it is a function of.
+        often: whether it is asked for so often that a kernel that is compiled for twice as long, and runs in
+            half of the time, pays.
     """
-    held = [jax.tree.map(np.asarray, (own, bare(scenario))) for own, scenario in pairs]
+    kernel = _slope if often else _slope_soon
+    held: list[Any] = []
     first: dict[Any, int] = {}
-    for number, pair in enumerate(held):
-        shapes = tuple(leaf.shape for leaf in jax.tree.leaves(pair))
-        first.setdefault((jax.tree.structure(pair), shapes), number)
+
+    def of(number: int, free: Any) -> tuple[np.ndarray, np.ndarray]:
+        with jax.enable_x64(True):  # a thread has its own setting
+            found: tuple[np.ndarray, np.ndarray] = jax.device_get(kernel(free, *held[number], aim, tuned))
+        return found
+
+    with ThreadPoolExecutor(1) as ahead:  # compiles while the other plans are held
+        for number, (own, scenario) in enumerate(pairs):
+            held.append(jax.tree.map(np.asarray, (own, bare(scenario))))
+            shapes = tuple(leaf.shape for leaf in jax.tree.leaves(held[-1]))
+            kind = jax.tree.structure(held[-1]), shapes
+            if kind not in first:
+                first[kind] = number
+                ahead.submit(of, number, np.array([one.free() for one in tuned]))
     others = [number for number in range(len(held)) if number not in first.values()]
 
     def slope(free: Array) -> tuple[float, np.ndarray]:
-        def of(number: int) -> tuple[np.ndarray, np.ndarray]:
-            with jax.enable_x64(True):  # a thread has its own setting
-                found: tuple[np.ndarray, np.ndarray] = jax.device_get(_slope(free, *held[number], aim, tuned))
-            return found
-
         # One by one: a stack would be compiled for each number of plans of a shape, and solves its systems of
         # hundreds of equations no faster. The first of each shape come first, so that each kernel is compiled
         # once.
         found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
             for numbers in (list(first.values()), others):
-                found |= zip(numbers, pool.map(of, numbers), strict=True)
+                found |= zip(numbers, pool.map(partial(of, free=np.asarray(free)), numbers), strict=True)
         values, slopes = zip(*(found[number] for number in range(len(held))), strict=True)
         return float(np.mean(values)), np.mean(slopes, axis=0)
 
@@ -171,8 +182,7 @@ def bare(scenario: Scenario) -> Scenario:
     return replace(scenario, name="", epoch=None)
 
 
-@partial(quick_jit, static_argnums=(3, 4))
-def _slope(
+def _value_and_slope(
     free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
 ) -> tuple[jax.Array, jax.Array]:
     """The objective of a plan, and its gradient."""
@@ -183,3 +193,7 @@ def _slope(
         return aim(replan(held, changed), changed)
 
     return jax.value_and_grad(value)(free)
+
+
+_slope = quick_jit(_value_and_slope, static_argnums=(3, 4))
+_slope_soon = quick_jit(_value_and_slope, optimised=False, static_argnums=(3, 4))

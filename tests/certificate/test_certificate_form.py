@@ -1,7 +1,7 @@
 """What the certificate refuses: anything that is not finite, jumps, wrong ends, and data of a wrong form."""
 
 import re
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import EndState, certify
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 from jaxplan.trajectory.curve import Trajectory
 
@@ -55,6 +55,32 @@ SPACECRAFT = Spacecraft(
     wheel_momentum_limit=10.0,
 )
 LOOSE = replace(SPACECRAFT, jerk_limit=None)
+ODD = Terminal(  # the same, with all that may be given by itself
+    name="t",
+    mounting=Mount(yaw_axis=np.array([0.0, 0.0, 1.0]), boresight=np.array([0.6, 0.8, 0.0])),
+    yaw_range=np.array([-0.2, 7.0]),
+    pitch_range=np.array([-0.4, 0.3]),
+    yaw_rate_limit=0.1,
+    pitch_rate_limit=0.11,
+    yaw_acceleration_limit=0.1,
+    pitch_acceleration_limit=0.11,
+)
+DRIVES = tuple(
+    Drive(
+        name=name,
+        axis=np.array([0.0, 0.0, 1.0]),
+        boresight=np.array(boresight),
+        range=np.array([-0.4, 0.5]),
+        rate_limit=0.1,
+        acceleration_limit=0.1,
+    )
+    for name, boresight in (("t", [1.0, 0.0, 0.0]), ("i", [0.0, -0.28, 0.96]))
+)
+SPACECRAFTS = {
+    "an angle about z": SPACECRAFT,
+    "axes and ranges": replace(SPACECRAFT, terminals=(ODD,)),
+    "drives": replace(SPACECRAFT, terminals=(), drives=DRIVES, instruments=()),
+}
 ZONES = (
     KeepOut(name="out", direction=np.array([0.0, 0.0, -1.0]), half_angle=0.5),
     KeepIn(name="in", direction=np.array([0.0, 0.0, 1.0]), half_angle=1.0, devices=("i",), any_of="g"),
@@ -140,19 +166,76 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(value):
             for end in ("start", "goal"):
                 wrong = EndState(**(state | {name: with_entry(array, index, value)}))
                 assert not judge(**{end: wrong}).certified, (end, name, index)
-    for f in fields(Spacecraft):
-        whole = getattr(SPACECRAFT, f.name)
-        if f.name in ("terminals", "instruments"):
-            parts = [
-                replace(whole[0], **{g.name: with_entry(getattr(whole[0], g.name), ..., value)})
-                for g in fields(whole[0])
-                if g.name != "name"
+
+
+def broken(part, value):
+    """A dataclass with one of its numbers changed at a time, those of its parts too, and which it was."""
+    for own in fields(part):
+        whole = getattr(part, own.name)
+        if own.name == "name" or whole is None:
+            continue
+        if is_dataclass(whole):
+            changed = list(broken(whole, value))
+        elif isinstance(whole, tuple):
+            changed = [
+                ((*whole[:number], wrong, *whole[number + 1 :]), which)
+                for number, one in enumerate(whole)
+                for wrong, which in broken(one, value)
             ]
-            changed = [(part,) for part in parts]
         else:
-            changed = [with_entry(whole, index, value)[()] for index in np.ndindex(np.shape(whole))]
-        for wrong in changed:
-            assert not judge(spacecraft=replace(SPACECRAFT, **{f.name: wrong})).certified, f.name
+            changed = [(with_entry(whole, at, value)[()], at) for at in np.ndindex(np.shape(whole))]
+        for wrong, which in changed:
+            yield replace(part, **{own.name: wrong}), (own.name, which)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", SPACECRAFTS)
+def test_a_spacecraft_with_a_number_that_is_not_finite_is_refused(name, value):
+    assert judge(spacecraft=SPACECRAFTS[name]).certified
+    count = 0
+    for wrong, which in broken(SPACECRAFTS[name], value):
+        assert not judge(spacecraft=wrong).certified, which
+        count += 1
+    assert count > 20
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"mounting": Mount(yaw_axis=np.array([0, 0, 1.0]), boresight=np.array([0.6, 0, 0.8]))},
+            "right angles",
+        ),
+        (
+            {"mounting": Mount(yaw_axis=np.array([0, 0, 2.0]), boresight=np.array([1.0, 0, 0]))},
+            "right angles",
+        ),
+        ({"mounting": None}, "the mount of t is not finite"),
+        ({"yaw_range": np.array([0.5, -0.5])}, "the range of t yaw is [0.5, -0.5]"),
+        ({"pitch_range": np.array([0.1, 0.1])}, "the range of t pitch is [0.1, 0.1]"),
+        ({"yaw_rate_limit": 0.0}, "rate limit of t yaw"),
+        ({"pitch_acceleration_limit": -1.0}, "acceleration limit of t pitch"),
+    ],
+)
+def test_a_terminal_that_no_device_can_be_is_refused(changes, words):
+    wrong = replace(SPACECRAFT, terminals=(replace(ODD, **changes),))
+    assert any(words in fault for fault in judge(spacecraft=wrong).faults), judge(spacecraft=wrong).faults
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"boresight": np.array([0.0, 0.0, 1.0])}, "the boresight of t lies along its axis"),
+        ({"boresight": np.array([0.0, 0.0, -1.0])}, "the boresight of t lies along its axis"),
+        ({"axis": np.array([0.0, 0.5, 0.5])}, "axis or boresight of t is no unit vector"),
+        ({"range": np.array([0.3, -0.3])}, "the range of t angle is [0.3, -0.3]"),
+        ({"rate_limit": -0.1}, "rate limit of t angle"),
+    ],
+)
+def test_a_drive_that_no_device_can_be_is_refused(changes, words):
+    drives = (replace(DRIVES[0], **changes), DRIVES[1])
+    wrong = replace(SPACECRAFTS["drives"], drives=drives)
+    assert any(words in fault for fault in judge(spacecraft=wrong).faults), judge(spacecraft=wrong).faults
 
 
 def test_ends_must_be_met_to_1e_minus_8():

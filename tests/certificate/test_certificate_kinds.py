@@ -210,7 +210,7 @@ def test_stated_errors_are_counted_into_margins_of_every_kind(name):
         if name != "joints" and not 0.2 < angle < 2.9:
             continue
         seen += 1
-        bindings = Bindings.of(form.plain(tuned))
+        bindings = Bindings.of(form.plain(tuned), len(spacecraft.terminals))
         motion = Motion.of(spacecraft, bindings.views, trajectory)
         evidence = bounds.gather(motion, negligible(spacecraft, [bindings]))
         weight = np.abs(tuned.axis[0, :2]).sum() if name == "joints" else 1 / np.sin(angle)
@@ -441,8 +441,8 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands_in_a_table(va
         (changed("bound", 3, 0), "does not bind exactly one other"),
         (changed("bound", (5, 2), 1), "binds more than terminals"),
         (changed("bound", (5, 5), 1), "binds more than terminals"),
-        (changed("carrier", 0, 2), "carrier is none of the 2 terminals"),
-        (changed("carrier", 0, -1), "carrier is none of the 2 terminals"),
+        (changed("carrier", 0, 2), "carrier is none of the 2 devices with joints"),
+        (changed("carrier", 0, -1), "carrier is none of the 2 devices with joints"),
         (changed("body", (0, 0), 3.0), "body is no unit vector"),
         (changed("carried", (1, 0), 3.0), "carried is no unit vector"),
         (changed("axis", 1, 0.0), "axis is no unit vector"),

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from builders import gimbals_about_z
+import pytest
+from builders import gimbals_about_z, oblique_craft
 from kinds import pair_margins_of
 from reference import assert_each, random_units
 from scipy.spatial.transform import Rotation
@@ -36,19 +37,19 @@ RNG = np.random.default_rng(5)
 TERMINALS = 2
 
 
-def craft_sights():
-    """Two terminals, an instrument and an axis of the body, and two more vectors of the second terminal."""
+def craft_sights(gimbals):
+    """Two terminals or more, an instrument and an axis of the body, and two more vectors of moving parts."""
     return Sights(
-        gimbals=gimbals_about_z([0.3, -2.0]),
+        gimbals=gimbals,
         fixed=random_units(RNG, 2),
-        carrier=np.array([1, 1]),
+        carrier=np.array([1, gimbals.count - 1]),
         carried=random_units(RNG, 2),
     )
 
 
-def every_kind():
+def every_kind(gimbals):
     """A row of every kind that binds all sights it may, some of them in entries and groups."""
-    own = craft_sights()
+    own = craft_sights(gimbals)
     frame = np.array([INERTIAL, INERTIAL, BODY, SIGHT, SIGHT, JOINTS, JOINTS, BODY])
     bound = np.ones((8, own.count), bool)
     bound[frame == JOINTS] = np.arange(own.count) < TERMINALS
@@ -74,60 +75,95 @@ def every_kind():
     return rows, rows.sights(own.gimbals, own.fixed[:1])
 
 
-def margins_one_by_one(attitude, joints):
+def margins_one_by_one(rows, sights, attitude, joints):
     """(Z, S) rad, each by itself."""
-    craft = SimpleNamespace(gimbals=SIGHTS.gimbals, fixed_boresights=SIGHTS.fixed[:1])
-    return pair_margins_of(craft, ROWS, attitude[None], joints[None])[0]
+    craft = SimpleNamespace(gimbals=sights.gimbals, fixed_boresights=sights.fixed[:1])
+    return pair_margins_of(craft, rows, attitude[None], joints[None])[0]
 
 
-ROWS, SIGHTS = every_kind()
+KINDS = {
+    "about z": every_kind(gimbals_about_z([0.3, -2.0])),
+    "mounted in any way, with drives": every_kind(oblique_craft(TERMINALS, 2).gimbals),
+}
+ROWS, SIGHTS = KINDS["about z"]
+kinds = pytest.mark.parametrize("kind", KINDS)
 
 
-def random_joints():
-    return np.concatenate([RNG.uniform(-3, 3, TERMINALS), RNG.uniform(-1.5, 1.5, TERMINALS)])
+def random_joints(sights):
+    drives = sights.gimbals.count - TERMINALS
+    return np.concatenate(
+        [RNG.uniform(-3, 3, TERMINALS), RNG.uniform(-1.5, 1.5, TERMINALS), RNG.uniform(-3, 3, drives)]
+    )
 
 
-def test_margins_of_every_kind_are_those_of_rotations():
+@kinds
+def test_margins_of_every_kind_are_those_of_rotations(kind):
+    rows, sights = KINDS[kind]
     for _ in range(20):
-        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints()
-        wanted = margins_one_by_one(attitude, joints)
-        np.testing.assert_allclose(state_margins(ROWS, SIGHTS, attitude, joints), wanted, atol=1e-14)
-    traced = jax.jit(state_margins)(ROWS, SIGHTS, attitude, joints)
+        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints(sights)
+        wanted = margins_one_by_one(rows, sights, attitude, joints)
+        np.testing.assert_allclose(state_margins(rows, sights, attitude, joints), wanted, atol=1e-14)
+    traced = jax.jit(state_margins)(rows, sights, attitude, joints)
     np.testing.assert_allclose(traced, wanted, atol=1e-14)
 
 
-def test_scores_are_below_thresholds_just_where_margins_keep_the_clearance():
+@kinds
+def test_scores_are_below_thresholds_just_where_margins_keep_the_clearance(kind):
+    rows, sights = KINDS[kind]
     for clearance in (0.0, 0.1, 3.0):
-        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints()
-        sights = SIGHTS.in_body(joints)
-        axes = axes_in_body(ROWS, ROWS.axis @ attitude, sights)
-        score = scores(ROWS, sights @ axes.T, joint_values(ROWS, SIGHTS.gimbals, joints))  # (S, Z)
-        margin = np.where(ROWS.bound.T, margins_of_scores(ROWS, score), np.inf)
-        np.testing.assert_allclose(margin.T, state_margins(ROWS, SIGHTS, attitude, joints), atol=1e-7)
-        asked = np.minimum(clearance, room(ROWS))
-        kept = score <= thresholds(ROWS, clearance)
-        np.testing.assert_array_equal(kept[ROWS.bound.T], (margin >= asked)[ROWS.bound.T])
+        attitude, joints = Rotation.random(rng=RNG).as_matrix(), random_joints(sights)
+        seen = sights.in_body(joints)
+        axes = axes_in_body(rows, rows.axis @ attitude, seen)
+        score = scores(rows, seen @ axes.T, joint_values(rows, sights.gimbals, joints))  # (S, Z)
+        margin = np.where(rows.bound.T, margins_of_scores(rows, score), np.inf)
+        np.testing.assert_allclose(margin.T, state_margins(rows, sights, attitude, joints), atol=1e-7)
+        asked = np.minimum(clearance, room(rows))
+        kept = score <= thresholds(rows, clearance)
+        np.testing.assert_array_equal(kept[rows.bound.T], (margin >= asked)[rows.bound.T])
 
 
-def test_bounds_over_a_motion_hold_between_its_ends_for_every_kind_of_pair():
+@kinds
+def test_rates_and_bends_bound_the_derivatives_of_sights_seen_from_the_body(kind):
+    _, sights = KINDS[kind]
+    step, reached = 1e-3, np.zeros((2, sights.count))
+    for _ in range(600):
+        joints, size = random_joints(sights), RNG.uniform(0.1, 1.0)
+        change = size * RNG.uniform(-1, 1, len(joints)) * RNG.integers(0, 2, len(joints))
+        before, here, after = sights.in_body(joints + np.array([[-step], [0], [step]]) * change)
+        first = np.linalg.norm(after - before, axis=-1) / (2 * step)
+        second = np.linalg.norm(after - 2 * here + before, axis=-1) / step**2
+        bounds = np.stack(sights.bounds(change))
+        assert_each([first, second], "<=", bounds * (1 + 1e-6) + 1e-9)
+        share = np.stack([first, second]) / np.where(bounds > 1e-3, bounds, np.inf)
+        reached = np.maximum(reached, share)
+        np.testing.assert_array_equal(bounds[:, sights.carriers < 0], 0)
+    # and none is far too large; of a drive it is as of a boresight across the axis
+    reached[:, TERMINALS : sights.gimbals.count] /= np.cos(sights.gimbals.tilts)
+    assert_each(reached[:, sights.carriers >= 0], ">", 0.8)
+
+
+@kinds
+def test_bounds_over_a_motion_hold_between_its_ends_for_every_kind_of_pair(kind):
+    rows, sights = KINDS[kind]
     share = np.linspace(0, 1, 201)
-    closest = np.full(ROWS.bound.shape[::-1], np.inf)
+    closest = np.full(rows.bound.shape[::-1], np.inf)
     for size in np.geomspace(0.01, 3, 150):
         attitude, turn = Rotation.random(rng=RNG), size * random_units(RNG) * RNG.uniform(0, 1)
-        change = size * RNG.uniform(-1, 1, 2 * TERMINALS) * RNG.integers(0, 2, 2 * TERMINALS)
-        joints = random_joints() + share[:, None] * change
+        first = random_joints(sights)
+        change = size * RNG.uniform(-1, 1, len(first)) * RNG.integers(0, 2, len(first))
+        joints = first + share[:, None] * change
         turned = (attitude * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
-        sights = SIGHTS.in_body(joints)
-        axes = axes_in_body(ROWS, ROWS.axis @ turned, sights)
-        score = scores(ROWS, sights @ np.swapaxes(axes, 1, 2), joint_values(ROWS, SIGHTS.gimbals, joints))
-        bend = score_curvature(ROWS, np.linalg.norm(turn), *SIGHTS.bounds(change))
+        seen = sights.in_body(joints)
+        axes = axes_in_body(rows, rows.axis @ turned, seen)
+        score = scores(rows, seen @ np.swapaxes(axes, 1, 2), joint_values(rows, sights.gimbals, joints))
+        bend = score_curvature(rows, np.linalg.norm(turn), *sights.bounds(change))
         bound = edge_bound(score[0], score[-1], bend / 2)
         above = bound - score.max(axis=0)
         assert_each(above, ">=", -1e-12)
         second = np.abs(score[2:] - 2 * score[1:-1] + score[:-2]).max(axis=0) * 200**2
         assert_each(second, "<=", bend * (1 + 1e-6) + 1e-9)
         closest = np.minimum(closest, np.where(second > 1e-6, bend / np.maximum(second, 1e-9), np.inf))
-    cones = ROWS.bound.T & (ROWS.frame != JOINTS)
+    cones = rows.bound.T & (rows.frame != JOINTS)
     np.testing.assert_array_less(closest[cones & (closest < np.inf)], 4)  # and none is far too large
 
 
@@ -164,7 +200,7 @@ def test_what_is_not_a_number_counts_as_broken():
     found = state_margins(ROWS, SIGHTS, np.eye(3), joints)
     np.testing.assert_array_equal(found[:, :TERMINALS][ROWS.bound[:, :TERMINALS]], -np.inf)
     np.testing.assert_array_equal(
-        state_margins(ROWS, SIGHTS, np.full((3, 3), np.nan), random_joints())[0], -np.inf
+        state_margins(ROWS, SIGHTS, np.full((3, 3), np.nan), random_joints(SIGHTS))[0], -np.inf
     )
 
 

@@ -78,6 +78,8 @@ def test_a_spacecraft_stands_for_scenarios_of_up_to_eight_zones(compilations):
     [
         ("case-2.toml", {}, TypeError, "problem must be a Scenario or a Spacecraft, not str"),
         (make_scenario(1).spacecraft, {"gradients": True}, ValueError, "gradients = True: needs a scenario"),
+        (make_scenario(1), {"gradients": 1}, TypeError, "gradients must be True or False, not 1"),
+        (make_scenario(1), {"batches": "no"}, TypeError, "batches must be True or False, not 'no'"),
         (replace(make_scenario(1), keep_out=3), {}, ValueError, "keep_out"),
     ],
 )

@@ -166,6 +166,8 @@ def test_what_is_no_folder_is_refused_by_name(folder, error, said):
 
 def test_a_folder_that_cannot_be_made_is_refused_where_it_is_asked_for(tmp_path):
     (tmp_path / "file").write_text("mine")
+    with pytest.raises(ValueError, match=r"folder = '.*file': it is a file: name a folder"):
+        jp.compilation_cache(tmp_path / "file")
     with pytest.raises(OSError, match="file"):
         jp.compilation_cache(tmp_path / "file" / "folder")
     assert (tmp_path / "file").read_text() == "mine"

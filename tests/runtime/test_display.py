@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from builders import make_scenario, scene_of
+from builders import make_observer, make_scenario, scene_of
 from fake_study import plan_nothing, task
 
 import jaxplan as jp
@@ -26,7 +26,7 @@ from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.hidden import Hidden
-from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
+from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings, Wish
 from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
@@ -203,6 +203,7 @@ def results(plan, failed, scenario):
     still = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(6)}
     rates = {"trial": 0, "objective": 1.0, "success_rate": 0.5, "search.heuristic_weight": np.nan}
     moving = KeepOut(name="Moon", direction=turning, half_angle=0.2)
+    observer = make_observer()
     panel = FixedVector(along=np.eye(3)[0], to="terminal-1")
     corner = JointBound(name="corner", device="terminal-1", normal=np.array([0.6, 0.8]), least=-1.0)
     return [
@@ -216,6 +217,8 @@ def results(plan, failed, scenario):
             Mask(name="mask 1", device="terminal-1", corners=np.eye(3)[:, :2], turns=(0,)),
             turning,
             Targets(directions=(np.eye(3)[0], turning)),
+            *(observer.terminals[0].mounting, observer.drives[0], observer.gimbals),
+            Wish(device="array", direction=np.eye(3)[0]),
         ),
         *(
             plan,

@@ -267,7 +267,7 @@ def test_two_line_elements_make_targets_too():
 
 def test_the_readmes_file_is_read():
     readme = (Path(__file__).parents[2] / "README.md").read_text()
-    chapter = readme[readme.index("## Moving targets and zones") : readme.index("## Limits of the method")]
+    chapter = readme[readme.index("## Moving targets and zones") : readme.index("## Ground targets, lines")]
     (toml,) = re.findall(r"```toml\n(.*?)```", chapter, re.DOTALL)
     text = LOW_ORBIT.read_text()
     read = sc.parse_scenario(f"{text[: text.index('[goal]')]}{toml}\n[trajectory]\nduration_s = 80\n")

@@ -4,10 +4,12 @@ import re
 import tomllib
 from dataclasses import replace
 from functools import reduce
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from builders import LOW_ORBIT
 from tables import ABSENT, put
 
 import jaxplan as jp
@@ -319,3 +321,19 @@ def test_python_may_say_when_a_target_is_hidden():
     goal = replace(scenario.goal, directions=(replace(path, hidden=(span,)), np.array([0.0, 1.0, 0.0])))
     read = take_in(replace(scenario, goal=goal))
     assert read.goal.directions[0].hidden == (span,)
+
+
+def test_the_readmes_examples_run(capsys):
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    chapter = readme[readme.index("## Ground targets, lines") : readme.index("## Limits of the method")]
+    (toml,), (code,) = (
+        re.findall(rf"```{kind}\n(.*?)```", chapter, re.DOTALL) for kind in ("toml", "python")
+    )
+    text = LOW_ORBIT.read_text()
+    read = sc.parse_scenario(f"{text[: text.index('[goal]')]}{toml}\n[trajectory]\nduration_s = 80\n")
+    assert [bool(path.hidden) for path in read.goal.directions] == [False, True, False]
+    assert read.keep_out[0].moves
+    exec(code, {"np": np, "jp": jp})
+    until, since = map(int, re.search(r"# until (\d+) s, from (\d+) s on", code).groups())
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"[(0, {until}, 'its horizon'), ({since}, 1500, 'its horizon')]")

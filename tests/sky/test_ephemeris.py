@@ -209,6 +209,7 @@ def test_segments_are_interpolated_each_by_itself_within_its_useable_times(tmp_p
         ("CCSDS_OEM_VERS", "CCSDS_OPM_VERS", "no Orbit Ephemeris Message"),
         ("2026-06-20T09:35:00 ", "2026-06-20T09:34:00 ", "must be later than the one before"),
         ("2026-06-20T09:35:00 ", "2026-06-20T9:35 ", "no Orbit Ephemeris Message"),
+        ("2026-06-20", "1960-06-20", "must lie in the years 1972 to 2099"),
         ("META_STOP", "USEABLE_STOP_TIME = 2026-06-21T00:00:00\nMETA_STOP", "useable times"),
     ],
 )

@@ -366,5 +366,13 @@ def test_an_objective_that_is_no_number_ends_the_descent_before_it():
 
 
 def test_numbers_that_change_nothing_are_named():
-    result = jp.tune(SMALL, "duration", over=WEIGHTS[:1], steps=1, progress=False)
+    over = [WEIGHTS[0], "trajectory.duration_s"]
+    result = jp.tune(SMALL, "duration", over=over, steps=1, progress=False)
     assert "without influence on the objective: trajectory.rate_weight" in result.message
+
+
+def test_where_the_gradient_is_zero_it_stops_and_says_so():
+    result = jp.tune(SMALL, "duration", over=WEIGHTS[:1], steps=9, progress=False)
+    assert len(result.history) == 1
+    words = "stopped after 0 steps: there the objective's gradient in trajectory.rate_weight is zero"
+    assert result.message == words

@@ -1,0 +1,80 @@
+"""Tables of the model's dataclasses, and the kinds of values that their fields name.
+
+Ranges that nature does not give are wider than any spacecraft needs, and narrow enough that nothing computed
+from the numbers overflows.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from jaxplan.model.keys import Key
+from jaxplan.schema.arrays import (
+    PLANE_DIRECTION,
+    Array,
+    Numbers,
+    PerAxis,
+    Polygons,
+    each_joint,
+    inertia,
+    range_of,
+    rising,
+    units,
+)
+from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number
+from jaxplan.schema.tables import Table, table
+
+ANGLE = Number(Interval("[-1e3, 1e3]"))
+"""rad, or rad/s: any number of turns that a file may mean."""
+ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
+"""The same in degrees."""
+
+
+def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
+    return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
+
+
+KINDS: dict[Any, Any] = {
+    "plane unit vector": PLANE_DIRECTION,
+    "rotation vector": Array(
+        (3,),
+        ANGLE,
+        noun="a rotation vector of 3 numbers",
+        hint=", as scipy's Rotation has by as_rotvec()",
+    ),
+    "angular velocity": Array((3,), ANGLE, zero=True),
+    "joints": each_joint(ANGLE),
+    "joint rates": each_joint(ANGLE, zero=True),
+    "per axis": _of_number(PerAxis),
+    "range": _of_number(lambda each: Array((2,), each, noun="2 numbers, least and largest", rule=range_of)),
+    "inertia": _of_number(
+        lambda each: Array(
+            (3, 3),
+            each,
+            noun="3 rows of 3 numbers",
+            hint="; np.diag makes them of principal moments",
+            rule=inertia,
+        )
+    ),
+    "device": Name("device"),
+    "terminal": Name("terminal"),
+    "gimbal": Name("gimbal"),
+    "devices": Names(),
+    "two angles": _of_number(partial(Numbers, 2)),
+    "polygons": _of_number(Polygons),
+    "half angle": lambda told: FromZero(Interval(told.range), degrees=True),
+    "factors": _of_number(lambda each: ByName(each, "gimbal")),
+    "epoch": Epoch(),
+    "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
+    "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
+    "sample times": _of_number(
+        lambda each: Array(("sample",), each, noun="rising numbers, the first at most 0", rule=rising)
+    ),
+}
+"""Kinds by name, as `jaxplan.model.keys.Key.kind` has it, or by the class that makes a table."""
+
+
+def declared(model: type, **more: Any) -> Table:
+    """The table of a class of the model, which tables of others may have in them."""
+    KINDS[model] = table(model, KINDS, **more)
+    return KINDS[model]

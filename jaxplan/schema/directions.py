@@ -1,0 +1,168 @@
+"""Directions in a file: unit vectors, samples over times of what moves, and names that ``[sky]`` knows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.hidden import Hidden
+from jaxplan.schema.arrays import DIRECTION, Array, units
+from jaxplan.schema.declared import KINDS, declared
+from jaxplan.schema.faults import WRONG, Place, Reading, nearest
+from jaxplan.schema.kinds import Kind, Names
+from jaxplan.schema.sky import Followed
+from jaxplan.schema.tables import Field, Table
+
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes held with fewer digits may be off
+
+
+@dataclass(frozen=True)
+class Axis(Kind):
+    """A direction: a unit vector, or a path where it moves.
+
+    Attributes:
+        inline: whether a file may have it as a table of samples and times; else these stand beside it.
+        moving: whether it may move; then a file may have a name of ``[sky]``, too.
+    """
+
+    inline: bool = False
+    moving: bool = True
+
+    @property
+    def wanted(self) -> str:
+        return DIRECTION.wanted
+
+    @property
+    def fields(self) -> Sequence[Field]:  # type: ignore[override]
+        return PATH.attributes
+
+    def read(self, value: Any, place: Place) -> Any:
+        if isinstance(value, DirectionPath):
+            if value.moves and not self.moving:
+                return place.refuse(f"must be {self.wanted}, not a direction that moves", value)
+            return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
+        if not place.reading.python:
+            if isinstance(value, str) and self.moving:
+                return Followed(value, "" if self.inline else "direction")
+            if isinstance(value, dict) and self.inline:
+                return PATH.read(value, place)
+        return DIRECTION.read(value, place)
+
+    def write(self, value: Any) -> Any:
+        if not isinstance(value, DirectionPath):
+            return DIRECTION.write(value)
+        return PATH.write(value) if value.moves else DIRECTION.write(value.samples[0])
+
+
+class TargetDevices(Names):
+    """Names of the devices that have targets, in Python; none for the terminals."""
+
+    def read(self, value: Any, place: Place) -> Any:
+        read = super().read(value, place)
+        reading = place.reading
+        reading.sizes["target"] = len(read) if read and read is not WRONG else reading.sizes["terminal"]
+        return read
+
+
+@dataclass(frozen=True)
+class TargetList(Kind):
+    """A direction for each terminal, or by names of devices: an array of them, or a tuple where some move."""
+
+    still = Array(("target", 3), noun="directions, one a terminal", rule=units)
+    wanted = f"an array of {still.wanted}, or a table of them by names of devices"
+    fields = property(lambda self: PATH.attributes)
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """The table of an entry that moves, by words for it, for the reference."""
+        return {"of one that moves": PATH}
+
+    def read(self, value: Any, place: Place) -> Any:
+        if isinstance(value, dict) and not place.reading.python:
+            return self._by_name(value, place)
+        if not place.reading.python:
+            place.reading.sizes["target"] = place.reading.sizes["terminal"]
+        entries = value if isinstance(value, list | tuple) else ()
+        if not any(isinstance(one, str | dict | DirectionPath) for one in entries):
+            read = self.still.read(value, place)
+            return read.reshape(-1, 3) if isinstance(read, np.ndarray) else read  # also of no terminals
+        count = place.reading.sizes["target"]
+        if count not in (None, len(value)):
+            complaint = f"must be an array of {count} {self.still.wanted}, not of {len(value)}"
+            return place.refuse(complaint, value)
+        return _together([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
+
+    def _by_name(self, value: dict[str, Any], place: Place) -> Any:
+        """The names and directions of a table of a file."""
+        known = place.reading.names.get("device")
+        for name in value:
+            if known is not None and name not in known:
+                place[name].fault(f"no such device, {nearest(name, known, 'devices')}")
+        return tuple(value), _together(
+            [Axis(inline=True).read(own, place[name]) for name, own in value.items()]
+        )
+
+    def may_miss(self, reading: Reading) -> bool:
+        return reading.sizes.get("terminal") == 0
+
+    def write(self, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: Axis().write(direction) for name, direction in value.items()}
+        return [Axis().write(direction) for direction in value]
+
+
+def _together(each: Sequence[Any]) -> Any:
+    """Directions as targets hold them."""
+    if any(one is WRONG for one in each):
+        return WRONG
+    moving = any(isinstance(one, Followed | DirectionPath) for one in each)
+    return tuple(each) if moving else np.array(each).reshape(-1, 3)
+
+
+def path_of(parts: dict[str, Any], place: Place) -> Any:
+    """The path through samples, or `WRONG` where they have faults, or after noting that there is none."""
+    place.reading.sizes.pop("sample", None)  # the next path has its own number of them
+    samples, times, hidden = parts["samples"], parts["times"], parts.get("hidden", ())
+    if samples is WRONG or times is WRONG or WRONG in hidden:
+        return WRONG
+    try:
+        return replace(DirectionPath.through(times, samples), hidden=hidden)
+    except ValueError as error:
+        return place["direction_samples"].fault(str(error).removeprefix("samples: "), samples.tolist())
+
+
+def _taken_path(path: DirectionPath, place: Place) -> Any:
+    """The path of one made in Python, made anew from its samples as a file's is."""
+    parts = {
+        entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
+        for entry in PATH.attributes
+    }
+    made = path_of(parts, place)
+    slopes = parts["slopes"]
+    if made is WRONG or slopes is WRONG:
+        return WRONG
+    off = (slopes - made.slopes) * np.gradient(made.times)[:, None]
+    wrong = np.flatnonzero(~np.all(np.abs(off) <= _SLOPE_ROUNDING, axis=1))
+    if len(wrong):
+        i = int(wrong[0])
+        complaint = "must be that of the spline; DirectionPath.through finds it"
+        return place["slopes"][i].fault(complaint, slopes[i])
+    return made
+
+
+def _check_span(span: Hidden, place: Place) -> None:
+    if WRONG not in (span.start, span.end) and not span.start < span.end:
+        place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
+
+
+KINDS |= {
+    "unit vector": Axis(moving=False),
+    "axis": Axis(),
+    "aim": Axis(inline=True),
+    "targets": TargetList(),
+    "target devices": TargetDevices(),
+}
+HIDDEN = declared(Hidden, check=_check_span)
+PATH: Table = declared(DirectionPath, make=path_of)

@@ -1,0 +1,272 @@
+"""Start and goal in a file: a state, or devices with what they point at.
+
+Files have angles of joints as yaws, pitches and drives, in radians or degrees, or by names of devices; and
+an attitude as a rotation vector or a quaternion. A goal is a state, or targets that step 1 finds one for. So
+is a start: then devices point at their targets when the manoeuvre begins.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model.scenario import GivenState, Targets, Wish
+from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
+from jaxplan.schema.checks import check_targets
+from jaxplan.schema.declared import ANGLE, ANGLE_DEG, KINDS, declared
+from jaxplan.schema.faults import WRONG, Place, Reading, nearest
+from jaxplan.schema.kinds import Kind
+from jaxplan.schema.tables import Either, Field, Table
+
+_JOINT_PARTS = ("yaws", "pitches", "drives")
+
+
+def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
+    """A state, whose joints a file has as yaws, pitches and angles of drives, or by names of devices."""
+    by_name = parts.pop("joints_by_name", None)
+    found = {of: parts.pop(f"{of}_deg", parts.pop(of, None)) for of in _JOINT_PARTS}
+    given = [own for own in found.values() if own is not None]
+    reading = place.reading
+    if by_name is not None:
+        if given:
+            place["joints_deg"].fault("stands in the place of the arrays of angles, give either")
+        joints = _joints_by_name(by_name, reading)
+    else:
+        for of, own in found.items():
+            count = reading.sizes.get("drive" if of == "drives" else "terminal")
+            if own is None and count:
+                key = {"yaws": "yaw_rad", "pitches": "pitch_rad", "drives": "drive_rad"}[of]
+                alternatives = f"{key.replace('rad', 'deg')}, joints_deg"
+                wrong = place[key].fault(f"missing (or {alternatives}), must be {_counted(key, count)}")
+                given.append(wrong)
+        joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
+    turned = parts.pop("quaternion", None)
+    return GivenState(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
+
+
+def _counted(key: str, count: int) -> str:
+    what = "drive" if key.startswith("drive") else "terminal"
+    return (
+        f"an array of {count} numbers, one a {what}" if count > 1 else f"an array of 1 number, one a {what}"
+    )
+
+
+def _joints_by_name(by_name: Any, reading: Reading) -> Any:
+    """Joints (J,) of devices by name; those that are not named at zero, or at what is nearest in range."""
+    gimbals, terminals, ranges = (reading.names.get("gimbal"), reading.names.get("terminal"), reading.ranges)
+    if by_name is WRONG or gimbals is None or terminals is None or ranges is None:
+        return WRONG
+    joints = np.clip(0.0, *ranges.T)
+    for name, angles in by_name.items():
+        number = gimbals.index(name)
+        if number < len(terminals):
+            joints[[number, number + len(terminals)]] = angles
+        else:
+            joints[number + len(terminals)] = angles[0]
+    return joints
+
+
+@dataclass(frozen=True)
+class StateOf:
+    """A state that is to be written, and for how many terminals it is."""
+
+    state: GivenState
+    terminals: int
+
+
+def _split_state(given: StateOf) -> dict[str, Any]:
+    parts = _without_zero_rates(given.state)
+    ends = [given.terminals, 2 * given.terminals]
+    own = zip(_JOINT_PARTS, np.split(np.asarray(parts.pop("joints")), ends), strict=True)
+    return parts | {of: angles for of, angles in own if len(angles)}
+
+
+class JointsByName(Kind):
+    """Angles of devices by name: two of a terminal, one of a drive."""
+
+    wanted = "a table from names of devices to arrays of their angles: yaw and pitch, or a drive's one"
+
+    @property
+    def range(self) -> str | None:
+        return ANGLE_DEG.range
+
+    def read(self, value: Any, place: Place) -> Any:
+        if not isinstance(value, dict):
+            return place.refuse(f"must be {self.wanted}", value)
+        gimbals, terminals = (place.reading.names.get(noun) for noun in ("gimbal", "terminal"))
+        found: dict[str, Any] = {}
+        for name, angles in value.items():
+            if gimbals is not None and name not in gimbals:
+                place[name].fault(f"no such device with joints, {nearest(name, gimbals, 'devices')}")
+                found[name] = WRONG
+            elif terminals is not None:
+                count = 2 if name in terminals else 1
+                noun = "numbers, yaw and pitch" if count == 2 else "number, the angle of a drive"
+                found[name] = Array((count,), ANGLE_DEG, noun=f"{count} {noun}").read(angles, place[name])
+        return WRONG if any(own is WRONG for own in found.values()) else found
+
+
+def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
+    """The attributes of a state without rates of zero, which an absent key stands for (not minus zero)."""
+    parts = dict(vars(state))
+    for name in ("angular_velocity", "joint_rates"):
+        if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
+            del parts[name]
+    return parts
+
+
+def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
+    """The two keys of a joint's angles."""
+    meaning = "angle of each drive" if axis == "drive" else f"angle of each terminal's {axis} joint"
+    each = each_drive if axis == "drive" else each_terminal
+    radians = Field(f"{axis}_rad", each(ANGLE), attribute, meaning, held="joints")
+    degrees = Field(f"{axis}_deg", each(ANGLE_DEG), f"{attribute}_deg", meaning, held="joints")
+    return radians, replace(degrees, instead_of=attribute)
+
+
+_JOINTS_BY_NAME = Field(
+    "joints_deg",
+    JointsByName(),
+    "joints_by_name",
+    "angles by names of devices, in place of the arrays; of others zero, or the nearest in range",
+    held="joints",
+)
+_ANGLES = (
+    *_angles("yaw", "yaws"),
+    *_angles("pitch", "pitches"),
+    *_angles("drive", "drives"),
+    _JOINTS_BY_NAME,
+)
+_QUATERNION = Field(
+    "quaternion_wxyz",
+    QUATERNION,
+    "quaternion",
+    "the attitude as a quaternion, scalar first",
+    instead_of="rotation_vector",
+)
+STATE = declared(
+    GivenState,
+    before={"angular_velocity_rad_s": (_QUATERNION, *_ANGLES)},
+    make=_make_state,
+    split=_split_state,
+)
+_STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
+WISH = declared(Wish)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pointing(Targets):
+    """A start that is given by what devices point at, until the state is found.
+
+    Attributes:
+        joints: (2n + d,) rad, of devices without a target; None for those nearest to zero.
+    """
+
+    joints: Any = None
+
+
+def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
+    by_name = parts.pop("joints_by_name", None)
+    joints = None if by_name is None else _joints_by_name(by_name, place.reading)
+    return Pointing(**vars(_make_targets(parts, place)) | {"joints": joints})
+
+
+def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
+    """Targets, which a file may have by names of devices."""
+    if isinstance(parts.get("directions"), tuple) and len(parts["directions"]) == 2:
+        names, directions = parts["directions"]
+        if isinstance(names, tuple) and all(isinstance(name, str) for name in names):
+            parts |= {"devices": names, "directions": directions}
+    return Targets(**parts)
+
+
+def _split_targets(targets: Targets) -> dict[str, Any]:
+    parts = _without_zero_rates(targets)
+    if targets.devices:
+        parts["directions"] = dict(zip(targets.devices, targets.directions, strict=True))
+    return parts
+
+
+TARGETS = declared(
+    Targets,
+    make=_make_targets,
+    split=_split_targets,
+    check=check_targets,
+    refused=dict.fromkeys(
+        _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
+    ),
+)
+POINTING = replace(
+    TARGETS,
+    fields=[
+        *(entry for entry in TARGETS.fields if entry.attribute in ("directions", "prefer")),
+        replace(_JOINTS_BY_NAME, meaning="of devices without a target; zero, or the nearest in range"),
+    ],
+    make=_make_pointing,
+    refused=dict.fromkeys(
+        (key for key in _STATE_KEYS if key != "joints_deg"),
+        "the start has targets, from which attitude and joints are found; give either",
+    ),
+)
+GIVEN_GOAL = replace(
+    STATE,
+    refused=dict.fromkeys(
+        ("yaw_limit_deg", "pitch_limit_deg", "prefer", "hold", "tolerance_deg"),
+        "only a goal with targets has it",
+    ),
+)
+
+
+# A goal that is neither: its keys are read to note their faults.
+_UNDECIDED = replace(
+    STATE,
+    fields=[
+        replace(entry, required=False)
+        for entry in (*TARGETS.fields, *STATE.fields)
+        if entry.attribute not in ("angular_velocity", "joint_rates") or entry in STATE.fields
+    ],
+    make=lambda parts, place: WRONG,
+)
+
+
+class Goal(Either):
+    """A goal: a table with targets, or one with a state."""
+
+    wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        return {"with targets": TARGETS, "as a given state": GIVEN_GOAL}
+
+    def read(self, value: Any, place: Place) -> Any:
+        if place.reading.python:
+            if isinstance(value, GivenState | Targets):
+                return (STATE if isinstance(value, GivenState) else TARGETS).read(value, place)
+            return place.refuse("must be Targets or a GivenState", value)
+        if isinstance(value, dict) and not value.keys() & {"targets", *_STATE_KEYS}:
+            place.fault(f"must be {self.wanted}")
+            return _UNDECIDED.read(value, place)
+        return (TARGETS if isinstance(value, dict) and "targets" in value else GIVEN_GOAL).read(value, place)
+
+    def write(self, value: Any) -> dict[str, Any]:
+        return (STATE if isinstance(value, StateOf) else TARGETS).write(value)
+
+
+class Start(Either):
+    """A start: a table with a state, or one with targets."""
+
+    wanted = "a table with attitude and joints, or with targets"
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        return {"as a given state": STATE, "by what devices point at": POINTING}
+
+    def read(self, value: Any, place: Place) -> Any:
+        pointing = not place.reading.python and isinstance(value, dict) and "targets" in value
+        return (POINTING if pointing else STATE).read(value, place)
+
+    def write(self, value: Any) -> dict[str, Any]:
+        return STATE.write(value)
+
+
+KINDS |= {"goal": Goal(), "start": Start()}
