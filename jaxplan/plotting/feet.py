@@ -23,7 +23,8 @@ def feet(craft: Spacecraft) -> np.ndarray:
     """Points (D, 3) of the cube's surface, in half edges and body axes, one a device."""
     taken: list[np.ndarray] = []
     for wanted in _sides(craft):
-        every = [place for side in wanted for place in _places(side)]
+        places = [_places(side) for side in wanted]
+        every = [*(own[0] for own in places), *(place for own in places for place in own[1:])]
         free = [place for place in every if all(np.linalg.norm(place - one) > _APART for one in taken)]
         taken.append((free or every)[0])
     return np.array(taken).reshape(-1, 3)
@@ -47,7 +48,7 @@ def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
 def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
     """Mean (3,) of the directions in a range of yaw and one of pitch, each yaw and pitch counting alike."""
     low = yaws[0] if yaws[1] - yaws[0] < TURN else yaws[1] - TURN
-    yaw, pitch = np.meshgrid(np.linspace(low, yaws[1], 73), np.linspace(*pitches, 19))
+    yaw, pitch = np.meshgrid(np.linspace(low, yaws[1], 73), np.linspace(pitches[0], pitches[1], 19))
     mean: np.ndarray = np.mean(pointing(yaw, pitch), axis=(0, 1))
     return mean
 
@@ -58,6 +59,8 @@ def _places(side: np.ndarray) -> list[np.ndarray]:
     across = [axis for axis in np.eye(3) if abs(axis @ foot) < 1]
     beside = []
     for shares in product((0, 1, -1), repeat=len(across)):
-        moved = foot + _ASIDE * sum((share * axis for share, axis in zip(shares, across, strict=True)), 0 * foot)
+        moved = foot + _ASIDE * sum(
+            (share * axis for share, axis in zip(shares, across, strict=True)), 0 * foot
+        )
         beside.append(np.clip(moved, -1, 1))
     return beside

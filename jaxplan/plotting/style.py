@@ -163,8 +163,8 @@ def both_sides(limits: np.ndarray) -> np.ndarray:
     return np.stack([-limits, limits], axis=-1)
 
 
-def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
-    """Put a legend to the right of the axes, so that it covers no data."""
+def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None = None) -> None:
+    """Put a legend to the right of the axes, so that it covers no data; columns as are needed, or so many."""
     if not entries:
         return
     # a label that begins with an underscore would be left out
@@ -178,7 +178,7 @@ def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
         frameon=False,
         fontsize=SMALL,
         handlelength=3.2,
-        ncols=-(-len(entries) // _LEGEND_ROWS),
+        ncols=-(-len(entries) // _LEGEND_ROWS) if columns is None else columns,
     )
     for text in legend.get_texts():
         plain(text)

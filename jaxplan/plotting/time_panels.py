@@ -130,7 +130,9 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
     )
     # a drive's angle is called so, the others by their joint
     words = f"{kind.name} {quantity.word}" if power or kind.name == "drive" else quantity.word
-    given = both_sides(np.asarray(quantity.given(craft))[kind.which]) if power else craft.joint_ranges[kind.which]
+    given = (
+        both_sides(np.asarray(quantity.given(craft))[kind.which]) if power else craft.joint_ranges[kind.which]
+    )
     own = values.joints[power][kind.which]
     styles = [device_style(kind.device + place) for place in range(len(own))]
     return Panel(quantity, words, own, given, styles)
@@ -177,7 +179,7 @@ def _figure(
 
 
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint angles of every terminal and drive over time, with both ends of their ranges and the path's nodes.
+    """Joint angles of terminals and drives over time, with both ends of their ranges and the path's nodes.
 
     Args:
         plan: with a trajectory.

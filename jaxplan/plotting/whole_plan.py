@@ -17,9 +17,9 @@ from PIL.PngImagePlugin import PngInfo
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
 from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
+from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
-from jaxplan.plotting.spacecraft_figure import SIZE as SPACECRAFT_SIZE
-from jaxplan.plotting.spacecraft_figure import spacecraft
 from jaxplan.plotting.style import expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
@@ -63,13 +63,11 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     kinds = len(joint_kinds(craft))
     if kinds:
         columns = halves[1].subgridspec(1, 2)
-        joints, others = (
-            list(columns[place].subgridspec(rows, 1).subplots(sharex=True, squeeze=False)[:, 0])
-            for place, rows in enumerate((kinds, 2))
-        )
+        grids = [columns[place].subgridspec(rows, 1) for place, rows in enumerate((kinds, 2))]
+        joints, others = (list(np.ravel(np.asarray(grid.subplots(sharex=True)))) for grid in grids)
         angles(plan, ax=joints, legend=False)
     else:
-        joints, others = [], list(halves[1].subgridspec(1, 2).subplots(sharex=True))
+        joints, others = [], list(np.ravel(np.asarray(halves[1].subgridspec(1, 2).subplots(sharex=True))))
     named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
     legend_beside(others[0], [*further, *lines])

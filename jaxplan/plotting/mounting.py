@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
@@ -28,11 +29,11 @@ from jaxplan.plotting.feet import feet
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
+    HALO,
     KEEP_OUT,
     SMALL,
     TEXT,
     Canvas,
-    HALO,
     Entries,
     Labels,
     Look,
@@ -52,6 +53,8 @@ _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
 _CELL = np.deg2rad(5.0)  # rad, of the net that surfaces are made of
 _STEP = np.deg2rad(2.0)  # rad, between points of lines on them
 _REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities
+_NARROW = 0.01  # width of what the legend stands beside, in widths of the picture
+_LINES = 36  # of a column of the legend
 _FILLED = 0.84  # share of the axes that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
 _HEAD = 0.07  # length of an arrow's head
@@ -85,27 +88,49 @@ def spacecraft(
     if joints is not None:
         expect_numbers("joints", joints, craft.joint_count)
         angles = np.asarray(joints, float)
-    axes = _solid(ax)
+    axes, beside = _solid(ax)
     picture = _Picture(craft, axes, angles, turned=joints is not None)
     picture.draw()
     if legend:
-        legend_beside(axes, picture.entries())
+        entries = picture.entries()
+        lines = sum(1 + text.count("\n") for _, text in entries)
+        legend_beside(beside, entries, columns=-(-lines // _LINES))
     return axes
 
 
-def _solid(where: Canvas) -> Axes3D:
-    """The 3-D axes to draw on, with equal scales and nothing around."""
+def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
+    """Draw `spacecraft` on a page of its own, which does not belong to pyplot.
+
+    Args:
+        craft: its devices.
+        joints: (2n + d,) rad.
+    """
+    figure = Figure(figsize=SIZE, layout="constrained")
+    spacecraft(craft, joints, ax=figure)
+    return figure
+
+
+def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
+    """The 3-D axes to draw on, with nothing around, and those that the legend stands beside.
+
+    These are narrow ones of their own where that can be: a layout does not know how wide 3-D axes are.
+    """
     if where is None:
         where = new_figure(SIZE)
     if isinstance(where, Figure | SubFigure):
-        axes = where.add_subplot(projection="3d", computed_zorder=False)
+        columns = where.add_gridspec(1, 2, width_ratios=(1, _NARROW))
+        axes, beside = (
+            where.add_subplot(columns[0], projection="3d", computed_zorder=False),
+            where.add_subplot(columns[1]),
+        )
+        beside.set_axis_off()
     else:
         axes = expect("ax", where, Axes3D, "give axes with projection='3d', or a figure to put them in")
+        beside = axes
     axes.view_init(*_VIEW)
     axes.set_proj_type("ortho")
     axes.set_axis_off()
-    axes.set_anchor("W")  # where the legend does not push it off the page
-    return axes
+    return axes, beside
 
 
 class _Picture:
@@ -126,13 +151,12 @@ class _Picture:
     def draw(self) -> None:
         """Draw the platform, its axes and all devices, with equal scales."""
         self._draw_body()
-        for number, (device, foot) in enumerate(zip(self.craft.devices, _BODY * feet(self.craft), strict=True)):
+        for number, (device, foot) in enumerate(
+            zip(self.craft.devices, _BODY * feet(self.craft), strict=True)
+        ):
             self._draw_device(number, device, foot)
-        self.axes.add_collection3d(
-            Poly3DCollection(
-                self.surfaces, facecolors=self.colours, edgecolors="none", antialiaseds=False, zorder=1
-            )
-        )
+        looks: Look = {"edgecolors": "none", "antialiaseds": False, "rasterized": True, "zorder": 1}
+        self.axes.add_collection3d(Poly3DCollection(self.surfaces, facecolors=self.colours, **looks))
         self._fill_axes()
         self._name_devices()
 
@@ -159,7 +183,7 @@ class _Picture:
             tip = (foot + _LOOK * self.now[number])[:, None]
             self.axes.plot(*tip, marker="o", markersize=5, color=colour, zorder=4)
         if device.field_of_view is not None:
-            self._draw_field(number, device, foot)
+            self._draw_field(number, device, device.field_of_view, foot)
 
     def _draw_reach(self, number: int, terminal: Terminal, foot: np.ndarray) -> None:
         """The part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
@@ -188,7 +212,9 @@ class _Picture:
         self._arrow(place(np.clip(0.0, *yaws), high), edge)
         for corner in terminal.mask:
             for turn in turns(corner, *yaws):
-                self._line(place(*_outline(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3})
+                self._line(
+                    place(*_outline(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3}
+                )
         self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
@@ -197,19 +223,21 @@ class _Picture:
         angles = _points(_once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
         arc = foot + _DOME * (own @ frame.T)
-        self._fill(np.stack([np.broadcast_to(foot, arc[1:].shape), arc[:-1], arc[1:]], axis=1), colour, _REACH)
+        self._fill(
+            np.stack([np.broadcast_to(foot, arc[1:].shape), arc[:-1], arc[1:]], axis=1), colour, _REACH
+        )
         self._arrow(arc, {"color": colour, "linewidth": 0.9})
         axis = np.array([-0.5, 1.0])[:, None] * _AXIS * frame[:, 2]
         self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
 
-    def _draw_field(self, number: int, device: Any, foot: np.ndarray) -> None:
+    def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
         """A field of view as a pyramid, with the direction of up at its upper edge."""
         colour = device_style(number)["color"]
         if isinstance(device, Terminal):
             up, turn = UP if device.up is None else device.up, self.moved[number]
-            corners, up = field_corners(FORWARD, up, device.field_of_view) @ turn.T, turn @ up
+            corners, up = field_corners(FORWARD, up, full) @ turn.T, turn @ up
         else:
-            up, corners = device.up, field_corners(device.boresight, device.up, device.field_of_view)
+            up, corners = device.up, field_corners(device.boresight, device.up, full)
         tips = foot + _FIELD * corners / (corners @ self.now[number])[:, None]
         around = tips[[0, 1, 2, 3, 0]]
         sides = np.stack([np.broadcast_to(foot, (4, 3)), around[:-1], around[1:]], axis=1)
@@ -218,24 +246,24 @@ class _Picture:
         for line in (around, *(np.array([foot, tip]) for tip in tips)):
             self._line(line, thin)
         middle = foot + _FIELD * self.now[number]
-        reach = np.max((tips - middle) @ up)
-        self._arrow(np.array([middle, middle + (reach + 0.15) * np.asarray(up)]), {"color": colour, "linewidth": 1.2})
+        end = middle + (np.max((tips - middle) @ up) + 0.15) * np.asarray(up)
+        self._arrow(np.array([middle, end]), {**thin, "linewidth": 1.2})
 
     def _fill_axes(self) -> None:
         """Give all three axes one scale, by which the picture fills the page as it is seen at first."""
         points = np.concatenate(self.drawn)
+        limits = self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim
         self.axes.set_box_aspect((1, 1, 1))
-        for limits in (self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim):
-            limits(-1, 1)
-        across, up, _ = proj_transform(*points.T, self.axes.get_proj())
+        for limit in limits:
+            limit(-1, 1)
+        unit_axes = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+        across, up, _ = proj_transform(*np.concatenate([unit_axes, points]).T, self.axes.get_proj())
         seen = np.stack([across, up])
-        low, high = np.min(seen, axis=1), np.max(seen, axis=1)
-        # the shift of the middle that brings what is seen to the middle of the page
-        slopes = np.array([proj_transform(*axis, self.axes.get_proj())[:2] for axis in np.eye(3)])
-        slopes = slopes - proj_transform(0, 0, 0, self.axes.get_proj())[:2]
-        middle = np.linalg.pinv(slopes.T) @ ((low + high) / 2)
-        for limits, centre in zip((self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim), middle, strict=True):
-            limits(centre - 1, centre + 1)
+        low, high = np.min(seen[:, 4:], axis=1), np.max(seen[:, 4:], axis=1)
+        # where in space the middle of what is seen lies: this shift brings it to the middle of the page
+        middle = np.linalg.pinv(seen[:, 1:4] - seen[:, :1]) @ ((low + high) / 2)
+        for limit, centre in zip(limits, middle, strict=True):
+            limit(centre - 1, centre + 1)
         room = np.array([np.ptp(self.axes.viewLim.intervalx), np.ptp(self.axes.viewLim.intervaly)])
         self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED * np.min(room / (high - low)))
 
@@ -301,12 +329,22 @@ class _Picture:
                 Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=5, markevery=[1]),
                 "boresight at the given angles",
             ),
-            (bool(joints), Line2D([], [], color=GREY, linewidth=1, linestyle=":"), "yaw axis, axis of a drive"),
-            (bool(joints), Patch(color=to_rgba(GREY, _REACH)), "what a device can reach;\narrows to where angles grow"),
+            (
+                bool(joints),
+                Line2D([], [], color=GREY, linewidth=1, linestyle=":"),
+                "yaw axis, axis of a drive",
+            ),
+            (
+                bool(joints),
+                Patch(color=to_rgba(GREY, _REACH)),
+                "what a device can reach;\narrows to where angles grow",
+            ),
             (masked, Patch(facecolor=to_rgba(KEEP_OUT, _MASKED), edgecolor=KEEP_OUT), "mask, cut out of it"),
             (
                 any(device.field_of_view is not None for device in devices),
-                Line2D([], [], color=GREY, linewidth=0.8, marker="^", markerfacecolor="none", linestyle="none"),
+                Line2D(
+                    [], [], color=GREY, linewidth=0.8, marker="^", markerfacecolor="none", linestyle="none"
+                ),
                 "field of view,\nwith an arrow to its up",
             ),
         ]
@@ -381,8 +419,7 @@ def _outline(
     corners: np.ndarray, turn: int, yaws: np.ndarray, pitches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Yaws and pitches along a mask's outline, held within the ranges; corners (k, 2)."""
-    closed = np.concatenate([corners, corners[:1]]) + [TURN * turn, 0.0]
-    share = np.linspace(0.0, 1.0, 24, endpoint=False)[:, None]
-    line = np.concatenate([first + share * (second - first) for first, second in zip(closed[:-1], closed[1:], strict=True)])
-    line = np.concatenate([line, line[:1]])
-    return np.clip(line[:, 0], *yaws), np.clip(line[:, 1], *pitches)
+    places, count = np.linspace(0.0, len(corners), 24 * len(corners) + 1), np.arange(len(corners) + 1)
+    closed = corners[count % len(corners)] + np.array([TURN * turn, 0.0])
+    yaw, pitch = (np.interp(places, count, closed[:, column]) for column in range(2))
+    return np.clip(yaw, *yaws), np.clip(pitch, *pitches)
