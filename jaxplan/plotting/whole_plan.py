@@ -126,7 +126,7 @@ def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
-        shapes, or PNG where there are hatched areas. The ground is transparent.
+        shapes, or PNG where there are hatched areas or surfaces in space. The ground is transparent.
     """
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
@@ -155,7 +155,8 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
 
 def _address(figure: Figure) -> str:
     kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
-    if b"<pattern" in content:  # hatches lose their transparency in SVG, so that zones would print solid
+    # hatches lose their transparency in SVG, so that zones would print solid; many small surfaces are an image
+    if b"<pattern" in content or b"<image" in content:
         kind, content = "png", _picture(figure, "png", {"Software": None})
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
