@@ -27,7 +27,7 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
-from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, known_sights, pointed
+from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.goal.pairs import pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
@@ -181,7 +181,7 @@ class _State(NamedTuple):
     def of(
         cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
     ) -> "_State":
-        aims = aims_of(spacecraft, targets)
+        aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
         directions = _unit(jnp.asarray(aims.directions, dtype))
         frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
         aims = replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
