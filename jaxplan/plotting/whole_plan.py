@@ -155,7 +155,7 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
 
 def _address(figure: Figure) -> str:
     kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
-    # hatches lose their transparency in SVG, so that zones would print solid; many small surfaces are an image
+    # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
     if b"<pattern" in content or b"<image" in content:
         kind, content = "png", _picture(figure, "png", {"Software": None})
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
