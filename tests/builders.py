@@ -98,55 +98,6 @@ def make_observer(jerk_limit: float | None = None) -> Spacecraft:
     )
 
 
-def oblique_craft(terminals: int, drives: int = 0, instruments: int = 0, *, seed: int = 0) -> Spacecraft:
-    """Devices mounted in any way, with ranges about anything and limits that all differ."""
-    rng = np.random.default_rng((seed, terminals, drives, instruments))
-
-    def mounting() -> Mount:
-        ahead, _, up = Rotation.random(rng=rng).as_matrix().T
-        return Mount(yaw_axis=up, boresight=ahead)
-
-    def span(least: float, most: float, width: float) -> np.ndarray:
-        low = rng.uniform(least, most - width)
-        return np.array([low, low + width])
-
-    def limit(most: float) -> float:
-        return float(np.deg2rad(rng.uniform(0.3, 1.0) * most))
-
-    return Spacecraft(
-        terminals=tuple(
-            Terminal(
-                name=f"terminal-{i + 1}",
-                mounting=mounting(),
-                yaw_range=span(-6.0, 6.0, rng.uniform(2.0, 8.0)),
-                pitch_range=span(-1.5, 1.5, rng.uniform(0.8, 2.4)),
-                yaw_rate_limit=limit(6.0),
-                pitch_rate_limit=limit(5.0),
-                yaw_acceleration_limit=limit(5.0),
-                pitch_acceleration_limit=limit(4.0),
-            )
-            for i in range(terminals)
-        ),
-        drives=tuple(
-            Drive(
-                name=f"drive-{i + 1}",
-                axis=frame[2],
-                boresight=direction(0.0, rng.uniform(-1.3, 1.3)) @ frame,
-                range=span(-5.0, 5.0, rng.uniform(1.5, 8.0)),
-                rate_limit=limit(4.0),
-                acceleration_limit=limit(3.0),
-            )
-            for i, frame in enumerate(Rotation.random(drives, rng=rng).as_matrix())
-        ),
-        instruments=tuple(
-            Instrument(name=f"camera-{i + 1}", boresight=axis)
-            for i, axis in enumerate(random_units(rng, instruments))
-        ),
-        rate_limit=np.deg2rad(rng.uniform(1.5, 3.5, 3)),
-        acceleration_limit=np.deg2rad(rng.uniform(1.0, 2.5, 3)),
-    )
-
-
 def gimbals_about_z(mounts) -> Gimbals:
     """Gimbals of terminals mounted at angles about z."""
     angles = np.asarray(mounts, float)

@@ -275,8 +275,8 @@ def masks(spacecraft: Spacecraft, turns: Turns | None = None) -> tuple[Mask, ...
     """
     found: list[Mask] = []
     for terminal in spacecraft.terminals:
-        low, high = terminal.ranges[0]
         for number, corners in enumerate(terminal.mask):
+            low, high = terminal.ranges[0]
             own = outlines.turns(corners, low, high) if turns is None else turns[len(found)]
             name = f"mask {number + 1} of {terminal.name}"
             found.append(Mask(name=name, device=terminal.name, corners=corners, turns=own))
