@@ -8,7 +8,8 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
-from builders import make_observer, make_plan, make_scenario, oblique_craft
+from builders import make_observer, make_plan, make_scenario
+from oblique import oblique_craft
 from drawn import filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
