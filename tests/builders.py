@@ -133,13 +133,15 @@ def make_scenario(
     keep_in: tuple[KeepIn, ...] = (),
     turn: tuple[float, float, float] = (0.3, -0.5, 0.4),
     seed: int = 0,
+    craft: Spacecraft | None = None,
 ) -> Scenario:
     """A scenario with a given goal, ``turn`` away from a random start."""
     rng = np.random.default_rng(seed)
-    craft = make_spacecraft(terminals, instruments)
+    craft = make_spacecraft(terminals, instruments) if craft is None else craft
     start = Rotation.random(rng=rng)
+    middles, halves = np.mean(craft.joint_ranges, axis=1), np.ptp(craft.joint_ranges, axis=1) / 2
     states = [
-        at_rest(attitude.as_rotvec(), rng.uniform(-0.9, 0.9, 2 * terminals) * craft.joint_ranges[:, 1])
+        at_rest(attitude.as_rotvec(), middles + rng.uniform(-0.9, 0.9, craft.joint_count) * halves)
         for attitude in (start, start * Rotation.from_rotvec(turn))
     ]
     return Scenario(
@@ -259,10 +261,20 @@ def wandering_direction(rng, duration, samples, step):
 
 
 def make_plan(
-    terminals: int = 3, instruments: int = 1, *, zones: int = 4, duration: float = 40.0, edges: int = 6
+    terminals: int = 3,
+    instruments: int = 1,
+    *,
+    zones: int = 4,
+    duration: float = 40.0,
+    edges: int = 6,
+    craft: Spacecraft | None = None,
 ) -> Plan:
-    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law."""
-    scenario = make_scenario(terminals, instruments, keep_out=random_zones(zones), turn=(0.6, -1.1, 0.9))
+    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law.
+
+    A spacecraft may be given instead of the numbers of its devices.
+    """
+    keep_out = random_zones(zones)
+    scenario = make_scenario(terminals, instruments, keep_out=keep_out, turn=(0.6, -1.1, 0.9), craft=craft)
     still = 0.0 if duration == 0 else 1.0
     start, end = scenario.start, scenario.goal
     first = Rotation.from_rotvec(start.rotation_vector)
@@ -290,12 +302,12 @@ def make_plan(
         joints=start.joints + law(share)[:, None] * change,
         edge_costs=np.diff(law(share)),
     )
-    bound = bool(zones and terminals + instruments)
+    bound = bool(zones and scenario.spacecraft.device_names)
     report = Certificate(
         certified=True,
         min_margin=0.02 if bound else None,
         worst_time=0.25 * duration if bound else None,
-        worst_device="terminal-1" if bound else None,
+        worst_device=scenario.spacecraft.device_names[0] if bound else None,
         worst_zone="zone-0" if bound else None,
         faults=(),
     )

@@ -133,7 +133,7 @@ def test_the_page_asks_for_no_other_file(page):
     assert not re.search(r"url\(|@import|https?:", text)
     assert page.attributes("href") == []
     sources = page.attributes("src")
-    assert len(sources) == 7
+    assert len(sources) == 8
     for source in sources:
         kind, _, data = source.partition(",")
         content = base64.b64decode(data, validate=True)
@@ -207,7 +207,11 @@ def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, mon
 def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
     failed = replace(plan, status=Status.NODE_LIMIT, path=None, trajectory=None, certificate=None)
     page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
-    assert [name for name in page.attributes("id") if "figure" in name] == ["figure-globe", "figure-sphere"]
+    assert [name for name in page.attributes("id") if "figure" in name] == [
+        "figure-globe",
+        "figure-sphere",
+        "figure-spacecraft",
+    ]
 
 
 def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, monkeypatch):
