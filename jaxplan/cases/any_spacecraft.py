@@ -397,8 +397,8 @@ def _carried(scene: Drawn) -> list[Zone]:
     if not _moving(scene) or scene.likely(0.6):
         return []
     vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_moving(scene))[0])
-    cone = {"direction": random_direction(scene.rng), "half_angle": random_angle(scene.rng, 8, 25)}
-    return [KeepOut(name="shade", **cone, vectors=(vector,))]
+    toward, half_angle = random_direction(scene.rng), random_angle(scene.rng, 8, 25)
+    return [KeepOut(name="shade", direction=toward, half_angle=half_angle, vectors=(vector,))]
 
 
 # The goal.

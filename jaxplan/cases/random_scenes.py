@@ -35,8 +35,9 @@ kind the spacecraft is random too, and nothing of what follows holds for it, see
     any_spacecraft  up to 4 terminals, 2 drives and 3 instruments of any mounting, with masks, zones of all
                     sorts that stand still, fields of view, limits of any axis, and goals by names of devices
 
-The goal is the same in all others: the lines of sight of the paper's orbits, to be met within 88 and 13 deg. Start
-and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their zones.
+The goal is the same in all others: the lines of sight of the paper's orbits, to be met within 88 and 13 deg.
+Start and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their
+zones.
 
 **The draws.** Joints are uniform within 88 and 13 deg and the attitude is uniform on SO(3), of which those
 starts count where the held terminals are near enough to their targets and the turn to the nearest goal is as
