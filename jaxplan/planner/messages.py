@@ -18,7 +18,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
 from jaxplan.planner.validity import rounded_up
-from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
+from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -103,6 +103,19 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
         f"{sight} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
         f"make {change}, or do not bind the device to it"
+    )
+
+
+def closed(scenario: Scenario, barrier: JointBarrier) -> str:
+    """Why the joints of a device cannot get to where they are at the goal."""
+    zones = [scenario.zones[zone] for zone in barrier.zones]
+    names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
+    device = scenario.spacecraft.device_names[barrier.device]
+    what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
+    lies = "lies" if len(names) == 1 else "lie"
+    return (
+        f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
+        f"{' and '.join(names)} {lies} between the two: make it smaller, widen the range, or change the goal"
     )
 
 
