@@ -1,4 +1,4 @@
-"""Files of spacecraft with devices of every kind: what they mean, written and read again, and their faults."""
+"""Files of spacecraft with devices of every kind: their meaning, their faults, and the way back to files."""
 
 import copy
 import tomllib
