@@ -5,8 +5,21 @@ Every comparison is one that a NaN fails.
 
 import numpy as np
 from numpy.polynomial import legendre
-from reference import assert_each, attitudes_of, joints_of, spin_of, zone_margins
+from reference import (
+    angle,
+    assert_each,
+    attitudes_of,
+    in_body,
+    joints_of,
+    own_joints,
+    seen,
+    spin_of,
+    stated_margins,
+    zone_margins,
+)
 from scipy.spatial.transform import Rotation
+
+from jaxplan.model.scenario import GivenState
 
 SHARE = 1 + 1e-6  # of a limit
 ALLOWANCE = 1e-9  # rad, the certificate's
@@ -18,17 +31,107 @@ def instants(trajectory, count=3001):
     return trajectory.duration * np.concatenate([[0.0], inner, [1.0]])
 
 
+NEAREST_TO_POLE = np.deg2rad(0.1)  # of a pitch, as the manual says
+BACKWARD = np.array([25 / 12, -4, 3, -4 / 3, 1 / 4])  # weights of the values at 0, -h ... -4 h
+STEP = 1e-3  # s
+SLIP = 1e-6  # rad/s
+AIM = 1e-8  # rad, to which a terminal meets its target, and states are met, also in rad/s
+
+
+def joint_limits(craft):
+    """Ranges (J, 2), and limits of rates and accelerations (J,) of all joints, from what devices say."""
+    rows = {"yaw": [], "pitch": [], "angle": []}
+    for one in craft.terminals:
+        for joint, limit, ends in (
+            ("yaw", one.yaw_limit, one.yaw_range),
+            ("pitch", one.pitch_limit, one.pitch_range),
+        ):
+            first, last = (-limit, limit) if ends is None else ends
+            if joint == "pitch":
+                steepest = np.pi / 2 - NEAREST_TO_POLE
+                first, last = max(first, -steepest), min(last, steepest)
+            own = [getattr(one, f"{joint}_{kind}_limit") for kind in ("rate", "acceleration")]
+            shared = one.rate_limit, one.acceleration_limit
+            limits = [both if each is None else each for each, both in zip(own, shared, strict=True)]
+            rows[joint].append((first, last, *limits))
+    for one in craft.drives:
+        rows["angle"].append((*one.range, one.rate_limit, one.acceleration_limit))
+    table = np.array([row for joint in rows.values() for row in joint], float).reshape(-1, 4)
+    return table[:, :2], table[:, 2], table[:, 3]
+
+
+def breaches(plan, count=3001):
+    """What a trajectory breaks of all that its scenario states, in words; empty if nothing."""
+    return [*_broken(plan, count), *_ends_missed(plan)]
+
+
+def _broken(plan, count):
+    """Limits and constraints, at instants."""
+    scenario, trajectory = plan.scenario, plan.trajectory
+    for name, share in shares(trajectory, scenario.spacecraft, count).items():
+        worst = np.max(np.abs(share), initial=0.0)
+        if not worst <= SHARE + (1e-4 if name == "jerk" else 0):
+            yield f"{name} is {worst:.9f} of its limit"
+    time = instants(trajectory, count)
+    for name, margin in stated_margins(scenario, trajectory, time).items():
+        if not np.min(margin) >= -ALLOWANCE:
+            deep, when = -np.rad2deg(np.min(margin)), time[np.argmin(margin)]
+            yield f"{name} is broken by {deep:.3g} deg at {when:g} s"
+
+
+def _ends_missed(plan):
+    """Start and goal."""
+    scenario, trajectory, goal = plan.scenario, plan.trajectory, plan.scenario.goal
+    attitudes = attitudes_of(trajectory, trajectory.duration * np.array([0.0, 1.0]))
+    joints, rates = joints_of(trajectory, trajectory.duration * np.array([0.0, 1.0]), orders=2)
+    given = {"start": (0, scenario.start)} | ({"goal": (1, goal)} if isinstance(goal, GivenState) else {})
+    for name, (at, state) in given.items():
+        turn = Rotation.from_rotvec(state.rotation_vector).inv() * Rotation.from_matrix(attitudes[at])
+        off = np.max([turn.magnitude(), *np.abs(joints[at] - state.joints)])
+        if not off <= AIM:
+            yield f"the {name} is missed by {np.rad2deg(off):.3g} deg"
+        if not np.max(np.abs(rates[at] - state.joint_rates), initial=0.0) <= AIM:
+            yield f"the {name}'s joint rates are missed"
+    if isinstance(goal, GivenState):
+        return
+    craft = scenario.spacecraft
+    for name, path in zip(goal.devices or [one.name for one in craft.terminals], goal.paths, strict=True):
+        # the beam follows its target at the end: two backward differences agree with the target's own
+        times = trajectory.duration - STEP * np.arange(5.0)
+        beams = _beams(trajectory, craft, name, times)
+        targets = seen(path, times) if path.moves else np.tile(path.samples[0], (5, 1))
+        exact = name in [one.name for one in craft.terminals]
+        off = angle(beams[0], targets[0])
+        if not off <= (AIM if exact else goal.tolerance + AIM):
+            yield f"{name} misses its target by {np.rad2deg(off):.3g} deg"
+        slip = np.linalg.norm(BACKWARD @ (beams - targets)) / STEP
+        if path.moves and not slip <= SLIP:
+            yield f"{name} leaves its target at {np.rad2deg(slip):.3g} deg/s"
+    for name in goal.hold:
+        own = own_joints(craft, name)
+        off = np.max(np.abs(joints[1, own] - joints[0, own]), initial=0.0)
+        if not off <= AIM:
+            yield f"{name} is not held, but moved by {np.rad2deg(off):.3g} deg"
+
+
+def _beams(trajectory, craft, name, times):
+    """(k, 3) inertial directions of a device."""
+    own = in_body(craft, name, joints_of(trajectory, times, orders=1)[0])
+    return np.einsum("kij,kj->ki", attitudes_of(trajectory, times), own)
+
+
 def shares(trajectory, craft, count=3001):
     """Values over their limits, by name: (k, axes) each."""
     t = instants(trajectory, count)
     rate, acceleration, jerk = spin_of(trajectory, t)
     angles, joint_rates, joint_accelerations = joints_of(trajectory, t)
+    ranges, rate_limits, acceleration_limits = joint_limits(craft)
     found = {
         "rate": rate / craft.rate_limit,
         "acceleration": acceleration / craft.acceleration_limit,
-        "range": (angles - craft.joint_ranges.mean(axis=1)) / (np.ptp(craft.joint_ranges, axis=1) / 2),
-        "joint rate": joint_rates / craft.joint_rate_limits,
-        "joint acceleration": joint_accelerations / craft.joint_acceleration_limits,
+        "range": (angles - ranges.mean(axis=1)) / (np.ptp(ranges, axis=1) / 2),
+        "joint rate": joint_rates / rate_limits,
+        "joint acceleration": joint_accelerations / acceleration_limits,
     }
     if craft.inertia is not None:
         momentum = rate @ np.asarray(craft.inertia).T

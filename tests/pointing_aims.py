@@ -148,16 +148,18 @@ def over_roll(problem: Problem, count: int = 4001) -> float:
     slews = Rotation.from_matrix(problem.start.T @ every).magnitude()
     broken = -np.min(conditions(problem, every)[0], axis=1)
     found = [np.inf]
-    for number in np.flatnonzero(broken <= 0):
+    for number in np.argsort(slews):
+        if slews[number] > min(found) + 2 * TURN / count:
+            break
+        if broken[number] > 0:
+            continue
+        # the least where all is kept lies at a minimum of the slew or where something begins to break
         ends = rolls[max(number - 1, 0)], rolls[min(number + 1, count - 1)]
-        if slews[number] <= min(found) + 2 * (ends[1] - ends[0]):
-            # the least where all is kept lies at a minimum of the slew or where something begins to break
-            edges = [_edge(short, rolls[number], end) for end in ends]
-            low, high = min(edges), max(edges)
-            near = minimize_scalar(
-                lambda roll: slew_of(problem, rolled(roll)), bounds=(low, high), method="bounded"
-            )
-            found += [slew_of(problem, rolled(roll)) for roll in (low, high, near.x) if short(roll) <= 1e-9]
+        low, high = sorted(_edge(short, rolls[number], end) for end in ends)
+        near = minimize_scalar(
+            lambda roll: slew_of(problem, rolled(roll)), bounds=(low, high), method="bounded"
+        )
+        found += [slew_of(problem, rolled(roll)) for roll in (low, high, near.x) if short(roll) <= 1e-9]
     return min(found)
 
 

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.spacecraft import Drive, Instrument, Terminal
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 
 # Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.
@@ -217,46 +218,171 @@ def stated_margins(scenario, trajectory, time):
 
 
 def state_margins(scenario, attitudes, joints, time):
-    """The same of states: attitudes (k, 3, 3), joints (k, 2n), times (k,)."""
+    """The same of states: attitudes (k, 3, 3), joints (k, J), times (k,)."""
     groups = {}
     for zone in (*scenario.keep_out, *scenario.keep_in, *scenario.joint_bounds):
         name, entry = zone.name if zone.any_of is None else zone.any_of, zone.entry or zone.name
         margin = _stated_margin(scenario.spacecraft, zone, attitudes, joints, time)
         groups.setdefault(name, {}).setdefault(entry, []).append(margin)
-    return {
+    margins = {
         name: np.max([np.min(members, axis=0) for members in entries.values()], axis=0)
         for name, entries in groups.items()
     }
+    for terminal in scenario.spacecraft.terminals:
+        yaw_pitch = joints[:, own_joints(scenario.spacecraft, terminal.name)]
+        for number, corners in enumerate(terminal.mask):
+            margins[f"mask {number + 1} of {terminal.name}"] = mask_margin(corners, yaw_pitch)
+    return margins
+
+
+def outside(corners, points):
+    """(k,) how far points (k, 2) are beyond the edge of a convex polygon that they are farthest beyond."""
+    middle = np.mean(corners, axis=0)
+    margins = []
+    for here, there in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        normal = np.array([there[1] - here[1], here[0] - there[0]]) / np.linalg.norm(there - here)
+        normal = normal if normal @ (here - middle) > 0 else -normal
+        margins.append((points - here) @ normal)
+    return np.max(margins, axis=0)
+
+
+def field_margins(device, parts):
+    """How far directions are beyond the worst edge of a device's field, and beyond its corners.
+
+    Args:
+        device: with a field of view.
+        parts: (3, k) along the boresight, along up x boresight, and along up.
+
+    Returns:
+        (k,) rad each; the first is below zero inside, the second counts from the boresight.
+    """
+    forward, *across = parts
+    half = np.asarray(device.field_of_view) / 2
+    beyond = [
+        np.hypot(side, forward) * np.sin(sign * np.arctan2(side, forward) - angle)
+        for side, angle in zip(across, half, strict=True)
+        for sign in (1, -1)
+    ]
+    corner = np.arctan(np.hypot(*np.tan(half)))
+    return np.arcsin(np.clip(np.max(beyond, axis=0), -1, 1)), np.arccos(np.clip(forward, -1, 1)) - corner
 
 
 def _stated_margin(craft, zone, attitudes, joints, time):
     """(k,) margin to one zone, of what it binds that is worst."""
     if isinstance(zone, JointBound):
-        number = [terminal.name for terminal in craft.terminals].index(zone.device)
-        yaw, pitch = joints[:, number], joints[:, len(craft.terminals) + number]
+        yaw, pitch = joints[:, own_joints(craft, zone.device)].T
         return zone.normal[0] * yaw + zone.normal[1] * pitch - zone.least
     turn = Rotation.from_matrix(attitudes)
     if zone.axis_device is not None:
-        axis = turn.apply(_in_body(craft, zone.axis_device, [1.0, 0.0, 0.0], joints))
+        axis = in_body(craft, zone.axis_device, joints)
     elif zone.axis_body is not None:
-        axis = turn.apply(np.asarray(zone.axis_body))
+        axis = np.tile(np.asarray(zone.axis_body), (len(joints), 1))
     elif isinstance(zone.direction, DirectionPath):
-        axis = seen(zone.direction, time)
+        axis = turn.inv().apply(seen(zone.direction, time))
     else:
-        axis = np.tile(zone.direction, (len(joints), 1))
-    names = zone.devices if zone.devices or zone.vectors else craft.device_names
-    bound = [_in_body(craft, name, [1.0, 0.0, 0.0], joints) for name in names]
-    bound += [_in_body(craft, vector.to, vector.along, joints) for vector in zone.vectors]
-    apart = angle(np.array([turn.apply(vectors) for vectors in bound]), axis)
+        axis = turn.inv().apply(np.asarray(zone.direction))
     inside = isinstance(zone, KeepIn)
+    if (zone.inside if inside else zone.outside) is not None:
+        names = zone.devices or [one.name for one in craft.devices if one.field_of_view is not None]
+        found = [stated_field_margin(craft, name, joints, axis, inside) for name in names]
+        return np.min(found, axis=0) - zone.half_angle
+    names = zone.devices if zone.devices or zone.vectors else craft.device_names
+    bound = [in_body(craft, name, joints) for name in names]
+    bound += [in_body(craft, vector.to, joints, vector.along) for vector in zone.vectors]
+    apart = angle(np.array(bound), axis)
     return np.min(zone.half_angle - apart if inside else apart - zone.half_angle, axis=0)
 
 
-def _in_body(craft, name, along, joints):
-    """(k, 3) body axes: a vector that a terminal carries, an instrument's boresight, or one of the body."""
-    for number, terminal in enumerate(craft.terminals):
-        if terminal.name == name:
-            yaw, pitch = joints[:, number] + terminal.mount, joints[:, len(craft.terminals) + number]
-            return Rotation.from_euler("ZY", np.stack([yaw, -pitch], axis=1)).apply(along)
-    fixed = {instrument.name: instrument.boresight for instrument in craft.instruments}
-    return np.tile(along if name is None else fixed[name], (len(joints), 1))
+def stated_field_margin(craft, name, joints, toward, inside):
+    """(k,) rad by which directions (k, 3), body axes, are beyond a field, or inside, as margins count it."""
+    ahead, _, up = field_axes(craft, name, joints)
+    parts = [np.sum(toward * own, axis=1) for own in (ahead, np.cross(up, ahead), up)]
+    device = next(one for one in craft.devices if one.name == name)
+    beyond, far = field_margins(device, parts)
+    return -beyond if inside else np.maximum(beyond, far)
+
+
+def field_axes(craft, name, joints):
+    """Boresight, the direction across up, and up of a device's field, (k, 3) each, body axes."""
+    device = next(one for one in craft.devices if one.name == name)
+    ahead, left, up = (in_body(craft, name, joints, axis) for axis in np.eye(3))
+    if isinstance(device, Terminal) and device.up is not None:
+        up = in_body(craft, name, joints, device.up)
+        left = np.cross(up, ahead)
+    return ahead, left, up
+
+
+# Devices, from what is said of each.
+
+
+def own_joints(craft, name):
+    """Numbers of the joints of a device: yaw and pitch of a terminal, the angle of a drive."""
+    terminals, drives = ([one.name for one in own] for own in (craft.terminals, craft.drives))
+    if name in terminals:
+        return [terminals.index(name), len(terminals) + terminals.index(name)]
+    return [2 * len(terminals) + drives.index(name)] if name in drives else []
+
+
+def mounting(device):
+    """(3, 3) body from the axes of a device at zero angles: boresight, left, up."""
+    if isinstance(device, Terminal) and device.mounting is None:
+        return Rotation.from_euler("z", device.mount).as_matrix()
+    ahead, up = (
+        (device.mounting.boresight, device.mounting.yaw_axis)
+        if isinstance(device, Terminal)
+        else (device.boresight, device.axis if isinstance(device, Drive) else device.up)
+    )
+    left = unit(np.cross(up, ahead))
+    return np.stack([ahead, left, np.cross(ahead, left)], axis=1)
+
+
+def in_body(craft, name, joints, along=(1.0, 0.0, 0.0)):
+    """(k, 3) body axes: a vector in the axes of a device, at joints (k, J); of no device, one of the body."""
+    if name is None:
+        return np.tile(along, (len(joints), 1))
+    device = next(one for one in craft.devices if one.name == name)
+    own = joints[:, own_joints(craft, name)]
+    if isinstance(device, Instrument):
+        vector = device.boresight if tuple(along) == (1.0, 0.0, 0.0) else mounting(device) @ along
+        return np.tile(vector, (len(joints), 1))
+    if isinstance(device, Drive):
+        return Rotation.from_rotvec(own * device.axis).apply(mounting(device) @ along)
+    turned = Rotation.from_euler("ZY", own * [1, -1]).apply(along)
+    return turned @ mounting(device).T
+
+
+def field_distance(craft, name, joints, toward):
+    """(k,) rad from the rectangular field of a device to directions (k, 3), body axes; below zero inside.
+
+    Outside it is the arc to the nearest point of the four edges, which are arcs of great circles.
+    """
+    device = next(one for one in craft.devices if one.name == name)
+    ahead, left, up = field_axes(craft, name, joints)
+    across, along = np.tan(np.asarray(device.field_of_view) / 2)
+    signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    corners = np.array([unit(ahead + a * across * left + b * along * up) for a, b in signs])
+    nearest, inward = np.full(len(joints), np.inf), np.full(len(joints), np.inf)
+    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        normal = unit(np.cross(one, other))  # inward, as the corners go round to the left
+        height = np.sum(normal * toward, axis=1)
+        between = (np.sum(np.cross(normal, one) * toward, axis=1) > 0) & (
+            np.sum(np.cross(other, normal) * toward, axis=1) > 0
+        )
+        arc = np.abs(np.arcsin(np.clip(height, -1, 1)))
+        ends = np.minimum(angle(one, toward), angle(other, toward))
+        nearest = np.minimum(nearest, np.where(between, arc, ends))
+        inward = np.minimum(inward, height)
+    return np.where(inward > 0, -nearest, nearest)
+
+
+def mask_margin(corners, yaw_pitch):
+    """(k,) rad by which (yaw, pitch) is beyond the edge of a convex polygon, as met again every turn."""
+    middle, least = np.mean(corners, axis=0), np.full(len(yaw_pitch), np.inf)
+    for turn in range(-3, 4):
+        beyond = np.full(len(yaw_pitch), -np.inf)
+        for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            normal = np.array([other[1] - one[1], one[0] - other[0]]) / np.linalg.norm(other - one)
+            normal *= -np.sign(normal @ (middle - one))
+            beyond = np.maximum(beyond, (yaw_pitch - one - [2 * np.pi * turn, 0]) @ normal)
+        least = np.minimum(least, beyond)
+    return least

@@ -1,4 +1,4 @@
-"""Random scenes of the paper's spacecraft, the same for the same seed on every machine.
+"""Random scenes of the paper's spacecraft, and of random ones, the same for the same seed on every machine.
 
 The paper's Table 4 counts successes on scenes with random starts and zones (section 5.2). In five kinds of
 them, from Table 4's two to a satellite that holds two of its links while it turns, all zones are cones on the
@@ -27,12 +27,20 @@ In the others, see `random_kinds`, zones are of every sort there is:
                     body
     moved_goals     the cones of carried that vectors are kept away from, and joint_bounds; the nearest goal
                     without zones breaks one, but another within 30 deg of it none
-    mixed           two cones on the sky and one or two zones of all sorts but those that move
+    terminal_masks  a mask of four corners in each terminal's yaw and pitch
+    fields          a field of view of 14 by 8 deg for each terminal, from which a direction stays 3 to 10
+                    deg away, and one of 24 by 14 deg for a camera, from which three stay 5 to 15 deg away
+    mixed           two cones on the sky and one or two zones of all sorts but those that move, of fields
 
-There the straight motion to the nearest goal breaks a zone, but in moved_goals, where that goal does.
+There the straight motion to the nearest goal breaks a zone, but in moved_goals, where that goal does. Of one
+kind the spacecraft is random too, and nothing of what follows holds for it, see `any_spacecraft`:
 
-The goal is the same in all: the lines of sight of the paper's orbits, to be met within 88 and 13 deg. Start
-and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their zones.
+    any_spacecraft  up to 4 terminals, 2 drives and 3 instruments of any mounting, with masks, zones of all
+                    sorts that stand still, fields of view, limits of any axis, and goals by names of devices
+
+The goal is the same in all others: the lines of sight of the paper's orbits, to be met within 88 and 13 deg.
+Start and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their
+zones.
 
 **The draws.** Joints are uniform within 88 and 13 deg and the attitude is uniform on SO(3), of which those
 starts count where the held terminals are near enough to their targets and the turn to the nearest goal is as
@@ -51,7 +59,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.cases import random_kinds
+from jaxplan.cases import any_spacecraft, random_kinds
 from jaxplan.cases.random_starts import (
     BROKEN,
     LONGEST_TURN,
@@ -109,7 +117,8 @@ _KINDS = {  # a kind's place is part of its streams: new ones go to the end
 }
 SKY_KINDS = tuple(_KINDS)
 """Kinds whose zones are all cones about directions that stand still on the sky, for terminals."""
-RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS)
+ANY_SPACECRAFT = "any_spacecraft"
+RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
 
 DIRECTIONS = 16
@@ -140,15 +149,17 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
         raise ValueError(f"seed = {seed!r}: must be an integer of at least 0")
     stream = np.random.SeedSequence(0, spawn_key=(RANDOM_KINDS.index(kind), int(seed)))
     rng = np.random.Generator(np.random.PCG64(stream))
+    if kind == ANY_SPACECRAFT:
+        return any_spacecraft.draw(rng, f"{kind} {seed}")
     if kind in _KINDS:
         start, keep_out, keep_in = _draw(rng, _KINDS[kind])
         zones: tuple[Zone, ...] = (*keep_out, *keep_in)
     else:
         start, zones = random_kinds.draw(rng, random_kinds.KINDS[kind])
-    craft, targets = setting()
+    _, targets = setting()
     return Scenario(
         name=f"{kind} {seed}",
-        spacecraft=craft,
+        spacecraft=random_kinds.equipped(zones),
         start=start,
         goal=targets,
         **random_kinds.sorts(zones),

@@ -171,5 +171,5 @@ def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:
         rotation_vector=so3.log(attitude),
         joints=joints,
         angular_velocity=np.zeros(3),
-        joint_rates=np.zeros(6),
+        joint_rates=np.zeros(len(joints)),
     )

@@ -26,7 +26,7 @@ FIRST_STEPS = """\
 # As words, since to ask the modules for them takes a second that help should not take.
 _KINDS = (
     "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
-    "joint_bounds, grouped, moving, moved_goals or mixed"
+    "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 _OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans

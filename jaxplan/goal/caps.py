@@ -47,6 +47,8 @@ HAIR = 1e-12
 """rad; caps are wider than the constraints by this, so that rounding breaks none."""
 EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
+SHARP = 2e-6
+"""rad; of a narrower cone about a wish the square in it counts: in a cone's curvature descents get lost."""
 ALTERNATIVES = 16
 """Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
 
@@ -285,7 +287,11 @@ def _of_wish(wish: Wished) -> _Group:
         return [cap._replace(axis=axis, half_angle=np.pi - reach)]
 
     (low, high), (least, most) = wish.box.tolist()
-    if wish.kind == "instrument":
+    if wish.kind == "instrument" and reach < SHARP:
+        share = reach / np.sqrt(2)
+        sides = [cap._replace(axis=way * frame[:, 2], half_angle=np.pi / 2 - share) for way in (1, -1)]
+        group = [[*way, *sides] for way in _of_arc(-share, share, cap, frame)]
+    elif wish.kind == "instrument":
         group = [near(0.0, 0.0)]
     else:
         beside = reach if wish.kind == "terminal" else 0.0

@@ -8,6 +8,7 @@ on what the joints are: step 1 leaves them *open*. It computes with numpy or JAX
 Z rows, S sights.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,16 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.goal.aims import Known
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, joint_values, pair_margins
+from jaxplan.model.constraints import (
+    BODY,
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    joint_values,
+    pair_margins,
+    room,
+)
 from jaxplan.model.directions import Sights
 
 
@@ -103,6 +113,25 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, 
 def single_yaws(rows: Constraints) -> AnyArray:
     """(Z,) bool, the rows of joints that bound a yaw alone."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
+
+
+def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraints:
+    """The constraints with a clearance, of what is left to the attitude.
+
+    A row gives it up to half of the room that it leaves (`room`), and no more than the least margin of its
+    pairs that are settled, since no attitude helps these.
+
+    Args:
+        rows: the constraints, at an instant.
+        pairs: of these.
+        clearance: rad.
+    """
+    xp, margin, half_angle, side, wanted = arrays(pairs.margin, rows.half_angle, rows.side, clearance)
+    settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
+    kept = xp.minimum(wanted, xp.minimum(room(rows), xp.maximum(settled, 0)))
+    away = xp.where(rows.frame == JOINTS, 1, side)
+    widened: Constraints = replace(rows, half_angle=half_angle + away * kept)
+    return widened
 
 
 def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:

@@ -3,6 +3,7 @@
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
+Where a device's own joints cannot get there, other whole turns of them are tried next.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -17,6 +18,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
@@ -25,10 +28,10 @@ from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, wanted_fit
+from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, other_turns, wanted_fit
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.jit import working_time
-from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, make_scene
+from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, find_joint_barrier, make_scene
 from jaxplan.trajectory import Fit, FitQuery
 
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
@@ -123,6 +126,7 @@ class Attempts:
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
         self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
+        self._turned: set[bytes] = set()  # joints of goals that are whole turns away from others
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
@@ -216,11 +220,24 @@ class Attempts:
         with self.clock.step("search"):
             forbidden = scene if proved is seen else make_scene(scenario, goal, proved)
             barrier = find_barrier(forbidden)
-        if barrier is None:
+            closed = None if barrier else find_joint_barrier(scene)
+        if barrier is not None:
+            message = messages.parted(scenario, forbidden, barrier)
+        elif closed is not None:
+            message = messages.closed(scenario, closed)
+            turned = other_turns(scenario, goal, closed.device)
+            self._ways[:0] = [(one, share) for one in turned if self._is_new(one)]
+        else:
             return _Way(goal, scene, LADDER)
-        message = messages.parted(scenario, forbidden, barrier)
         self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return _Way(goal, scene, ())
+
+    def _is_new(self, goal: Goal) -> bool:
+        """Whether a goal whose joints are whole turns away from another's was not tried before."""
+        own = np.round(goal.joints, 6).tobytes()
+        new = own not in self._turned
+        self._turned.add(own)
+        return new
 
     def _next_rung(self, way: "_Way") -> None:
         """Begin with the next attempt at a goal; without one the next goal is tried."""

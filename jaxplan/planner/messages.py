@@ -18,7 +18,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
 from jaxplan.planner.validity import rounded_up
-from jaxplan.search import Barrier, Scene, SearchResult, most_obstructive
+from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -56,9 +56,11 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]
+        wider = getattr(scenario.goal, "clearance", 0.0)
+        lower = f", or lower goal.clearance_deg = {np.rad2deg(wider):g}, which counts" if wider else ""
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
-            f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
+            f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone{lower}"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / longest(craft, 1)
@@ -101,6 +103,19 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
         f"{sight} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
         f"make {change}, or do not bind the device to it"
+    )
+
+
+def closed(scenario: Scenario, barrier: JointBarrier) -> str:
+    """Why the joints of a device cannot get to where they are at the goal."""
+    zones = [scenario.zones[zone] for zone in barrier.zones]
+    names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
+    device = scenario.spacecraft.device_names[barrier.device]
+    what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
+    lies = "lies" if len(names) == 1 else "lie"
+    return (
+        f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
+        f"{' and '.join(names)} {lies} between the two: make it smaller, widen the range, or change the goal"
     )
 
 

@@ -22,6 +22,8 @@ from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
+_MOST_TURNS = 4  # between two angles of a range of 720 deg to either side
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalQuery:
@@ -75,6 +77,27 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
         message = "; ".join(broken[0]) + messages.when(scenario, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
     return valid[:wanted]
+
+
+def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
+    """Goals at which the yaw or angle of a device is whole turns away, the nearest first.
+
+    Args:
+        scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
+        goal: that meets all.
+        device: number of a gimbal.
+    """
+    if isinstance(scenario.goal, GivenState) or moves(scenario):
+        return []
+    craft, found = scenario.spacecraft, list[Goal]()
+    joint = craft.gimbals.yaws[device]
+    for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
+        joints = np.array(goal.joints)
+        joints[joint] += 2 * np.pi * turns
+        other = replace(goal, joints=joints)
+        if turns and not _broken(scenario, other, 0.0):
+            found.append(other)
+    return sorted(found, key=lambda one: abs(one.joints[joint] - scenario.start.joints[joint]))
 
 
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:

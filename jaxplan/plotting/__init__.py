@@ -17,6 +17,7 @@ from jaxplan.plotting.comparison import comparison_figure as comparison_figure
 from jaxplan.plotting.comparison import durations, table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.film import animate
+from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
@@ -41,6 +42,7 @@ __all__ = [
     "durations",
     "figures",
     "globe",
+    "joint_map",
     "margins",
     "outcomes",
     "overview",

@@ -23,6 +23,7 @@ from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
+from jaxplan.plotting.joint_map import field_outlines
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
@@ -71,6 +72,7 @@ _WISH: Look = {
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of one that moves, where it is at last
+_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # of view
 _ZONE_WAY: Look = {"linewidth": 1.1, "zorder": 1.7}
 _WAY = 33  # points of the way of a zone's axis
 _CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
@@ -188,9 +190,20 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
-    entries += draw_ends(axes, plan, projection)
+    entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection)]
     if legend:
         legend_beside(axes, [*entries, *zone_entries(scenario)])
+
+
+def _draw_fields(axes: Axes, plan: Plan, projection: Projection) -> Entries:
+    """Draw the outlines of fields of view at start and goal; returns their legend entry, if there are any."""
+    states = [state for state in (plan.scenario.start, plan.goal) if state is not None]
+    drawn = False
+    for state in states:
+        for device, line in field_outlines(plan.scenario, state.attitude, state.joints):
+            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_FIELD})
+            drawn = True
+    return [(Line2D([], [], color=GREY, **_FIELD), "field of view")] if drawn else []
 
 
 def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:

@@ -16,6 +16,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
+from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
 from jaxplan.plotting.mounting import spacecraft
@@ -33,7 +34,17 @@ from jaxplan.plotting.time_panels import (
 )
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
-FIGURE_NAMES = ("overview", "spacecraft", "sphere", "angles", "rates", "accelerations", "torque", "margins")
+FIGURE_NAMES = (
+    "overview",
+    "spacecraft",
+    "sphere",
+    "angles",
+    "rates",
+    "accelerations",
+    "torque",
+    "margins",
+    "joint_map",
+)
 """Names of all figures that a plan may have."""
 
 _DPI = 200  # dots an inch of pictures in a page that are no SVG
@@ -82,8 +93,8 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
 
     Args:
         plan: of any status. Without a trajectory only spacecraft and sphere are drawn, without devices no
-            spacecraft, without joints no angles, without zones no margins, and torque only where it, the
-            momentum or the jerk has a limit.
+            spacecraft, without joints no angles, without zones no margins, without masks no joint map, and
+            torque only where it, the momentum or the jerk has a limit.
 
     Yields:
         The figure's name, fit for a file, and the figure.
@@ -104,6 +115,7 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
         "accelerations": (accelerations, size(kinds + 1), moves),
         "torque": (torque, size(loads), moves and loads > 0),
         "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
+        "joint_map": (joint_map, size(2), moves and any(one.mask for one in craft.terminals)),
     }
     for name in FIGURE_NAMES:
         draw, inches, there = drawings[name]

@@ -63,6 +63,7 @@ _CAPTIONS = {
     "spacecraft": "The spacecraft in its body axes: how devices are mounted, what they reach, and where they "
     "look at the start. Where on the platform they stand is not known, and lengths mean nothing.",
     "margins": "Margin of every device to every zone; the triangle is the bound that is proved.",
+    "joint_map": "Yaw and pitch of every terminal, with its range and masks.",
     "angles": "Angles of the joints, with their limits.",
     "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",

@@ -17,6 +17,7 @@ from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
+from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier
 from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
@@ -126,12 +127,14 @@ def search_batch(
 __all__ = [
     "PLANNERS",
     "Barrier",
+    "JointBarrier",
     "Planner",
     "Scene",
     "SearchResult",
     "add_planner",
     "derived_seed",
     "find_barrier",
+    "find_joint_barrier",
     "make_scene",
     "most_obstructive",
     "remove_planner",

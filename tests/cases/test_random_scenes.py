@@ -8,15 +8,23 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from reference import angle, assert_each, boresights, edge_states, state_margins
+from dense import joint_limits
+from reference import angle, assert_each, boresights, edge_states, in_body, state_margins
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 import jaxplan as jp
-from jaxplan.cases import RANDOM_KINDS, SKY_KINDS, random_kinds, random_scenes, random_starts
+from jaxplan.cases import (
+    RANDOM_KINDS,
+    SKY_KINDS,
+    any_spacecraft,
+    random_kinds,
+    random_scenes,
+    random_starts,
+)
 from jaxplan.goal import decompose
-from jaxplan.model.scenario import SearchSettings, TrajectorySettings
-from jaxplan.model.zones import tabulate
+from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
+from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.schema import dump_scenario, parse_scenario
 
 SEEDS = 40
@@ -31,7 +39,7 @@ PROMISES = {
 }
 # Rows of start (rotation vector, joints), keep-out and keep-in cones (direction, half-angle): see `numbers`.
 GOLDEN = Path(__file__).parents[1] / "data" / "random_scenes.json"
-NEW_KINDS = [kind for kind in RANDOM_KINDS if kind not in SKY_KINDS]
+NEW_KINDS = list(random_kinds.KINDS)
 # Of the others: keep-out and keep-in cones, joint bounds; how many are about axes of the body, about beams,
 # for vectors of the body, for vectors of terminals, moving; how many groups.
 CENSUS = {
@@ -44,8 +52,11 @@ CENSUS = {
     "moving": (4, 0, 0, 0, 0, 1, 0, 4, 0),
     "moved_goals": (3, 0, 12, 0, 0, 0, 3, 0, 3),
     "mixed": (10, 2, 4, 3, 1, 4, 1, 0, 2),
+    "terminal_masks": (0, 0, 0, 0, 0, 0, 0, 0, 0),
+    "fields": (6, 0, 0, 0, 0, 0, 0, 0, 0),
 }
 kinds = pytest.mark.parametrize("kind", RANDOM_KINDS)
+of_the_paper = pytest.mark.parametrize("kind", [*SKY_KINDS, *NEW_KINDS])
 sky_kinds = pytest.mark.parametrize("kind", SKY_KINDS)
 new_kinds = pytest.mark.parametrize("kind", NEW_KINDS)
 
@@ -86,7 +97,9 @@ def goals_of(scene, **zones):
 def numbers(scene):
     """Of the start, and of all zones what tells them apart: of a direction that moves its first samples."""
     rows = [scene.start.rotation_vector, scene.start.joints]
-    rows += [np.ravel(leaf)[:9] for leaf in jax.tree.leaves(scene.zones)]
+    zones = (scene.keep_out, scene.keep_in, scene.joint_bounds)
+    masks = [terminal.mask for terminal in scene.spacecraft.terminals]
+    rows += [np.ravel(leaf)[:9] for leaf in jax.tree.leaves((zones, masks))]
     return [round(float(number), 9) for row in rows for number in row]
 
 
@@ -117,7 +130,7 @@ def test_zones_are_those_of_the_kind(kind):
             np.testing.assert_array_equal(zone.direction, scene.goal.directions[i])
 
 
-@kinds
+@of_the_paper
 def test_the_goal_is_the_papers_and_settings_are_the_defaults(kind):
     scene = scenes(kind)[0]
     np.testing.assert_allclose(scene.goal.directions, TARGETS, atol=5e-5)
@@ -146,6 +159,56 @@ def test_scenes_have_zones_of_the_sorts_of_their_kind(kind):
         )
         assert found == CENSUS[kind]
         assert len({zone.name for zone in scene.zones}) == len(scene.zones)
+        craft = scene.spacecraft
+        assert sum(len(terminal.mask) for terminal in craft.terminals) == 3 * (kind == "terminal_masks")
+        assert len(craft.instruments) == sum(one.field_of_view is not None for one in craft.devices) // 4
+        assert [zone.of_field for zone in cones] == [kind == "fields"] * len(cones)
+
+
+def test_spacecraft_are_of_all_sorts():
+    drawn = scenes("any_spacecraft", 120)
+    crafts, zones = [scene.spacecraft for scene in drawn], [zone for scene in drawn for zone in scene.zones]
+    terminals = [one for craft in crafts for one in craft.terminals]
+    assert {len(craft.terminals) for craft in crafts} == {0, 1, 2, 3, 4}
+    assert {len(craft.drives) for craft in crafts} == {0, 1, 2}
+    assert {len(craft.instruments) for craft in crafts} == {1, 2, 3}
+    assert {one.mounting is None for one in terminals} == {one.yaw_range is None for one in terminals}
+    widths = [np.ptp(one.ranges, axis=1) for one in terminals]
+    assert max(width[0] for width in widths) > 2 * np.pi > min(width[0] for width in widths)
+    assert any(one.mask for one in terminals)
+    assert {one.rate_limit is None for one in terminals} == {True, False}
+    assert {np.ndim(craft.rate_limit) for craft in crafts} == {0, 1}
+    for limit in ("rate_norm_limit", "jerk_limit", "torque_limit"):
+        assert {getattr(craft, limit) is None for craft in crafts} == {True, False}
+    assert {getattr(zone, "outside", None) for zone in zones} == {None, "field_of_view"}
+    assert any(getattr(zone, "axis_body", None) is not None for zone in zones)
+    assert any(getattr(zone, "axis_device", None) is not None for zone in zones)
+    assert any(isinstance(zone, KeepIn) for zone in zones)
+    goals = [scene.goal for scene in drawn]
+    assert {isinstance(goal, Targets) for goal in goals} == {True, False}
+    asked = [goal for goal in goals if isinstance(goal, Targets)]
+    assert any(goal.hold for goal in asked)
+    assert any(goal.prefer for goal in asked)
+    with_targets = {name.split("-")[0] for goal in asked for name in goal.devices}
+    assert with_targets == {"terminal", "drive", "instrument"}
+
+
+def test_a_random_spacecraft_starts_clear_and_can_end_clear_where_its_goal_is_met():
+    for seed in range(40):
+        stream = np.random.SeedSequence(0, spawn_key=(RANDOM_KINDS.index("any_spacecraft"), seed))
+        drawn = any_spacecraft.begun(np.random.Generator(np.random.PCG64(stream)))
+        scene = any_spacecraft.told(drawn, f"any_spacecraft {seed}")
+        assert numbers(scene) == numbers(scenes("any_spacecraft", 120)[seed])
+        for attitude, joints in (drawn.start, drawn.end):
+            ranges, *_ = joint_limits(scene.spacecraft)
+            assert_each(joints, ">=", ranges[:, 0] + np.deg2rad(2.8))
+            assert_each(joints, "<=", ranges[:, 1] - np.deg2rad(2.8))
+            margins = state_margins(scene, attitude[None], joints[None], np.zeros(1))
+            assert_each(list(margins.values()), ">=", np.deg2rad(2))
+        if isinstance(scene.goal, Targets):
+            for name, target in zip(scene.goal.devices, scene.goal.directions, strict=True):
+                beam = in_body(scene.spacecraft, name, drawn.end[1][None])[0]
+                assert angle(drawn.end[0] @ beam, target) < 1e-12
 
 
 @pytest.mark.slow
@@ -249,7 +312,7 @@ def test_no_decision_hangs_on_rounding(kind, monkeypatch):
         distances.append(np.min(np.abs(slack - random_starts.HAIR), initial=np.inf))
         return decide(slack)
 
-    for module in (random_starts, random_scenes, random_kinds):
+    for module in (random_starts, random_scenes, random_kinds, any_spacecraft):
         monkeypatch.setattr(module, "admissible", watched)
     for seed in range(20 if kind in SKY_KINDS else 6):
         jp.random_scenario(seed, kind)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import make_scenario
-from exports import DURATION, EPOCH, Truth, differences, flown_plan, truth
+from exports import DURATION, EPOCH, LEAP_SECONDS, Truth, differences, flown_plan, load, truth
 from oblique import oblique_scenario
 from scipy.spatial.transform import Rotation
 
@@ -19,14 +19,6 @@ pytest.importorskip("erfa", reason="pyerfa is not installed")
 
 STEP = 0.05
 TIMES = STEP * np.arange(601)
-# The last entries of NAIF's leap second kernel, and its three constants.
-LEAP_SECONDS = """
-DELTET/DELTA_T_A = 32.184
-DELTET/K = 1.657D-3
-DELTET/EB = 1.671D-2
-DELTET/M = ( 6.239996D0 1.99096871D-7 )
-DELTET/DELTA_AT = ( 35, @2012-JUL-1, 36, @2015-JUL-1, 37, @2017-JAN-1 )
-"""
 
 
 @pytest.fixture(autouse=True)
@@ -51,14 +43,6 @@ def kernels(plan, tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def expected(plan) -> Truth:
     return truth(plan, TIMES)
-
-
-def load(folder: Path) -> float:
-    """Load an export and a leap second kernel; SPICE's own time of the epoch."""
-    for file in sorted(folder.iterdir()):
-        spice.furnsh(str(file))
-    spice.lmpool(LEAP_SECONDS.split("\n")[1:-1])
-    return spice.str2et(EPOCH)
 
 
 def turns(base: str, frame: str, moments: np.ndarray) -> np.ndarray:

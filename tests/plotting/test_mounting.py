@@ -5,9 +5,10 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from builders import make_observer, make_plan, make_spacecraft, oblique_craft
+from builders import make_observer, make_plan, make_spacecraft
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from oblique import oblique_craft
 from reference import angle, assert_each, unit
 from scipy.spatial.transform import Rotation
 

@@ -8,10 +8,11 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
-from builders import make_observer, make_plan, make_scenario, oblique_craft
+from builders import make_observer, make_plan, make_scenario
 from drawn import filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from oblique import oblique_craft
 from PIL import Image
 from reference import angle, assert_each, direction, unit
 from scipy.spatial.transform import Rotation

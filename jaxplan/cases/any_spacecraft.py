@@ -1,0 +1,429 @@
+"""Random scenes of random spacecraft: devices of any mounting, with all that can be asked of them.
+
+What is drawn first is the `Build`: how many devices there are and what is limited, of a few that are given,
+since kernels are compiled for each. Then come mountings, ranges and limits; a start and an end, which are
+states at rest; masks, cones and fields of view that are clear of both by `CLEARANCE`; and the goal, which is
+what devices see at the end, so that all targets can be met together. Devices without a target are held or
+free, and some of these have wishes. Now and then the end itself is the goal.
+
+A zone is drawn anew until it is clear, `DRAWS` times, and then left out. What is drawn late does not change
+what was drawn before. Attitudes are body to inertial, angles in radians unless a name or text says deg.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.cases.random_kinds import CLEARANCE, DRAWS, random_angle, random_direction, sorts
+from jaxplan.cases.random_starts import admissible, at_rest
+from jaxplan.geometry.vectors import cross, unit
+from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.model.scenario import Scenario, SearchSettings, Targets, Wish
+from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zone, tabulate
+
+INSIDE = math.radians(3.0)
+"""rad, how far start and end stay inside the ranges of joints."""
+_LEAST_ROOM = math.radians(8.0)  # of a pitch beside a mask
+_FARTHEST = math.radians(290.0)  # yaw about which a mask lies
+_APART = math.cos(math.radians(35.0))  # of a drive's boresight from its axis, at least, and from the opposite
+
+
+@dataclass(frozen=True, kw_only=True)
+class Build:
+    """How many devices a spacecraft has, and what of its platform is limited.
+
+    Attributes:
+        terminals: number of them.
+        drives: number.
+        instruments: number.
+        fields: instruments, the first ones, that have a rectangular field of view.
+        seen: whether the first terminal has one, too.
+        lengths: whether lengths of angular velocity and acceleration are limited.
+        torque: whether torque is.
+        jerk: whether jerk is.
+    """
+
+    terminals: int
+    drives: int
+    instruments: int
+    fields: int = 0
+    seen: bool = False
+    lengths: bool = False
+    torque: bool = False
+    jerk: bool = False
+
+
+BUILDS = (
+    Build(terminals=0, drives=0, instruments=1, lengths=True),
+    Build(terminals=0, drives=1, instruments=2, fields=1),
+    Build(terminals=0, drives=2, instruments=3, torque=True),
+    Build(terminals=1, drives=0, instruments=2, fields=2),
+    Build(terminals=1, drives=1, instruments=1),
+    Build(terminals=1, drives=2, instruments=2, fields=1, lengths=True),
+    Build(terminals=2, drives=0, instruments=3, lengths=True),
+    Build(terminals=2, drives=1, instruments=2, fields=1, torque=True),
+    Build(terminals=3, drives=0, instruments=1, seen=True),
+    Build(terminals=3, drives=2, instruments=1),
+    Build(terminals=4, drives=0, instruments=1, jerk=True),
+    Build(terminals=4, drives=1, instruments=2, fields=1),
+)
+"""Each as likely as another."""
+
+State = tuple[np.ndarray, np.ndarray]
+"""An attitude (3, 3) and joints (J,)."""
+
+
+@dataclass(kw_only=True)
+class Drawn:
+    """A scene while it is drawn.
+
+    Attributes:
+        rng: source of the draws.
+        craft: the spacecraft, in the end with its masks.
+        start: where the manoeuvre begins.
+        end: where it may end: at a state that meets the goal and all constraints.
+        held: names of devices that keep their joints.
+        zones: those that were found clear.
+    """
+
+    rng: np.random.Generator
+    craft: Spacecraft
+    start: State
+    end: State
+    held: tuple[str, ...] = ()
+    zones: list[Zone] = field(default_factory=list)
+
+    def likely(self, share: float) -> bool:
+        """True in a share of all draws."""
+        return bool(self.rng.uniform() < share)
+
+    def some(self, names: tuple[str, ...], least: int = 1) -> tuple[str, ...]:
+        """Some of the names, at least so many, in their order."""
+        count = int(self.rng.integers(least, len(names) + 1))
+        return tuple(names[i] for i in sorted(self.rng.permutation(len(names))[:count].tolist()))
+
+    def is_clear(self, *zones: Zone, craft: Spacecraft | None = None) -> bool:
+        """Whether start and end are clear of zones, and of the masks of a spacecraft."""
+        craft = self.craft if craft is None else craft
+        rows = tabulate(**sorts(zones), spacecraft=craft)
+        attitudes, joints = (np.stack(part) for part in zip(self.start, self.end, strict=True))
+        sights = rows.sights(craft.gimbals, craft.fixed_boresights)
+        margins = constraint_margins(rows, state_margins(rows, sights, attitudes, joints))
+        return bool(np.all(admissible(margins - CLEARANCE)))
+
+
+def draw(rng: np.random.Generator, name: str) -> Scenario:
+    """The scenario of a stream of draws."""
+    return told(begun(rng), name)
+
+
+def begun(rng: np.random.Generator) -> Drawn:
+    """Spacecraft, start and end of a scene, with all that must be kept clear of."""
+    craft = _spacecraft(rng, BUILDS[int(rng.integers(len(BUILDS)))])
+    low, high = craft.joint_ranges.T
+    start, end = rng.uniform(low + INSIDE, high - INSIDE, (2, craft.joint_count))
+    attitude = np.asarray(so3.exp(random_angle(rng, 0, 180) * random_direction(rng)))
+    turned = attitude @ np.asarray(so3.exp(random_angle(rng, 15, 110) * random_direction(rng)))
+    names = craft.device_names[: craft.gimbals.count]
+    held = tuple(one for one in names if rng.uniform() < 0.15)
+    for number, one in enumerate(names):
+        if one in held:
+            own = [craft.gimbals.yaws[number], *craft.gimbals.pitches[number : number + 1]]
+            end[own] = start[own]
+    scene = Drawn(rng=rng, craft=craft, start=(attitude, start), end=(turned, end), held=held)
+    _add_masks(scene)
+    for recipe in (_sky, _sun, _structure, _beam, _light, _field, _trackers, _carried):
+        for _ in range(DRAWS):
+            zones = recipe(scene)
+            if scene.is_clear(*zones):
+                scene.zones += zones
+                break
+    return scene
+
+
+def told(scene: Drawn, name: str) -> Scenario:
+    """The scenario that is made of a scene."""
+    return Scenario(
+        name=name,
+        spacecraft=scene.craft,
+        start=at_rest(*scene.start),
+        goal=at_rest(*scene.end) if scene.likely(0.15) else _targets(scene),
+        **sorts(scene.zones),
+        search=SearchSettings(attitude_step=0.1, joint_step=0.1),
+    )
+
+
+# Devices.
+
+
+def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
+    def per_axis(least: float, most: float) -> Any:
+        """A limit, rad, of all axes or of each."""
+        own = np.array([random_angle(rng, least, most) for _ in range(3)])
+        return own if rng.uniform() < 0.5 else float(own[0])
+
+    rate, acceleration = per_axis(0.8, 4.0), per_axis(0.2, 2.0)
+    more: dict[str, Any] = {}
+    if build.lengths:
+        more["rate_norm_limit"] = random_angle(rng, 1.0, 4.0)
+        more["acceleration_norm_limit"] = random_angle(rng, 0.3, 2.0)
+    if build.torque:
+        more |= {"inertia": np.diag(rng.uniform(60, 110, 3)), "torque_limit": rng.uniform(0.5, 3, 3)}
+    if build.jerk:
+        more["jerk_limit"] = per_axis(0.2, 1.0)
+    return Spacecraft(
+        rate_limit=rate,
+        acceleration_limit=acceleration,
+        terminals=tuple(_terminal(rng, number, build) for number in range(build.terminals)),
+        drives=tuple(_drive(rng, number) for number in range(build.drives)),
+        instruments=tuple(_instrument(rng, number, build) for number in range(build.instruments)),
+        **more,
+    )
+
+
+def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
+    given: dict[str, Any] = {}
+    if rng.uniform() < 0.4:
+        given["mount"] = random_angle(rng, -180, 180)
+    else:
+        axis = random_direction(rng)
+        given["mounting"] = Mount(yaw_axis=axis, boresight=_across(rng, axis))
+    sort = rng.uniform()
+    if sort < 0.35:
+        given["yaw_limit"] = random_angle(rng, 60, 180)
+    elif sort < 0.7:
+        given["yaw_range"] = _range(rng, (-200, -40), (40, 200))
+    else:
+        given["yaw_range"] = _range(rng, (-330, -190), (190, 330))
+    sort = rng.uniform()
+    if sort < 0.35:
+        given["pitch_limit"] = random_angle(rng, 20, 85)
+    elif sort < 0.7:
+        given["pitch_range"] = _range(rng, (-30, 0), (45, 90))
+    else:
+        given["pitch_range"] = _range(rng, (-90, -45), (0, 30))
+    if rng.uniform() < 0.5:
+        given |= {"rate_limit": random_angle(rng, 1, 6), "acceleration_limit": random_angle(rng, 0.5, 4)}
+    else:
+        given |= {f"{joint}_rate_limit": random_angle(rng, 1, 6) for joint in ("yaw", "pitch")}
+        given |= {f"{joint}_acceleration_limit": random_angle(rng, 0.5, 4) for joint in ("yaw", "pitch")}
+    if build.seen and number == 0:
+        given["field_of_view"] = np.array([random_angle(rng, 4, 30), random_angle(rng, 4, 30)])
+    return Terminal(name=f"terminal-{number + 1}", **given)
+
+
+def _drive(rng: np.random.Generator, number: int) -> Drive:
+    axis = boresight = random_direction(rng)
+    while not admissible(_APART - abs(axis @ boresight)):
+        boresight = random_direction(rng)
+    wide = rng.uniform() < 0.3
+    return Drive(
+        name=f"drive-{number + 1}",
+        axis=axis,
+        boresight=boresight,
+        range=_range(rng, (-360, -190), (190, 360)) if wide else _range(rng, (-180, -30), (30, 180)),
+        rate_limit=random_angle(rng, 0.5, 5),
+        acceleration_limit=random_angle(rng, 0.2, 3),
+    )
+
+
+def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrument:
+    boresight, given = random_direction(rng), dict[str, Any]()
+    if number < build.fields:
+        given["field_of_view"] = np.array([random_angle(rng, 4, 40), random_angle(rng, 4, 40)])
+        given["up"] = _across(rng, boresight)
+    return Instrument(name=f"instrument-{number + 1}", boresight=boresight, **given)
+
+
+def _range(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
+    """(2,) rad, least and largest angle, each drawn between two in deg."""
+    return np.array([random_angle(rng, *low), random_angle(rng, *high)])
+
+
+def _across(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
+    """A random unit vector (3,) at right angles to one."""
+    return np.stack(unit(np.stack(cross(axis, random_direction(rng)))))
+
+
+def _add_masks(scene: Drawn) -> None:
+    """Give most terminals a mask that reaches into the range of the pitch from one side."""
+    for number, terminal in enumerate(scene.craft.terminals):
+        if scene.likely(0.4):
+            continue
+        for _ in range(DRAWS):
+            corners = _corners(scene, terminal)
+            masked = replace(terminal, mask=(corners,))
+            terminals = (*scene.craft.terminals[:number], masked, *scene.craft.terminals[number + 1 :])
+            craft = replace(scene.craft, terminals=terminals)
+            if scene.is_clear(craft=craft):
+                scene.craft = craft
+                break
+
+
+def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
+    """(3 or 4, 2) corners of a convex polygon of yaw and pitch about a place at an end of the pitch."""
+    rng, (yaw, (low, high)) = scene.rng, terminal.ranges
+    centre = np.array([rng.uniform(*np.clip(yaw, -_FARTHEST, _FARTHEST)), high if scene.likely(0.5) else low])
+    deepest = min(math.radians(30), high - low - _LEAST_ROOM)
+    size, count = (
+        np.array([random_angle(rng, 12, 60), deepest * rng.uniform(0.4, 1.0)]),
+        int(rng.integers(3, 5)),
+    )
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform()) / count
+    corners = np.degrees(centre + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+    return np.array([[math.radians(round(float(part), 6)) for part in corner] for corner in corners])
+
+
+# Zones.
+
+
+def _sky(scene: Drawn) -> list[Zone]:
+    """Cones that all devices keep out of."""
+    rng, names = scene.rng, scene.craft.device_names
+    return [
+        KeepOut(
+            name=f"sky-{number + 1}",
+            direction=random_direction(rng),
+            half_angle=random_angle(rng, 6, 18),
+            devices=() if scene.likely(0.5) else scene.some(names),
+        )
+        for number in range(int(rng.integers(0, 3)))
+    ]
+
+
+def _sun(scene: Drawn) -> list[Zone]:
+    """A wide cone that instruments keep out of."""
+    names = tuple(one.name for one in scene.craft.instruments)
+    half_angle = random_angle(scene.rng, 15, 40)
+    return [
+        KeepOut(
+            name="sun",
+            direction=random_direction(scene.rng),
+            half_angle=half_angle,
+            devices=scene.some(names),
+        )
+    ]
+
+
+def _moving(scene: Drawn) -> tuple[str, ...]:
+    """Names of the devices with joints."""
+    return scene.craft.device_names[: scene.craft.gimbals.count]
+
+
+def _structure(scene: Drawn) -> list[Zone]:
+    """A cone about an axis of the body, for a device with joints."""
+    if not _moving(scene) or scene.likely(0.3):
+        return []
+    return [
+        KeepOut(
+            name="structure",
+            axis_body=random_direction(scene.rng),
+            half_angle=random_angle(scene.rng, 8, 25),
+            devices=scene.some(_moving(scene))[:1],
+        )
+    ]
+
+
+def _beam(scene: Drawn) -> list[Zone]:
+    """A cone about the boresight of a device, for another one; one of both has joints."""
+    moving = _moving(scene)
+    if not moving or len(scene.craft.device_names) < 2 or scene.likely(0.3):
+        return []
+    one = scene.some(moving)[0]
+    others = tuple(name for name in scene.craft.device_names if name != one)
+    other = others[int(scene.rng.integers(len(others)))]
+    axis, bound = (one, other) if scene.likely(0.5) else (other, one)
+    return [
+        KeepOut(name="beam", axis_device=axis, half_angle=random_angle(scene.rng, 2, 25), devices=(bound,))
+    ]
+
+
+def _light(scene: Drawn) -> list[Zone]:
+    """A wide cone that an axis of the body, or a device, stays in."""
+    if scene.likely(0.4):
+        return []
+    rng = scene.rng
+    bound: dict[str, Any] = (
+        {"vectors": (FixedVector(along=random_direction(rng)),)}
+        if scene.likely(0.5)
+        else {"devices": scene.some(scene.craft.device_names)[:1]}
+    )
+    return [
+        KeepIn(name="light", direction=random_direction(rng), half_angle=random_angle(rng, 70, 110), **bound)
+    ]
+
+
+def _field(scene: Drawn) -> list[Zone]:
+    """A direction that stays away from fields of view; there is one wherever there are fields."""
+    craft, rng = scene.craft, scene.rng
+    names = tuple(one.name for one in craft.devices if one.field_of_view is not None)
+    if not names:
+        return []
+    return [
+        KeepOut(
+            name="beside the field",
+            direction=random_direction(rng),
+            half_angle=random_angle(rng, 1, 20),
+            devices=names,
+            outside=FIELD_OF_VIEW,
+        )
+    ]
+
+
+def _trackers(scene: Drawn) -> list[Zone]:
+    """Two instruments of which one keeps out of a wide cone."""
+    names = tuple(one.name for one in scene.craft.instruments)[-2:]
+    if len(names) < 2 or scene.likely(0.5):
+        return []
+    rng, toward = scene.rng, random_direction(scene.rng)
+    return [
+        KeepOut(
+            name=f"sun for {name}",
+            direction=toward,
+            half_angle=random_angle(rng, 30, 70),
+            devices=(name,),
+            any_of="one sees stars",
+        )
+        for name in names
+    ]
+
+
+def _carried(scene: Drawn) -> list[Zone]:
+    """A vector of a device's moving part that keeps out of a cone."""
+    if not _moving(scene) or scene.likely(0.6):
+        return []
+    vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_moving(scene))[0])
+    toward, half_angle = random_direction(scene.rng), random_angle(scene.rng, 8, 25)
+    return [KeepOut(name="shade", direction=toward, half_angle=half_angle, vectors=(vector,))]
+
+
+# The goal.
+
+
+def _targets(scene: Drawn) -> Targets:
+    """What some devices see at the end, and what others shall do: at least one has a target.
+
+    At most one instrument and one drive have, with all terminals: more than three equations are seldom meant.
+    """
+    rng, craft = scene.rng, scene.craft
+    seen = dict(zip(craft.device_names, craft.boresights(scene.end[0], scene.end[1]), strict=True))
+    free = [name for name in craft.device_names if name not in scene.held]
+    chosen = [one.name for one in craft.terminals if one.name in free and not scene.likely(0.25)]
+    for devices, share in ((craft.drives, 0.35), (craft.instruments, 0.6 if chosen else 1.0)):
+        names = [one.name for one in devices if one.name in free]
+        if names and scene.likely(share):
+            chosen.append(names[int(rng.integers(len(names)))])
+    left = [name for name in free if name not in chosen]
+    wishes = tuple(Wish(device=name, direction=random_direction(rng)) for name in left if rng.uniform() < 0.3)
+    targets = {name: seen[name] for name in craft.device_names if name in chosen}
+    return Targets.of(
+        targets,
+        hold=scene.held,
+        prefer=wishes[:2],
+        angular_velocity=np.zeros(3),
+        joint_rates=np.zeros(craft.joint_count),
+    )

@@ -1,0 +1,166 @@
+"""Proof that no path exists: constraints that part the joints of a device at start and goal.
+
+Some constraints are a matter of one device's own joints, wherever the platform and the others are: masks, and
+cones about what is fixed to the body. They forbid a part of the rectangle of its yaw and pitch, or of the
+range of its angle, and where what is left has start and goal in different pieces no motion exists.
+
+The ranges are cut into cells. A motion of joints ``(dy, dp)`` turns nothing by more than ``hypot(dy, dp)``,
+so a margin changes by no more, and a cell whose centre is deeper inside than half a diagonal has no free
+point. Of a row of joints with weights ``f`` that is the sum of ``|f|`` times half the edges. A path visits
+cells that touch, none of which is such a one: where no chain of the others leads from the cell of the start
+to that of the goal, that is a proof. What is thinner than a cell proves nothing.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxplan.model.constraints import (
+    BODY,
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    constraint_margins,
+    state_margins,
+)
+from jaxplan.runtime.display import shown
+from jaxplan.search.scene import Scene
+
+CELLS = (1440, (240, 120))
+"""Number of cells of a drive's range, and of those of yaw and pitch."""
+TOLERANCE = 4e-9
+"""rad by which a cell without free points is deeper than it must be: more than a certificate lets pass."""
+
+
+@shown("device", "zones")
+@dataclass(frozen=True, kw_only=True)
+class JointBarrier:
+    """Constraints that part the joints of a device at start and goal.
+
+    Attributes:
+        device: its number.
+        zones: numbers of the scenario's zones, ascending; where one is enough, that alone.
+    """
+
+    device: int
+    zones: tuple[int, ...]
+
+
+def find_joint_barrier(scene: Scene) -> JointBarrier | None:
+    """Look for a device whose joints no motion brings from where they start to where they end.
+
+    Args:
+        scene: a search problem.
+
+    Returns:
+        The first such device. None where every device by itself could pass, as far as the cells can tell.
+    """
+    for device in range(scene.gimbals.count):
+        tables = [_own(rows, scene, device) for rows in scene.tables]
+        if not any(np.any(rows.bound) for rows in tables):
+            continue
+        joints = _joints_of(scene, device)
+        way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], 201)
+        if all(np.all(depth <= 0) for _, depth in _depths(tables, scene, joints, way)):
+            continue
+        grid = _Grid.of(scene.joint_ranges[joints])
+        cells = _depths(tables, scene, joints, grid.centres, grid.sizes / 2)
+        closed = [(zones, depth > TOLERANCE) for zones, depth in cells]
+        ends = scene.start_joints[joints], scene.goal_joints[joints]
+        if grid.parts(np.any([cells for _, cells in closed], axis=0), *ends):
+            alone = [zones for zones, cells in closed if grid.parts(cells, *ends)]
+            found = alone[0] if alone else {zone for zones, _ in closed for zone in zones}
+            return JointBarrier(device=device, zones=tuple(sorted(found)))
+    return None
+
+
+def _joints_of(scene: Scene, device: int) -> np.ndarray:
+    """Numbers of a gimbal's one or two joints."""
+    return np.array([scene.gimbals.yaws[device], *scene.gimbals.pitches[device : device + 1]])
+
+
+def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:
+    """The rows with nothing bound by them but what the joints of a device alone decide on.
+
+    Of a constraint of one entry each sight must hold by itself; one of several counts if all of it is so.
+    """
+    carriers = np.asarray(scene.sights.carriers)
+    own, still = carriers == device, carriers < 0
+    partner = np.where(rows.frame == SIGHT, rows.partner, 0)
+    by_body = own & ((rows.frame == BODY) | (rows.frame == JOINTS) | still[partner])[:, None]
+    by_device = still & ((rows.frame == SIGHT) & own[partner])[:, None]
+    decided = rows.bound & (by_body | by_device) & (rows.frame != INERTIAL)[:, None]
+    open_groups = rows.group[np.any(rows.bound & ~decided, axis=1) & ~rows.single]
+    return replace(rows, bound=decided & ~np.isin(rows.group, open_groups)[:, None])
+
+
+def _depths(
+    tables: list[Constraints],
+    scene: Scene,
+    joints: np.ndarray,
+    places: np.ndarray,
+    around: np.ndarray | float = 0.0,
+) -> Iterator[tuple[set[int], np.ndarray]]:
+    """For each constraint its zones, and how deep it is broken at least around places of some joints.
+
+    Args:
+        tables: of the constraints.
+        scene: that they are of.
+        joints: (o,) numbers of the joints.
+        places: (k, o) rad.
+        around: (o,) rad, how far from them to either side.
+
+    Yields:
+        Numbers of zones, and (k,) rad.
+    """
+    states = np.repeat(scene.start_joints[None], len(places), axis=0)
+    states[:, joints] = places
+    attitudes, sizes = np.broadcast_to(np.eye(3), (len(places), 3, 3)), np.broadcast_to(around, len(joints))
+    for rows in tables:
+        used = np.any(rows.bound, axis=1)
+        if not np.any(used):
+            continue
+        linear = np.abs(rows.axis[:, : len(sizes)]) @ sizes
+        reach = np.where(rows.frame == JOINTS, linear, np.linalg.norm(sizes))
+        pairs = state_margins(rows, scene.sights, attitudes, states) + reach[:, None]
+        margins = constraint_margins(rows, pairs)
+        for group in np.unique(rows.group[used]):
+            yield set(rows.zone[used & (rows.group == group)].tolist()), -margins[:, group]
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cells of the ranges (o, 2) of one or two joints."""
+
+    ranges: np.ndarray
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, ranges: np.ndarray) -> "_Grid":
+        return cls(ranges, (CELLS[0],) if len(ranges) == 1 else CELLS[1])
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """(o,) rad, edges of a cell."""
+        return np.asarray(np.ptp(self.ranges, axis=1) / self.counts)
+
+    @property
+    def centres(self) -> np.ndarray:
+        """(cells, o) rad."""
+        axes = [
+            low + size * (np.arange(count) + 0.5)
+            for (low, _), size, count in zip(self.ranges, self.sizes, self.counts, strict=True)
+        ]
+        return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
+
+    def parts(self, closed: np.ndarray, start: np.ndarray, goal: np.ndarray) -> bool:
+        """Whether closed cells (cells,) part those of two places (o,), both of which are open."""
+        from scipy.ndimage import label  # slow to import, and seldom needed
+
+        pieces, _ = label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))
+        places = (np.stack([start, goal]) - self.ranges[:, 0]) // self.sizes
+        cells = np.clip(places, 0, np.array(self.counts) - 1).astype(int)
+        one, other = pieces[tuple(cells.T)]
+        return bool(one and other and one != other)

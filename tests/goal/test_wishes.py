@@ -1,0 +1,24 @@
+"""Wishes that can be met to the full, among random spacecraft that once were left without a goal by them."""
+
+import numpy as np
+import pytest
+from reference import angle, assert_each, in_body, state_margins
+
+import jaxplan as jp
+from jaxplan.goal import decompose
+
+
+@pytest.mark.parametrize("seed", [38, 41, 48])
+def test_an_instrument_whose_wish_can_be_met_points_there(seed):
+    scenario = jp.random_scenario(seed, "any_spacecraft")
+    craft, start = scenario.spacecraft, scenario.start
+    found = decompose(craft, start.attitude, scenario.goal, scenario.constraints, start_joints=start.joints)
+    assert found.goals
+    for goal in found.goals:
+        (wish,) = scenario.goal.prefer
+        beam = goal.attitude @ in_body(craft, wish.device, goal.joints[None])[0]
+        assert angle(beam, wish.direction) <= 1e-6
+        for name, target in zip(scenario.goal.devices, scenario.goal.directions, strict=True):
+            assert angle(goal.attitude @ in_body(craft, name, goal.joints[None])[0], target) <= 1e-8
+        margins = state_margins(scenario, goal.attitude[None], goal.joints[None], np.zeros(1))
+        assert_each(list(margins.values()), ">=", -1e-9)
