@@ -82,8 +82,6 @@ def check_terminal(terminal: Any, place: Place) -> None:
                 place[f"{axis}_{key}"].path.removeprefix(f"{place.path}.") for axis in ("yaw", "pitch")
             )
             place[key].fault(f"missing (or {names}), must be a number")
-        elif both is not None and all(limit is not None for limit in own):
-            place[key].fault("has no joint to be of, since both have their own", shown(both, place))
     pitch = terminal.pitch_range
     steepest = np.pi / 2 - NEAREST_TO_POLE
     if isinstance(pitch, np.ndarray) and not max(pitch[0], -steepest) < min(pitch[1], steepest):

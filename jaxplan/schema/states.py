@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model.scenario import GivenState, Targets, Wish
+from jaxplan.runtime.display import shown
 from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
 from jaxplan.schema.checks import check_targets
 from jaxplan.schema.declared import ANGLE, ANGLE_DEG, KINDS, declared
@@ -32,23 +33,20 @@ def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
             place["joints_deg"].fault("stands in the place of the arrays of angles, give either")
         joints = _joints_by_name(by_name, reading)
     else:
-        for of, own in found.items():
-            count = reading.sizes.get("drive" if of == "drives" else "terminal")
-            if own is None and count:
-                key = {"yaws": "yaw_rad", "pitches": "pitch_rad", "drives": "drive_rad"}[of]
+        terminals, drives = (reading.sizes.get(noun) for noun in ("terminal", "drive"))
+        for of, key in (("yaws", "yaw_rad"), ("pitches", "pitch_rad")):
+            if found[of] is None and terminals:
                 alternatives = f"{key.replace('rad', 'deg')}, joints_deg"
-                wrong = place[key].fault(f"missing (or {alternatives}), must be {_counted(key, count)}")
-                given.append(wrong)
+                given.append(place[key].fault(f"missing (or {alternatives}), must be {_counted(terminals)}"))
+        if found["drives"] is None and drives:
+            given.append(WRONG if reading.ranges is None else np.clip(0.0, *reading.ranges[-drives:].T))
         joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
     turned = parts.pop("quaternion", None)
     return GivenState(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
 
 
-def _counted(key: str, count: int) -> str:
-    what = "drive" if key.startswith("drive") else "terminal"
-    return (
-        f"an array of {count} numbers, one a {what}" if count > 1 else f"an array of 1 number, one a {what}"
-    )
+def _counted(count: int) -> str:
+    return f"an array of {count} number{'s' * (count > 1)}, one a terminal"
 
 
 def _joints_by_name(by_name: Any, reading: Reading) -> Any:
@@ -117,7 +115,9 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
 
 def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
     """The two keys of a joint's angles."""
-    meaning = "angle of each drive" if axis == "drive" else f"angle of each terminal's {axis} joint"
+    meaning = f"angle of each terminal's {axis} joint"
+    if axis == "drive":
+        meaning = "angle of each drive; if absent zero, or the nearest in range"
     each = each_drive if axis == "drive" else each_terminal
     radians = Field(f"{axis}_rad", each(ANGLE), attribute, meaning, held="joints")
     degrees = Field(f"{axis}_deg", each(ANGLE_DEG), f"{attribute}_deg", meaning, held="joints")
@@ -154,6 +154,7 @@ _STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
 WISH = declared(Wish)
 
 
+@shown("devices", "directions", "prefer", "joints deg")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pointing(Targets):
     """A start that is given by what devices point at, until the state is found.

@@ -206,7 +206,7 @@ def test_the_command_line_draws_instruments_and_groups(relay_plans, tmp_path, mo
     assert main(["plan", str(tmp_path / "scene.toml"), "-o", str(tmp_path)]) == 0
     assert f"{np.rad2deg(relay_plans['mha'].certificate.min_margin):.3f} deg" in capsys.readouterr().out
     pictures = {file.stem for file in tmp_path.glob("*.png")}
-    assert pictures == {"overview", "sphere", "rates", "accelerations", "margins"}
+    assert pictures == {"overview", "spacecraft", "sphere", "rates", "accelerations", "margins"}
     axes = jp.plot.sphere(relay_plans["mha"])
     assert [text.get_text() for text in axes.texts] == [
         "Sun",

@@ -32,7 +32,8 @@ from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
-from jaxplan.search import Barrier
+from jaxplan.schema.states import Pointing
+from jaxplan.search import Barrier, JointBarrier
 from jaxplan.study.run import run_task
 from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
@@ -233,6 +234,8 @@ def results(plan, failed, scenario):
         *(replace(plan.goal, time=40.0, **still), trajectory.sample(1.0)),
         *(trajectory.sample(np.linspace(0, trajectory.duration, 1000)), jp.hold(plan)),
         *(fit(plan.scenario, path, plan.goal), scene, scene.cones, Barrier(device=1, zones=(0, 2))),
+        JointBarrier(device=0, zones=(1,)),
+        Pointing(directions=np.eye(3)),
         FitQuery(path=path, spacecraft=craft, settings=plan.scenario.trajectory),
         *(state, ProvedMargin(zones=("a", "b"), bound=0.1, time=2.0, zone="a", device="terminal-1")),
         Claim(

@@ -149,7 +149,6 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
             None,
             "missing (or yaw_acceleration_limit_deg_s2 and pitch_acceleration_limit_deg_s2)",
         ),
-        (TERMINAL + "rate_limit_deg_s", 3.0, "has no joint to be of, since both have their own"),
         (DRIVE + "boresight", [0, 1, 0], "boresight = [0.0, 1.0, 0.0]: must be at least 1 deg off the axis"),
         (
             DRIVE + "boresight",
@@ -186,7 +185,6 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
             [1, 2, 3],
             "start.joints_deg = [1, 2, 3]: must be a table from names of devices",
         ),
-        ("start.joints_deg", None, "start.drive_rad: missing (or drive_deg, joints_deg)"),
         ("start.yaw_deg", [1], "start.joints_deg: stands in the place of the arrays of angles, give either"),
         ("goal.targets", {"telescop": [1, 0, 0]}, "goal.targets.telescop: no such device, perhaps telescope"),
         (

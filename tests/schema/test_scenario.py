@@ -302,10 +302,18 @@ def test_the_example_file_uses_every_key():
         return {entry.key for entry in table.fields} - set(left_out)
 
     assert keys(SCENARIO, "sky") == set(used)  # which is resolved when it is read, as a zone's body is
-    assert keys(SPACECRAFT) == set(used["spacecraft"])
-    assert keys(TERMINAL) == set(used["spacecraft"]["terminal"][0])
-    assert keys(STATE, "quaternion_wxyz", "yaw_deg", "pitch_deg") == set(used["start"])
-    assert keys(TARGETS) == set(used["goal"])
+    # drives, mounts, ranges and goals by name are in the files of test_device_files
+    assert keys(SPACECRAFT, "drive") == set(used["spacecraft"])
+    mounted = ("mount", "yaw_range_deg", "pitch_range_deg")
+    own = [
+        f"{axis}_{of}"
+        for axis in ("yaw", "pitch")
+        for of in ("rate_limit_deg_s", "acceleration_limit_deg_s2")
+    ]
+    assert keys(TERMINAL, *mounted, *own) == set(used["spacecraft"]["terminal"][0])
+    angles = ("yaw_deg", "pitch_deg", "drive_rad", "drive_deg", "joints_deg")
+    assert keys(STATE, "quaternion_wxyz", *angles) == set(used["start"])
+    assert keys(TARGETS, "prefer", "hold", "tolerance_deg") == set(used["goal"])
     others = ("satellite", "direction_samples", "times_s", "axis_body", "axis_device")
     assert keys(KEEP_OUT, "body", "exclusion_deg", "moving", *others, "outside") == set(used["keep_out"][0])
     assert keys(KEEP_IN, *others, "inside") == set(used["keep_in"][0])

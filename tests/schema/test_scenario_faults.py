@@ -157,7 +157,7 @@ def test_of_a_zone_with_two_axes_only_that_is_told():
         "schema_version: missing, must be 1",
         "name: missing, must be a line of text",
         "spacecraft: missing, must be a table",
-        "start: missing, must be a table",
+        "start: missing, must be a table with attitude and joints, or with targets",
         "goal: missing, must be a table with targets, or with attitude, yaw_rad and pitch_rad",
         "spacecraft.rate_limit_deg_s: missing, must be a number in [1e-6, 1e6], or 3, one a body axis",
         "spacecraft.terminal[1].pitch_limit_deg: missing (or pitch_range_deg), must be a number in (0, 90)",
