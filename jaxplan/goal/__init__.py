@@ -114,9 +114,11 @@ def decompose(
     if targets.clearance:
         problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
     with jax.enable_x64(True):
-        problem = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
+        problem, met = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
         caps = assemble(problem)
         solutions = multistart.minima(caps, max(max_goals, CANDIDATES) if caps.open else max_goals, seed)
+        if not len(solutions):
+            solutions = met
         best = solutions if len(solutions) else _least_broken(problem, seed)
     attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)

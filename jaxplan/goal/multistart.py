@@ -173,7 +173,9 @@ def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
     return kept
 
 
-def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -> tuple[np.ndarray, float]:
+def least_widening(
+    widened: Callable[[float], Caps], enough: float, seed: int, near: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
     """The attitude that breaks a problem's constraints least.
 
     The least widening with which the problem has a solution is found by bisection. Every trial starts from
@@ -183,12 +185,15 @@ def least_widening(widened: Callable[[float], Caps], enough: float, seed: int) -
         widened: the caps when the constraints are made easier by so many radians.
         enough: rad; a widening with which there is a solution.
         seed: of the covering.
+        near: (4,) unit quaternion to start from besides; None for no more.
 
     Returns:
         (4,) unit quaternion of ``E``, and a widening with which it is a solution, rad.
     """
     least_deep = np.argsort(depths(widened(0), seed), kind="stable")
     starts = covering_points(seed)[least_deep[:LANES]]
+    if near is not None:
+        starts[0] = near
     narrow, wide = 0.0, enough
     while wide - narrow > PRECISION:
         trial = (narrow + wide) / 2

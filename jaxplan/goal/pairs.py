@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.goal.aims import Known
 from jaxplan.model.constraints import (
     BODY,
@@ -27,6 +27,8 @@ from jaxplan.model.constraints import (
     room,
 )
 from jaxplan.model.directions import Sights
+
+_SOMEWHERE = np.array([0.0, 0.0, 1.0])
 
 
 class Pairs(NamedTuple):
@@ -71,7 +73,12 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
     both_outside = inertial[:, None] & known.inertial
     both_inside = in_body[:, None] & known.in_body
     settled = rows.bound & (both_outside | both_inside)
-    margin = xp.where(both_outside, pair_margins(rows, toward, outside), pair_margins(rows, along, inside))
+    # an angle to a vector of length zero, which stands for one that is not known, has no derivative
+    margins = [
+        pair_margins(rows, *(xp.where(_is_known(part), part, _SOMEWHERE) for part in both))
+        for both in ((toward, outside), (along, inside))
+    ]
+    margin = xp.where(both_outside, *margins)
     by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
     of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
     pairs = Pairs(
@@ -83,6 +90,12 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
         half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
     )
     return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
+
+
+def _is_known(vectors: AnyArray) -> AnyArray:
+    """(..., 1) bool, which vectors (..., 3) are not zero."""
+    known: AnyArray = array_module(vectors).any(vectors != 0, axis=-1, keepdims=True)
+    return known
 
 
 def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:

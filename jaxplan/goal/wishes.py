@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxplan.goal import multistart
 from jaxplan.goal.caps import Caps, assemble
+from jaxplan.goal.descent import CLEAR, descend
 from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
@@ -21,34 +22,43 @@ _NEARER = 6e-7  # rad; what is not nearer by this is not looked for
 _LOOKS = 6  # of the whole covering, for each wish
 
 
-def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> GoalProblem:
+def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> tuple[GoalProblem, np.ndarray]:
     """The problem with its wishes as near as can be, one after the other.
 
     Args:
         problem: what is asked; one without solution is handed back as it is.
         wishes: in the order of their worth.
         seed: of the covering.
+
+    Returns:
+        The problem, and an attitude (1, 4) that has all of it as a rotation from the start, or none (0, 4).
+        Where the wishes leave hardly any room that may be all that there is to be found.
     """
-    if not wishes or not len(multistart.minima(assemble(problem), 1, seed)):
-        return problem
+    found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
+    if not len(found):
+        return problem, found
+    near = found[0]
     for wish in wishes:
-        problem = replace(problem, wishes=(*problem.wishes, wish._replace(reach=_least(problem, wish, seed))))
-    return problem
+        near, reach = _least(problem, wish, seed, near)
+        problem = replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach)))
+    ends = descend(assemble(problem), near[None])
+    met = ends.quaternion[ends.excess <= CLEAR][:1]
+    return problem, np.where(met[:, :1] >= 0, met, -met)
 
 
-def _least(problem: GoalProblem, wish: Wished, seed: int) -> float:
-    """The least distance of a wish, with some to spare, rad."""
+def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where a wish is least distant, (4,), and how far it is then with some to spare, rad."""
 
     def within(reach: float) -> Caps:
         return assemble(replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach))))
 
     least = np.pi
     for _ in range(_LOOKS):
-        _, least = multistart.least_widening(within, least, seed)
+        near, least = multistart.least_widening(within, least, seed, near)
         if least <= _NEARER:
             break
         nearer = multistart.minima(within(least - _NEARER), 1, seed)
         if not len(nearer):
             break
-        least -= _NEARER
-    return least + SPARE
+        near, least = nearer[0], least - _NEARER
+    return near, least + SPARE

@@ -22,7 +22,7 @@ from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.states import STATE, TARGETS, Goal
+from jaxplan.schema.states import STATE, TARGETS, Goal, Start
 from jaxplan.schema.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
@@ -82,7 +82,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
                 raise KeyError(f"{name}: {_how_many(key, row, len(value), 'rows')}")
             path.append(row)
             value, table = value[row], kind.table
-        elif isinstance(kind, Goal):
+        elif isinstance(kind, Goal | Start):
             table = STATE if isinstance(value, GivenState) else TARGETS
         elif isinstance(kind, Table) and row is None:
             table = kind

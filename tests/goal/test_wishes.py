@@ -1,4 +1,4 @@
-"""Wishes that can be met to the full, among random spacecraft that once were left without a goal by them."""
+"""Wishes of random spacecraft that were once left without a goal by them."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,9 @@ import jaxplan as jp
 from jaxplan.goal import decompose
 
 
-@pytest.mark.parametrize("seed", [38, 41, 48])
-def test_an_instrument_whose_wish_can_be_met_points_there(seed):
+@pytest.mark.parametrize(("seed", "most"), [(38, 1e-6), (41, 1e-6), (48, 1e-6), (336, 0.006627)])
+def test_a_wish_leaves_a_goal_that_meets_all_else(seed, most):
+    """Of the first three the wish can be met to the full; of the last all but a speck is ruled out."""
     scenario = jp.random_scenario(seed, "any_spacecraft")
     craft, start = scenario.spacecraft, scenario.start
     found = decompose(craft, start.attitude, scenario.goal, scenario.constraints, start_joints=start.joints)
@@ -17,7 +18,7 @@ def test_an_instrument_whose_wish_can_be_met_points_there(seed):
     for goal in found.goals:
         (wish,) = scenario.goal.prefer
         beam = goal.attitude @ in_body(craft, wish.device, goal.joints[None])[0]
-        assert angle(beam, wish.direction) <= 1e-6
+        assert angle(beam, wish.direction) <= most
         for name, target in zip(scenario.goal.devices, scenario.goal.directions, strict=True):
             assert angle(goal.attitude @ in_body(craft, name, goal.joints[None])[0], target) <= 1e-8
         margins = state_margins(scenario, goal.attitude[None], goal.joints[None], np.zeros(1))
