@@ -21,10 +21,11 @@ from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
+from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
-from jaxplan.plotting.time_panels import accelerations, angles, compare, rates, segments, torque
+from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
 from jaxplan.plotting.whole_plan import figures, overview

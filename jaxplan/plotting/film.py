@@ -22,17 +22,7 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.feet import feet
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.projections import PALE, GlobeView
-from jaxplan.plotting.sky import (
-    draw_ball,
-    draw_ends,
-    draw_line,
-    draw_zone,
-    draw_zones,
-    name_zones,
-    view_of,
-    zone_entries,
-    zones_at,
-)
+from jaxplan.plotting.sky import draw_ball, draw_ends, draw_zones, view_of
 from jaxplan.plotting.style import (
     SMALL,
     Canvas,
@@ -44,6 +34,7 @@ from jaxplan.plotting.style import (
     motion,
     panels,
 )
+from jaxplan.plotting.zones import draw_line, draw_zone, name_zones, zone_entries, zones_at
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar

@@ -5,37 +5,27 @@ maps). Directions are inertial unit vectors.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.patches import Circle, Rectangle
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import separation
 from jaxplan.model.directions import as_path
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting.joint_map import field_outlines
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
-    HALO,
-    KEEP_IN,
-    KEEP_OUT,
     SMALL,
     TEXT,
     Canvas,
     Entries,
-    Entry,
-    Labels,
     Look,
     device_entries,
     device_style,
@@ -48,8 +38,17 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-
-Cone = KeepOut | KeepIn
+from jaxplan.plotting.zones import (
+    NOTHING,
+    Cone,
+    draw_line,
+    draw_zone,
+    name_zones,
+    zone_entries,
+    zone_outline,
+    zone_ways,
+    zones_at,
+)
 
 SPHERE_SIZE, GLOBE_SIZE = (11.0, 4.9), (8.2, 6.4)  # inches
 # The square is open, and the star fits into it, so that both show where a device does not move.
@@ -70,16 +69,9 @@ _WISH: Look = {
     "markeredgewidth": 1.1,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of one that moves, where it is at last
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # of view
 _ZONE_WAY: Look = {"linewidth": 1.1, "zorder": 1.7}
-_WAY = 33  # points of the way of a zone's axis
-_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
-# Where a zone's name may stand, the best first: shares of the zone's half width and half height.
-_SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
-_INSIDE = 0.9  # of a zone's half angle, within which the middle of its name stands
-_NOTHING = np.zeros((0, 3))
 
 
 def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
@@ -215,20 +207,11 @@ def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[C
         draw_line(axes, projection, circle(last.axis_at(), last.half_angle), look | _FAINT)
         draw_line(axes, projection, way, {"color": look["color"], **_ZONE_WAY})
     ways, craft = boresight_ways(plan), plan.scenario.spacecraft
-    drawn = [_NOTHING] if ways is None else [ways.reshape(-1, 3)]
-    ends = [_NOTHING, *(mark.directions for mark in end_marks(plan))]
+    drawn = [NOTHING] if ways is None else [ways.reshape(-1, 3)]
+    ends = [NOTHING, *(mark.directions for mark in end_marks(plan))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"
     plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
-
-
-def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) -> list[Line2D]:
-    """Draw a line (k, 3) on the sphere, in the parts into which the projection cuts it."""
-    drawn = []
-    for flat, alpha in projection.parts(line):
-        faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
-        drawn += axes.plot(*flat.T, **faded)
-    return drawn
 
 
 def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, look: Look) -> None:
@@ -256,179 +239,6 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
             own = {"color": colour, "markeredgecolor": edge, "zorder": 4.2 if star else 4, **look, **fading}
             _draw_points(axes, projection, point[None], own)
     return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
-
-
-def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
-    axis, drawn = zone.axis_at(), list[Artist]()
-    fill = _zone_fill(zone)
-    limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
-    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
-        inside = directions @ axis - np.cos(zone.half_angle)
-        if not np.any(inside > 0):
-            continue
-        *colour, alpha = to_rgba(fill["facecolor"])
-        look: Look = {
-            "colors": [(*colour, strength * alpha)],
-            "hatches": [fill.get("hatch") if strength >= 1 else None],
-        }
-        area = axes.contourf(across, upward, inside, levels=[0, 3], zorder=1, **look)
-        area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
-        drawn.append(area)
-    return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE)
-
-
-def zone_outline(zone: Cone) -> Look:
-    """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
-    inside = isinstance(zone, KeepIn)
-    style = (0, (1, 1.5)) if zone.any_of is not None else (0, (5, 2.5)) if inside else "-"
-    return {"color": KEEP_IN if inside else KEEP_OUT, "linestyle": style}
-
-
-def _zone_fill(zone: Cone) -> Look:
-    colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
-    if not _binds_devices(zone):
-        return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
-    if isinstance(zone, KeepIn):
-        return {"facecolor": to_rgba(KEEP_IN, 0.10), "edgecolor": "none"}
-    return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
-
-
-def _binds_devices(zone: Cone) -> bool:
-    """True if a zone binds a device, False if it binds only other vectors."""
-    return zone.binds_all or bool(zone.devices)
-
-
-def name_zones(
-    axes: Axes,
-    projection: Projection,
-    zones: Sequence[Cone],
-    devices: Sequence[str] = (),
-    ways: np.ndarray = _NOTHING,
-    ends: np.ndarray = _NOTHING,
-) -> list[Artist]:
-    """Write each zone's name in it, or above or below if a boresight must stay in.
-
-    Args:
-        axes: where to.
-        projection: of the axes.
-        zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
-        devices: names of all devices.
-        ways: (k, 3), what is drawn, which names should not cover.
-        ends: (m, 3), starts and goals, which names cover only where there is no other place.
-    """
-    crowded = len(zones) > _CROWD
-    marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
-    labels, texts = Labels(projection.project(ways), marks), list[Artist]()
-    # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
-    for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
-        near = projection.opacity(zone.axis_at()) == 1
-        told = [] if crowded or isinstance(projection, GlobeView) else [*_bound(zone, devices), *_group(zone)]
-        spot = None
-        for lines in ([zone.name, *told], [zone.name]):
-            size = projection.letter * (max(map(len, lines)), len(lines))
-            spot = labels.place(_places(projection, zone, size), size, must=lines == [zone.name])
-            if spot is not None:
-                break
-        assert spot is not None
-        text = axes.text(
-            float(spot[0]),
-            float(spot[1]),
-            "\n".join(lines),
-            color=zone_outline(zone)["color"],
-            alpha=None if near else 0.5,
-            fontsize=SMALL - 1.5 * crowded,
-            zorder=1.8,
-            **(HALO if near else {**HALO, "path_effects": []}),
-        )
-        texts.append(plain(text))
-    return texts
-
-
-def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
-    """Where in the picture a zone's name may stand; the best comes first, and the last is always there.
-
-    That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
-    one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
-    """
-    axis, angle = zone.axis_at(), zone.half_angle
-    centre, extent = projection.project(axis), projection.extent(axis, angle)
-    away = extent[1] + size[1] / 2 + projection.gap
-    above = [(0.0, away), (0.0, -away)] if isinstance(zone, KeepIn) and angle <= np.pi / 2 else []
-    wanted = centre + np.array([*above, *(_SPOTS * extent)])
-    spots = projection.fit(wanted, size)
-    apart = separation(projection.directions(spots, axis), axis)
-    fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
-    moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
-    order = np.argsort(moved, kind="stable")
-    return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
-
-
-def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
-    """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
-    bound = [name for name in names if zone.binds_all or name in zone.devices]
-    others = [name for name in names if name not in bound]
-    lines = []
-    if len(bound) == 1 and others:
-        lines.append(f"for {bound[0]}")
-    elif bound and others:
-        lines.append(f"not {others[0]}" if len(others) == 1 else f"for {len(bound)} of {len(names)}")
-    if zone.vectors:
-        carriers = {vector.to or "the body" for vector in zone.vectors}
-        whose = f"of {carriers.pop()}" if len(carriers) == 1 else f"of {len(carriers)} parts"
-        count = "a vector" if len(zone.vectors) == 1 else f"{len(zone.vectors)} vectors"
-        lines += [f"and {count}" if bound else f"for {count}", whose]
-    return lines
-
-
-def _group(zone: Cone) -> list[str]:
-    """Lines that name a zone's group and its entry there; none if it is in none."""
-    lines = [] if zone.any_of is None else [f"any of {zone.any_of}"]
-    return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
-
-
-def zone_entries(scenario: Scenario) -> Entries:
-    """Legend entries: one of each kind of zones that the scenario has."""
-
-    def kind(zone: Cone) -> tuple[bool, bool, bool]:
-        return isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None
-
-    kinds: dict[str, Entry] = {}
-    for zone in sorted(zones_at(scenario, 0.0), key=kind):
-        inside = isinstance(zone, KeepIn)
-        text = "keep-in zone" if inside else "keep-out zone"
-        text += "" if _binds_devices(zone) else ",\nfor no device"
-        text += "" if zone.any_of is None else ",\nany of its group"
-        edge = to_rgba(zone_outline(zone)["color"], 1.0 if inside else 0.6)
-        look = {**_zone_fill(zone), "edgecolor": edge, "linestyle": zone_outline(zone)["linestyle"]}
-        kinds.setdefault(text, (Patch(**look, linewidth=1), text))
-    moving: Entries = [
-        (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
-    ]
-    return [*kinds.values(), *moving * any(zone.moves for zone in scenario.zones)]
-
-
-def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> list[Cone]:
-    """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
-    cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
-    wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
-    return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
-
-
-def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Moving zones at their last places, with the ways of their axes (k, 3).
-
-    The last instant is that of the goal; of a plan without one, the last that is known.
-    """
-    ways: list[tuple[Cone, np.ndarray]] = []
-    zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
-    for zone in zones:
-        path = zone.path
-        if path is not None and path.moves:
-            last = float(path.times[-1]) if plan.goal is None else plan.goal.time
-            there = replace(zone, direction=zone.axis_at(last))
-            ways.append((there, path.at(np.linspace(0.0, last, _WAY))))
-    return ways
 
 
 def boresight_ways(plan: Plan) -> np.ndarray | None:

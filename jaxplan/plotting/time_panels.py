@@ -1,19 +1,14 @@
-"""Angles, rates, accelerations and torques over time with their limits, of a plan or of several trajectories.
+"""Angles, rates, accelerations and torques of a plan over time, with their limits.
 
 A figure of a plan is a table of `Panel`, each with curves, limits and labels; what there is, by which name
-and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 11 and 13 to 15.
-
-Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
-place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
+and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 10 and 13 to 15.
 
 A limit far from all curves of its panel is told above it instead of drawn, since the curves would shrink to a
 line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,7 +22,6 @@ from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
     LENGTH_STYLE,
-    SMALL,
     TEXT,
     Canvas,
     Entries,
@@ -37,32 +31,23 @@ from jaxplan.plotting.style import (
     curve,
     device_entries,
     device_style,
-    expect_trajectories,
     legend_beside,
     limit_lines,
     motion,
     note,
     panels,
-    plain,
     time_axis,
-    time_span,
 )
-from jaxplan.trajectory import Trajectory
 
 _LONG = 10  # letters of a word, beside more of which its unit has no place
 _FAR = 4.0  # times the highest value of a plan, beyond which a limit is told and not drawn
-_FAR_OF_SEVERAL = 1.5  # likewise of several trajectories, whose panels are small
-_BODY = ("body x", "body y", "body z")
-_AXIS_ENTRIES: Entries = [
-    (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _BODY, strict=True)
+BODY = ("body x", "body y", "body z")
+AXIS_ENTRIES: Entries = [
+    (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
 _NODE: Look = {"marker": ".", "linestyle": "none"}
-_INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
-_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
-_GREY: Look = {"color": GREY}
-_JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 # Of the platform's rate, acceleration and jerk.
-_SPIN = sorted(
+SPIN = sorted(
     (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
 )
 _LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # of those vectors, by their powers
@@ -102,7 +87,7 @@ class Panel(NamedTuple):
             axes.plot(moves.node_times, dots, color=style["color"], markersize=4.5, **_NODE)
         if not self.quantity.power:
             axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
-        axes.set_ylabel(_labelled(self.words, self.quantity), fontsize=TEXT)
+        axes.set_ylabel(labelled(self.words, self.quantity), fontsize=TEXT)
         return entries
 
 
@@ -152,14 +137,14 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
     """The length of a vector that a spacecraft limits; None where it does not, or the vector has none."""
-    length = _LENGTHS.get(quantity.power) if quantity in _SPIN else None
+    length = _LENGTHS.get(quantity.power) if quantity in SPIN else None
     return None if length is None or length.given(craft) is None else length
 
 
 def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
     """Legend entries of the curves of a platform's panel."""
     length: Entries = [(Line2D([], [], linewidth=1.6, **LENGTH_STYLE), "length")]
-    return [*_AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
+    return [*AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
 
 
 def _figure(
@@ -254,7 +239,7 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
     kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
     joints = [_joint_panel(craft, values, power, kind) for kind in kinds]
     groups = [(_movers(craft), joints)] * bool(joints)
-    spin = _SPIN[power - 1]
+    spin = SPIN[power - 1]
     groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
     return _figure(plan, ax, groups, moves, legend)
 
@@ -285,7 +270,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         )
     values = moves.values.kinematics(craft)
     group = [_platform_panel(craft, values, quantity) for quantity in shown]
-    return _figure(plan, ax, [(_AXIS_ENTRIES, group)], moves, legend)
+    return _figure(plan, ax, [(AXIS_ENTRIES, group)], moves, legend)
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
@@ -296,8 +281,8 @@ def limited_loads(craft: Spacecraft) -> list[Quantity]:
 
 def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
-    panel = _platform_panel(craft, moves.values.kinematics(craft), _SPIN[0])
-    return [*_axis_entries(craft, _SPIN[0]), *panel.draw(axes, moves)]
+    panel = _platform_panel(craft, moves.values.kinematics(craft), SPIN[0])
+    return [*_axis_entries(craft, SPIN[0]), *panel.draw(axes, moves)]
 
 
 def _movers(craft: Spacecraft) -> Entries:
@@ -305,7 +290,7 @@ def _movers(craft: Spacecraft) -> Entries:
     return device_entries(craft.device_names[: craft.gimbals.count])
 
 
-def _labelled(words: str, quantity: Quantity) -> str:
+def labelled(words: str, quantity: Quantity) -> str:
     """Label of a panel: words and unit, which stands on a line of its own below a long word."""
     below = len(words.split()[-1]) > _LONG and "\n" not in words
     between = "\n" if below else " "
@@ -315,182 +300,3 @@ def _labelled(words: str, quantity: Quantity) -> str:
 def size(count: int) -> tuple[float, float]:
     """Width and height in inches of a figure of so many panels."""
     return 9.0, 0.8 + 1.9 * count
-
-
-def compare(
-    trajectories: Mapping[str, Trajectory],
-    spacecraft: Spacecraft,
-    ax: Canvas = None,
-    *,
-    legend: bool = True,
-) -> list[Axes]:
-    """Rates, accelerations and jerks of several trajectories, with limits.
-
-    There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
-    comes nearest to a limit of its rate or acceleration in any of the trajectories.
-
-    Args:
-        trajectories: by what they are called.
-        spacecraft: whose limits are meant.
-        ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them
-            in, or None for a new one.
-        legend: whether to name the trajectories beside the panels.
-
-    Returns:
-        The axes, row by row: rates, accelerations and jerks.
-
-    Raises:
-        TypeError: if they are no trajectories by names, or it is no spacecraft.
-        ValueError: if there are no trajectories, or another number of axes is given.
-
-    Example:
-        >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
-    """
-    sampled = _sampled(trajectories, spacecraft)
-    bounds = _spin_limits(spacecraft)
-    titles, values = [*_BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
-    if spacecraft.joint_count:
-        # of rates and accelerations, (2, 2n + d)
-        limits = np.stack([limit.bound for limit in timed_limits(spacecraft)[1]])
-        peaks = np.max([np.max(np.abs(one.joints[:2]), axis=1) for one in sampled.values()], axis=0)
-        joint = int(np.argmax(np.max(peaks / limits, axis=0)))
-        titles.append(spacecraft.joint_names[joint])
-        values = [
-            np.dstack([own, one.joints[..., joint]])
-            for own, one in zip(values, sampled.values(), strict=True)
-        ]
-        bounds = np.column_stack([bounds, [*limits[:, joint], np.inf]])
-    across = len(titles)
-    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across, alone=across - 3)
-    styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
-    highest = np.max([np.max(np.abs(own), axis=1) for own in values], axis=0)  # (3, across)
-    highest[:, :3] = np.max(highest[:, :3], axis=1, keepdims=True)  # the body axes share their scale
-    limited: Entries = []
-    for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
-        for one, own, look in zip(sampled.values(), values, styles, strict=True):
-            curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
-        limited = _limit(axes, bounds[row, column, None], [_GREY], highest[row, column]) or limited
-    for quantity, axes in zip(_SPIN, every[::across], strict=True):
-        axes.set_ylabel(_labelled(quantity.word, quantity), fontsize=TEXT)
-    _finish(every, titles, sampled)
-    if legend:
-        entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
-        legend_beside(every[across - 1], [*entries, *limited])
-    return every
-
-
-def segments(
-    trajectories: Mapping[str, Trajectory],
-    spacecraft: Spacecraft,
-    ax: Canvas = None,
-    *,
-    legend: bool = True,
-) -> list[Axes]:
-    """Angular acceleration and jerk of the platform, a trajectory a column, with their joins (Figure 11).
-
-    Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
-
-    Args:
-        trajectories: by what they are called, such as the number of their segments.
-        spacecraft: whose limits are meant.
-        ax: two rows of as many axes as trajectories, a figure to put them in, or None for a new one.
-        legend: whether to name the curves beside the panels.
-
-    Returns:
-        The axes, those of the accelerations first.
-
-    Raises:
-        TypeError: if they are no trajectories by names, or it is no spacecraft.
-        ValueError: if there are no trajectories, or another number of axes is given.
-
-    Example:
-        >>> tries = [replace(query, settings=replace(settings, segments=n)) for n in (4, 5, 6)]
-        >>> fits = zip(("4 segments", "5 segments", "6 segments"), fit_batch(tries))
-        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits}, craft)
-    """
-    sampled = _sampled(trajectories, spacecraft)
-    across = len(sampled)
-    every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
-    bounds, limited, joins = _spin_limits(spacecraft), Entries(), Entries()
-    highest = np.max([np.max(np.abs(one.platform), axis=(1, 2)) for one in sampled.values()], axis=0)
-    for axes, (row, one) in zip(every, product((1, 2), sampled.values()), strict=True):
-        for time in one.joins:
-            axes.axvline(time, zorder=1.4, **_JOIN)
-            joins = [(Line2D([], [], **_JOIN), "join")]
-        for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
-            curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
-        limited = _limit(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
-    _finish(every, list(sampled), sampled)
-    for quantity, axes in zip(_SPIN[1:], every[::across], strict=True):
-        axes.set_ylabel(f"platform angular\n{_labelled(quantity.word, quantity)}", fontsize=TEXT)
-    for axes, one in zip(every[across:], sampled.values(), strict=True):
-        jump = f"largest jump {np.rad2deg(one.jump):.2g} deg/s³" if len(one.joins) else "no jumps"
-        axes.set_title(jump, fontsize=SMALL, color=GREY)
-    if legend:
-        legend_beside(every[across - 1], [*_AXIS_ENTRIES, *joins, *limited])
-    return every
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Sampled:
-    """A trajectory on a grid with both sides of every break.
-
-    Attributes:
-        times: (k,) s, a single one if it takes no time.
-        platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
-        joints: (3, k, 2n + d) likewise.
-        joins: (j,) s, where the platform's jerk may jump.
-        jump: rad/s^3, the largest one there; 0 without joins.
-    """
-
-    times: np.ndarray
-    platform: np.ndarray
-    joints: np.ndarray
-    joins: np.ndarray
-    jump: float
-
-    @classmethod
-    def of(cls, trajectory: Trajectory) -> Self:
-        end = trajectory.duration
-        grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
-        after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
-        after = after[(after > 0) & (after < end)]
-        times = np.unique(np.concatenate([grid, after, np.nextafter(after, 0.0)]))
-        values = trajectory.sample(times)
-        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH else np.zeros(0)
-        jerk = values.angular_jerk
-        ends = np.searchsorted(times, joins)
-        return cls(
-            times=times,
-            platform=np.stack([values.angular_velocity, values.angular_acceleration, jerk]),
-            joints=np.stack([values.joint_rates, values.joint_accelerations, values.joint_jerks]),
-            joins=joins,
-            jump=float(np.max(np.abs(jerk[ends] - jerk[ends - 1]), initial=0.0)),
-        )
-
-
-def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> dict[str, _Sampled]:
-    expect_trajectories(trajectories, spacecraft)
-    if not trajectories:
-        raise ValueError("there are no trajectories to draw")
-    return {name: _Sampled.of(trajectory) for name, trajectory in trajectories.items()}
-
-
-def _spin_limits(craft: Spacecraft) -> np.ndarray:
-    """Limits of rate, acceleration and jerk about each axis, (3, 3); infinite where there is none."""
-    given = [quantity.given(craft) for quantity in _SPIN]
-    return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
-
-
-def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
-    """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
-    ends = both_sides(np.rad2deg(limits))
-    return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
-
-
-def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
-    """Put titles above the columns of panels and the time below."""
-    end = max(float(one.times[-1]) for one in sampled.values())
-    for column, title in enumerate(titles):
-        plain(every[column].set_title(title, fontsize=TEXT))
-        time_span(every[column :: len(titles)], end)

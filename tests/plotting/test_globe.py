@@ -25,8 +25,8 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import film as film_module
 from jaxplan.plotting.projections import FlatMap, GlobeView, circle
-from jaxplan.plotting.sky import draw_zone
 from jaxplan.plotting.style import device_style
+from jaxplan.plotting.zones import draw_zone
 
 RNG = np.random.default_rng(11)
 DIRECTIONS = RNG.standard_normal((200, 3))

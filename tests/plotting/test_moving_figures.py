@@ -12,7 +12,8 @@ import jaxplan as jp
 from jaxplan.model.zones import KeepOut
 from jaxplan.plotting import margin_panels, projections, style
 from jaxplan.plotting.projections import circle
-from jaxplan.plotting.sky import view_of, zone_ways, zones_at
+from jaxplan.plotting.sky import view_of
+from jaxplan.plotting.zones import zone_ways, zones_at
 
 
 @pytest.fixture(scope="module")

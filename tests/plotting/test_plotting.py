@@ -24,7 +24,7 @@ from jaxplan.model.scenario import GivenState, Scenario, Targets
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import margin_panels, projections, sky, style, write_png
+from jaxplan.plotting import margin_panels, projections, sky, style, write_png, zones
 from jaxplan.plotting.projections import FlatMap
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
@@ -92,7 +92,7 @@ def test_a_zone_is_filled_on_the_map_where_the_cone_is_and_nowhere_else() -> Non
     axes = Figure().subplots()
     for axis, half_angle in _cones()[::3]:
         zone = KeepOut(name="zone", direction=axis, half_angle=half_angle)
-        areas = [area for area in sky.draw_zone(axes, FlatMap(), zone) if hasattr(area, "get_paths")]
+        areas = [area for area in zones.draw_zone(axes, FlatMap(), zone) if hasattr(area, "get_paths")]
         depth = half_angle - angle(_direction(points), axis)
         clear = np.abs(depth) > np.deg2rad(0.3)
         inside = np.any([filled(area, points) for area in areas] or [np.zeros(len(points))], axis=0)

@@ -1,0 +1,225 @@
+"""Several trajectories side by side: rates, accelerations and jerks with their limits, and where pieces join.
+
+Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
+place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
+
+A limit far from all curves of its panel is told above it. Inside are radians and seconds, on the axes degrees
+and seconds.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from jaxplan.model.limits import timed_limits
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.plotting.style import (
+    AXIS_STYLES,
+    GREY,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    both_sides,
+    curve,
+    device_style,
+    expect_trajectories,
+    legend_beside,
+    limit_lines,
+    panels,
+    plain,
+    time_span,
+)
+from jaxplan.plotting.time_panels import AXIS_ENTRIES, BODY, SPIN, labelled
+from jaxplan.trajectory import Trajectory
+
+_FAR_OF_SEVERAL = 1.5  # times the highest value, beyond which a limit is told and not drawn
+_INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
+_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_GREY: Look = {"color": GREY}
+_JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
+
+
+def compare(
+    trajectories: Mapping[str, Trajectory],
+    spacecraft: Spacecraft,
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Rates, accelerations and jerks of several trajectories, with limits.
+
+    There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
+    comes nearest to a limit of its rate or acceleration in any of the trajectories.
+
+    Args:
+        trajectories: by what they are called.
+        spacecraft: whose limits are meant.
+        ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them
+            in, or None for a new one.
+        legend: whether to name the trajectories beside the panels.
+
+    Returns:
+        The axes, row by row: rates, accelerations and jerks.
+
+    Raises:
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
+    """
+    sampled = _sampled(trajectories, spacecraft)
+    bounds = _spin_limits(spacecraft)
+    titles, values = [*BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
+    if spacecraft.joint_count:
+        # of rates and accelerations, (2, 2n + d)
+        limits = np.stack([limit.bound for limit in timed_limits(spacecraft)[1]])
+        peaks = np.max([np.max(np.abs(one.joints[:2]), axis=1) for one in sampled.values()], axis=0)
+        joint = int(np.argmax(np.max(peaks / limits, axis=0)))
+        titles.append(spacecraft.joint_names[joint])
+        values = [
+            np.dstack([own, one.joints[..., joint]])
+            for own, one in zip(values, sampled.values(), strict=True)
+        ]
+        bounds = np.column_stack([bounds, [*limits[:, joint], np.inf]])
+    across = len(titles)
+    every = panels(ax, 3 * across, (2.7 * across + 1.6, 6.2), columns=across, alone=across - 3)
+    styles: list[Look] = [{**device_style(number), "linewidth": 1.4} for number in range(len(sampled))]
+    highest = np.max([np.max(np.abs(own), axis=1) for own in values], axis=0)  # (3, across)
+    highest[:, :3] = np.max(highest[:, :3], axis=1, keepdims=True)  # the body axes share their scale
+    limited: Entries = []
+    for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
+        for one, own, look in zip(sampled.values(), values, styles, strict=True):
+            curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
+        limited = _limit(axes, bounds[row, column, None], [_GREY], highest[row, column]) or limited
+    for quantity, axes in zip(SPIN, every[::across], strict=True):
+        axes.set_ylabel(labelled(quantity.word, quantity), fontsize=TEXT)
+    _finish(every, titles, sampled)
+    if legend:
+        entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
+        legend_beside(every[across - 1], [*entries, *limited])
+    return every
+
+
+def segments(
+    trajectories: Mapping[str, Trajectory],
+    spacecraft: Spacecraft,
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> list[Axes]:
+    """Angular acceleration and jerk of the platform, a trajectory a column, with their joins (Figure 11).
+
+    Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
+
+    Args:
+        trajectories: by what they are called, such as the number of their segments.
+        spacecraft: whose limits are meant.
+        ax: two rows of as many axes as trajectories, a figure to put them in, or None for a new one.
+        legend: whether to name the curves beside the panels.
+
+    Returns:
+        The axes, those of the accelerations first.
+
+    Raises:
+        TypeError: if they are no trajectories by names, or it is no spacecraft.
+        ValueError: if there are no trajectories, or another number of axes is given.
+
+    Example:
+        >>> tries = [replace(query, settings=replace(settings, segments=n)) for n in (4, 5, 6)]
+        >>> fits = zip(("4 segments", "5 segments", "6 segments"), fit_batch(tries))
+        >>> jp.plot.segments({name: fit.trajectory for name, fit in fits}, craft)
+    """
+    sampled = _sampled(trajectories, spacecraft)
+    across = len(sampled)
+    every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
+    bounds, limited, joins = _spin_limits(spacecraft), Entries(), Entries()
+    highest = np.max([np.max(np.abs(one.platform), axis=(1, 2)) for one in sampled.values()], axis=0)
+    for axes, (row, one) in zip(every, product((1, 2), sampled.values()), strict=True):
+        for time in one.joins:
+            axes.axvline(time, zorder=1.4, **_JOIN)
+            joins = [(Line2D([], [], **_JOIN), "join")]
+        for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
+            curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
+        limited = _limit(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
+    _finish(every, list(sampled), sampled)
+    for quantity, axes in zip(SPIN[1:], every[::across], strict=True):
+        axes.set_ylabel(f"platform angular\n{labelled(quantity.word, quantity)}", fontsize=TEXT)
+    for axes, one in zip(every[across:], sampled.values(), strict=True):
+        jump = f"largest jump {np.rad2deg(one.jump):.2g} deg/s³" if len(one.joins) else "no jumps"
+        axes.set_title(jump, fontsize=SMALL, color=GREY)
+    if legend:
+        legend_beside(every[across - 1], [*AXIS_ENTRIES, *joins, *limited])
+    return every
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sampled:
+    """A trajectory on a grid with both sides of every break.
+
+    Attributes:
+        times: (k,) s, a single one if it takes no time.
+        platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
+        joints: (3, k, 2n + d) likewise.
+        joins: (j,) s, where the platform's jerk may jump.
+        jump: rad/s^3, the largest one there; 0 without joins.
+    """
+
+    times: np.ndarray
+    platform: np.ndarray
+    joints: np.ndarray
+    joins: np.ndarray
+    jump: float
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Self:
+        end = trajectory.duration
+        grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
+        after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
+        after = after[(after > 0) & (after < end)]
+        times = np.unique(np.concatenate([grid, after, np.nextafter(after, 0.0)]))
+        values = trajectory.sample(times)
+        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH else np.zeros(0)
+        jerk = values.angular_jerk
+        ends = np.searchsorted(times, joins)
+        return cls(
+            times=times,
+            platform=np.stack([values.angular_velocity, values.angular_acceleration, jerk]),
+            joints=np.stack([values.joint_rates, values.joint_accelerations, values.joint_jerks]),
+            joins=joins,
+            jump=float(np.max(np.abs(jerk[ends] - jerk[ends - 1]), initial=0.0)),
+        )
+
+
+def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> dict[str, _Sampled]:
+    expect_trajectories(trajectories, spacecraft)
+    if not trajectories:
+        raise ValueError("there are no trajectories to draw")
+    return {name: _Sampled.of(trajectory) for name, trajectory in trajectories.items()}
+
+
+def _spin_limits(craft: Spacecraft) -> np.ndarray:
+    """Limits of rate, acceleration and jerk about each axis, (3, 3); infinite where there is none."""
+    given = [quantity.given(craft) for quantity in SPIN]
+    return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
+
+
+def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
+    """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
+    ends = both_sides(np.rad2deg(limits))
+    return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+
+
+def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
+    """Put titles above the columns of panels and the time below."""
+    end = max(float(one.times[-1]) for one in sampled.values())
+    for column, title in enumerate(titles):
+        plain(every[column].set_title(title, fontsize=TEXT))
+        time_span(every[column :: len(titles)], end)

@@ -1,0 +1,225 @@
+"""Zones on the sphere of directions, on either projection: areas, edges, names, and ways of moving ones.
+
+Keep-out zones are hatched with a solid edge, keep-in zones have a dashed one, or a dotted one if they are of
+a group. Directions are inertial unit vectors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.planner import Plan
+from jaxplan.plotting.projections import GlobeView, Projection, circle
+from jaxplan.plotting.style import (
+    GREY,
+    HALO,
+    KEEP_IN,
+    KEEP_OUT,
+    SMALL,
+    Entries,
+    Entry,
+    Labels,
+    Look,
+    plain,
+)
+
+Cone = KeepOut | KeepIn
+
+_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
+_WAY = 33  # points of the way of a zone's axis
+_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
+# Where a zone's name may stand, the best first: shares of the zone's half width and half height.
+_SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
+_INSIDE = 0.9  # of a zone's half angle, within which the middle of its name stands
+NOTHING = np.zeros((0, 3))
+
+
+def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) -> list[Line2D]:
+    """Draw a line (k, 3) on the sphere, in the parts into which the projection cuts it."""
+    drawn = []
+    for flat, alpha in projection.parts(line):
+        faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
+        drawn += axes.plot(*flat.T, **faded)
+    return drawn
+
+
+def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
+    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
+    axis, drawn = zone.axis_at(), list[Artist]()
+    fill = _zone_fill(zone)
+    limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
+    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
+        inside = directions @ axis - np.cos(zone.half_angle)
+        if not np.any(inside > 0):
+            continue
+        *colour, alpha = to_rgba(fill["facecolor"])
+        look: Look = {
+            "colors": [(*colour, strength * alpha)],
+            "hatches": [fill.get("hatch") if strength >= 1 else None],
+        }
+        area = axes.contourf(across, upward, inside, levels=[0, 3], zorder=1, **look)
+        area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
+        drawn.append(area)
+    return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE)
+
+
+def zone_outline(zone: Cone) -> Look:
+    """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
+    inside = isinstance(zone, KeepIn)
+    style = (0, (1, 1.5)) if zone.any_of is not None else (0, (5, 2.5)) if inside else "-"
+    return {"color": KEEP_IN if inside else KEEP_OUT, "linestyle": style}
+
+
+def _zone_fill(zone: Cone) -> Look:
+    colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
+    if not _binds_devices(zone):
+        return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
+    if isinstance(zone, KeepIn):
+        return {"facecolor": to_rgba(KEEP_IN, 0.10), "edgecolor": "none"}
+    return {"facecolor": to_rgba(KEEP_OUT, 0.09), "edgecolor": to_rgba(KEEP_OUT, 0.22), "hatch": "///"}
+
+
+def _binds_devices(zone: Cone) -> bool:
+    """True if a zone binds a device, False if it binds only other vectors."""
+    return zone.binds_all or bool(zone.devices)
+
+
+def name_zones(
+    axes: Axes,
+    projection: Projection,
+    zones: Sequence[Cone],
+    devices: Sequence[str] = (),
+    ways: np.ndarray = NOTHING,
+    ends: np.ndarray = NOTHING,
+) -> list[Artist]:
+    """Write each zone's name in it, or above or below if a boresight must stay in.
+
+    Args:
+        axes: where to.
+        projection: of the axes.
+        zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
+        devices: names of all devices.
+        ways: (k, 3), what is drawn, which names should not cover.
+        ends: (m, 3), starts and goals, which names cover only where there is no other place.
+    """
+    crowded = len(zones) > _CROWD
+    marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
+    labels, texts = Labels(projection.project(ways), marks), list[Artist]()
+    # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
+    for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
+        near = projection.opacity(zone.axis_at()) == 1
+        told = [] if crowded or isinstance(projection, GlobeView) else [*_bound(zone, devices), *_group(zone)]
+        spot = None
+        for lines in ([zone.name, *told], [zone.name]):
+            size = projection.letter * (max(map(len, lines)), len(lines))
+            spot = labels.place(_places(projection, zone, size), size, must=lines == [zone.name])
+            if spot is not None:
+                break
+        assert spot is not None
+        text = axes.text(
+            float(spot[0]),
+            float(spot[1]),
+            "\n".join(lines),
+            color=zone_outline(zone)["color"],
+            alpha=None if near else 0.5,
+            fontsize=SMALL - 1.5 * crowded,
+            zorder=1.8,
+            **(HALO if near else {**HALO, "path_effects": []}),
+        )
+        texts.append(plain(text))
+    return texts
+
+
+def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
+    """Where in the picture a zone's name may stand; the best comes first, and the last is always there.
+
+    That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
+    one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
+    """
+    axis, angle = zone.axis_at(), zone.half_angle
+    centre, extent = projection.project(axis), projection.extent(axis, angle)
+    away = extent[1] + size[1] / 2 + projection.gap
+    above = [(0.0, away), (0.0, -away)] if isinstance(zone, KeepIn) and angle <= np.pi / 2 else []
+    wanted = centre + np.array([*above, *(_SPOTS * extent)])
+    spots = projection.fit(wanted, size)
+    apart = separation(projection.directions(spots, axis), axis)
+    fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
+    moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
+    order = np.argsort(moved, kind="stable")
+    return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
+
+
+def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
+    """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
+    bound = [name for name in names if zone.binds_all or name in zone.devices]
+    others = [name for name in names if name not in bound]
+    lines = []
+    if len(bound) == 1 and others:
+        lines.append(f"for {bound[0]}")
+    elif bound and others:
+        lines.append(f"not {others[0]}" if len(others) == 1 else f"for {len(bound)} of {len(names)}")
+    if zone.vectors:
+        carriers = {vector.to or "the body" for vector in zone.vectors}
+        whose = f"of {carriers.pop()}" if len(carriers) == 1 else f"of {len(carriers)} parts"
+        count = "a vector" if len(zone.vectors) == 1 else f"{len(zone.vectors)} vectors"
+        lines += [f"and {count}" if bound else f"for {count}", whose]
+    return lines
+
+
+def _group(zone: Cone) -> list[str]:
+    """Lines that name a zone's group and its entry there; none if it is in none."""
+    lines = [] if zone.any_of is None else [f"any of {zone.any_of}"]
+    return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
+
+
+def zone_entries(scenario: Scenario) -> Entries:
+    """Legend entries: one of each kind of zones that the scenario has."""
+
+    def kind(zone: Cone) -> tuple[bool, bool, bool]:
+        return isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None
+
+    kinds: dict[str, Entry] = {}
+    for zone in sorted(zones_at(scenario, 0.0), key=kind):
+        inside = isinstance(zone, KeepIn)
+        text = "keep-in zone" if inside else "keep-out zone"
+        text += "" if _binds_devices(zone) else ",\nfor no device"
+        text += "" if zone.any_of is None else ",\nany of its group"
+        edge = to_rgba(zone_outline(zone)["color"], 1.0 if inside else 0.6)
+        look = {**_zone_fill(zone), "edgecolor": edge, "linestyle": zone_outline(zone)["linestyle"]}
+        kinds.setdefault(text, (Patch(**look, linewidth=1), text))
+    moving: Entries = [
+        (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
+    ]
+    return [*kinds.values(), *moving * any(zone.moves for zone in scenario.zones)]
+
+
+def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> list[Cone]:
+    """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
+    cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
+    wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
+    return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
+
+
+def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
+    """Moving zones at their last places, with the ways of their axes (k, 3).
+
+    The last instant is that of the goal; of a plan without one, the last that is known.
+    """
+    ways: list[tuple[Cone, np.ndarray]] = []
+    zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
+    for zone in zones:
+        path = zone.path
+        if path is not None and path.moves:
+            last = float(path.times[-1]) if plan.goal is None else plan.goal.time
+            there = replace(zone, direction=zone.axis_at(last))
+            ways.append((there, path.at(np.linspace(0.0, last, _WAY))))
+    return ways
