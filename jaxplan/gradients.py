@@ -81,7 +81,7 @@ def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
 
 def _plain(tree: Any) -> Any:
     """The same numbers as arrays of numpy, so that the kernel is the same whoever calls it."""
-    return jax.tree.map(lambda leaf: leaf if is_traced(leaf) else np.asarray(leaf), tree)
+    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
 def _value(held: Held, scenario: Scenario) -> Trajectory:

@@ -98,55 +98,6 @@ def make_observer(jerk_limit: float | None = None) -> Spacecraft:
     )
 
 
-def oblique_craft(terminals: int, drives: int = 0, instruments: int = 0, *, seed: int = 0) -> Spacecraft:
-    """Devices mounted in any way, with ranges about anything and limits that all differ."""
-    rng = np.random.default_rng((seed, terminals, drives, instruments))
-
-    def mounting() -> Mount:
-        ahead, _, up = Rotation.random(rng=rng).as_matrix().T
-        return Mount(yaw_axis=up, boresight=ahead)
-
-    def span(least: float, most: float, width: float) -> np.ndarray:
-        low = rng.uniform(least, most - width)
-        return np.array([low, low + width])
-
-    def limit(most: float) -> float:
-        return float(np.deg2rad(rng.uniform(0.3, 1.0) * most))
-
-    return Spacecraft(
-        terminals=tuple(
-            Terminal(
-                name=f"terminal-{i + 1}",
-                mounting=mounting(),
-                yaw_range=span(-6.0, 6.0, rng.uniform(2.0, 8.0)),
-                pitch_range=span(-1.5, 1.5, rng.uniform(0.8, 2.4)),
-                yaw_rate_limit=limit(6.0),
-                pitch_rate_limit=limit(5.0),
-                yaw_acceleration_limit=limit(5.0),
-                pitch_acceleration_limit=limit(4.0),
-            )
-            for i in range(terminals)
-        ),
-        drives=tuple(
-            Drive(
-                name=f"drive-{i + 1}",
-                axis=frame[2],
-                boresight=direction(0.0, rng.uniform(-1.3, 1.3)) @ frame,
-                range=span(-5.0, 5.0, rng.uniform(1.5, 8.0)),
-                rate_limit=limit(4.0),
-                acceleration_limit=limit(3.0),
-            )
-            for i, frame in enumerate(Rotation.random(drives, rng=rng).as_matrix())
-        ),
-        instruments=tuple(
-            Instrument(name=f"camera-{i + 1}", boresight=axis)
-            for i, axis in enumerate(random_units(rng, instruments))
-        ),
-        rate_limit=np.deg2rad(rng.uniform(1.5, 3.5, 3)),
-        acceleration_limit=np.deg2rad(rng.uniform(1.0, 2.5, 3)),
-    )
-
-
 def gimbals_about_z(mounts) -> Gimbals:
     """Gimbals of terminals mounted at angles about z."""
     angles = np.asarray(mounts, float)
@@ -182,13 +133,15 @@ def make_scenario(
     keep_in: tuple[KeepIn, ...] = (),
     turn: tuple[float, float, float] = (0.3, -0.5, 0.4),
     seed: int = 0,
+    craft: Spacecraft | None = None,
 ) -> Scenario:
     """A scenario with a given goal, ``turn`` away from a random start."""
     rng = np.random.default_rng(seed)
-    craft = make_spacecraft(terminals, instruments)
+    craft = make_spacecraft(terminals, instruments) if craft is None else craft
     start = Rotation.random(rng=rng)
+    middles, halves = np.mean(craft.joint_ranges, axis=1), np.ptp(craft.joint_ranges, axis=1) / 2
     states = [
-        at_rest(attitude.as_rotvec(), rng.uniform(-0.9, 0.9, 2 * terminals) * craft.joint_ranges[:, 1])
+        at_rest(attitude.as_rotvec(), middles + rng.uniform(-0.9, 0.9, craft.joint_count) * halves)
         for attitude in (start, start * Rotation.from_rotvec(turn))
     ]
     return Scenario(
@@ -308,10 +261,20 @@ def wandering_direction(rng, duration, samples, step):
 
 
 def make_plan(
-    terminals: int = 3, instruments: int = 1, *, zones: int = 4, duration: float = 40.0, edges: int = 6
+    terminals: int = 3,
+    instruments: int = 1,
+    *,
+    zones: int = 4,
+    duration: float = 40.0,
+    edges: int = 6,
+    craft: Spacecraft | None = None,
 ) -> Plan:
-    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law."""
-    scenario = make_scenario(terminals, instruments, keep_out=random_zones(zones), turn=(0.6, -1.1, 0.9))
+    """A plan whose platform turns about one axis and whose joints move along lines, all by one smooth law.
+
+    A spacecraft may be given instead of the numbers of its devices.
+    """
+    keep_out = random_zones(zones)
+    scenario = make_scenario(terminals, instruments, keep_out=keep_out, turn=(0.6, -1.1, 0.9), craft=craft)
     still = 0.0 if duration == 0 else 1.0
     start, end = scenario.start, scenario.goal
     first = Rotation.from_rotvec(start.rotation_vector)
@@ -339,12 +302,12 @@ def make_plan(
         joints=start.joints + law(share)[:, None] * change,
         edge_costs=np.diff(law(share)),
     )
-    bound = bool(zones and terminals + instruments)
+    bound = bool(zones and scenario.spacecraft.device_names)
     report = Certificate(
         certified=True,
         min_margin=0.02 if bound else None,
         worst_time=0.25 * duration if bound else None,
-        worst_device="terminal-1" if bound else None,
+        worst_device=scenario.spacecraft.device_names[0] if bound else None,
         worst_zone="zone-0" if bound else None,
         faults=(),
     )

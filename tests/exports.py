@@ -1,6 +1,7 @@
 """A certified plan for the tests of exports, with no symmetry, and its motion by scipy and by differences."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from builders import at_rest
@@ -16,6 +17,14 @@ from jaxplan.trajectory import Trajectory
 
 DURATION = 30.0
 EPOCH = "2026-03-01T06:30:15.25"
+# The last entries of NAIF's leap second kernel, and its three constants.
+LEAP_SECONDS = """
+DELTET/DELTA_T_A = 32.184
+DELTET/K = 1.657D-3
+DELTET/EB = 1.671D-2
+DELTET/M = ( 6.239996D0 1.99096871D-7 )
+DELTET/DELTA_AT = ( 35, @2012-JUL-1, 36, @2015-JUL-1, 37, @2017-JAN-1 )
+"""
 
 
 def flown_plan(seed: int = 3, terminals: int = 2, duration: float = DURATION) -> Plan:
@@ -71,3 +80,13 @@ def differences(attitude: np.ndarray, step: float) -> np.ndarray:
     turned = Rotation.from_matrix(np.swapaxes(attitude[1:-1], 1, 2) @ attitude[2:]).as_rotvec()
     behind = Rotation.from_matrix(np.swapaxes(attitude[1:-1], 1, 2) @ attitude[:-2]).as_rotvec()
     return (turned - behind) / (2 * step)
+
+
+def load(folder: Path) -> float:
+    """Load an export and a leap second kernel; SPICE's own time of the epoch."""
+    import spiceypy as spice
+
+    for file in sorted(folder.iterdir()):
+        spice.furnsh(str(file))
+    spice.lmpool(LEAP_SECONDS.split("\n")[1:-1])
+    return spice.str2et(EPOCH)

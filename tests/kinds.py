@@ -71,7 +71,9 @@ def seen_by(craft, rows, joints):
         for frame, about, lift in zip(craft.gimbals.frames, azimuth.T, elevation.T, strict=True)
     ]
     still = [np.tile(vector, (length, 1)) for vector in (*craft.fixed_boresights, *rows.body)]
-    carried = [turns[of].apply(vector) for of, vector in zip(rows.carrier, rows.carried, strict=True)]
+    carried = [
+        turns[of].apply(np.array(vector)) for of, vector in zip(rows.carrier, rows.carried, strict=True)
+    ]
     return np.stack([*(turn.apply([1.0, 0, 0]) for turn in turns), *still, *carried], axis=1)
 
 

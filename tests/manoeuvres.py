@@ -42,7 +42,7 @@ def polynomial(rng, first, last, half, wiggle):
     return (np.arange(13) + 0.5)[:, None] * (legendre.legvander(x, 12).T * weights) @ values
 
 
-def manoeuvre(seed, *, pieces=3, joint_pieces=2, terminals=3, duration=80.0, wiggle=0.1, step=0.4):
+def manoeuvre(seed, *, pieces=3, joint_pieces=2, terminals=3, drives=0, duration=80.0, wiggle=0.1, step=0.4):
     """A random trajectory from rest to rest, twice continuously differentiable, a chart for each piece."""
     rng = np.random.default_rng(seed)
 
@@ -65,7 +65,7 @@ def manoeuvre(seed, *, pieces=3, joint_pieces=2, terminals=3, duration=80.0, wig
         first, last = [np.zeros(3), left[1], left[2]], [turn, ahead.apply(right[1]), ahead.apply(right[2])]
         coefficients.append(polynomial(rng, first, last, half, wiggle))
     joint_half = duration / joint_pieces / 2
-    knot = knots(joint_pieces, 2 * terminals, joint_half)
+    knot = knots(joint_pieces, 2 * terminals + drives, joint_half)
     pairs = pairwise(knot)
     breaks = np.linspace(0, duration, pieces + 1)
     return Trajectory(

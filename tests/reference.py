@@ -235,6 +235,38 @@ def state_margins(scenario, attitudes, joints, time):
     return margins
 
 
+def outside(corners, points):
+    """(k,) how far points (k, 2) are beyond the edge of a convex polygon that they are farthest beyond."""
+    middle = np.mean(corners, axis=0)
+    margins = []
+    for here, there in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        normal = np.array([there[1] - here[1], here[0] - there[0]]) / np.linalg.norm(there - here)
+        normal = normal if normal @ (here - middle) > 0 else -normal
+        margins.append((points - here) @ normal)
+    return np.max(margins, axis=0)
+
+
+def field_margins(device, parts):
+    """How far directions are beyond the worst edge of a device's field, and beyond its corners.
+
+    Args:
+        device: with a field of view.
+        parts: (3, k) along the boresight, along up x boresight, and along up.
+
+    Returns:
+        (k,) rad each; the first is below zero inside, the second counts from the boresight.
+    """
+    forward, *across = parts
+    half = np.asarray(device.field_of_view) / 2
+    beyond = [
+        np.hypot(side, forward) * np.sin(sign * np.arctan2(side, forward) - angle)
+        for side, angle in zip(across, half, strict=True)
+        for sign in (1, -1)
+    ]
+    corner = np.arctan(np.hypot(*np.tan(half)))
+    return np.arcsin(np.clip(np.max(beyond, axis=0), -1, 1)), np.arccos(np.clip(forward, -1, 1)) - corner
+
+
 def _stated_margin(craft, zone, attitudes, joints, time):
     """(k,) margin to one zone, of what it binds that is worst."""
     if isinstance(zone, JointBound):
@@ -252,15 +284,32 @@ def _stated_margin(craft, zone, attitudes, joints, time):
     inside = isinstance(zone, KeepIn)
     if (zone.inside if inside else zone.outside) is not None:
         names = zone.devices or [one.name for one in craft.devices if one.field_of_view is not None]
-        apart = np.array([field_distance(craft, name, joints, axis) for name in names])
-    else:
-        names = zone.devices if zone.devices or zone.vectors else craft.device_names
-        bound = [in_body(craft, name, joints) for name in names]
-        bound += [in_body(craft, vector.to, joints, vector.along) for vector in zone.vectors]
-        apart = angle(np.array(bound), axis)
-        if inside:
-            return np.min(zone.half_angle - apart, axis=0)
-    return np.min((-apart if inside else apart) - zone.half_angle, axis=0)
+        found = [stated_field_margin(craft, name, joints, axis, inside) for name in names]
+        return np.min(found, axis=0) - zone.half_angle
+    names = zone.devices if zone.devices or zone.vectors else craft.device_names
+    bound = [in_body(craft, name, joints) for name in names]
+    bound += [in_body(craft, vector.to, joints, vector.along) for vector in zone.vectors]
+    apart = angle(np.array(bound), axis)
+    return np.min(zone.half_angle - apart if inside else apart - zone.half_angle, axis=0)
+
+
+def stated_field_margin(craft, name, joints, toward, inside):
+    """(k,) rad by which directions (k, 3), body axes, are beyond a field, or inside, as margins count it."""
+    ahead, _, up = field_axes(craft, name, joints)
+    parts = [np.sum(toward * own, axis=1) for own in (ahead, np.cross(up, ahead), up)]
+    device = next(one for one in craft.devices if one.name == name)
+    beyond, far = field_margins(device, parts)
+    return -beyond if inside else np.maximum(beyond, far)
+
+
+def field_axes(craft, name, joints):
+    """Boresight, the direction across up, and up of a device's field, (k, 3) each, body axes."""
+    device = next(one for one in craft.devices if one.name == name)
+    ahead, left, up = (in_body(craft, name, joints, axis) for axis in np.eye(3))
+    if isinstance(device, Terminal) and device.up is not None:
+        up = in_body(craft, name, joints, device.up)
+        left = np.cross(up, ahead)
+    return ahead, left, up
 
 
 # Devices, from what is said of each.
@@ -308,10 +357,7 @@ def field_distance(craft, name, joints, toward):
     Outside it is the arc to the nearest point of the four edges, which are arcs of great circles.
     """
     device = next(one for one in craft.devices if one.name == name)
-    ahead, left, up = (in_body(craft, name, joints, axis) for axis in np.eye(3))
-    if isinstance(device, Terminal) and device.up is not None:
-        up = in_body(craft, name, joints, device.up)
-        left = np.cross(up, ahead)
+    ahead, left, up = field_axes(craft, name, joints)
     across, along = np.tan(np.asarray(device.field_of_view) / 2)
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     corners = np.array([unit(ahead + a * across * left + b * along * up) for a, b in signs])

@@ -264,6 +264,44 @@ def test_the_planner_of_the_example_for_many_finds_certified_plans():
             remove_planner("by-way-of-run")
 
 
+def blocks(file: Path, language: str) -> list[str]:
+    """The blocks of code of a language in a page."""
+    return re.findall(rf"```{language}\n(.*?)```", file.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.mark.slow
+def test_the_first_example_of_the_readme_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    import jaxplan as jp
+
+    readme = ROOT / "README.md"
+    (tmp_path / "observer.toml").write_text(blocks(readme, "toml")[0], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    from_file, in_python = blocks(readme, "python")[:2]
+    names: dict[str, object] = {}
+    exec(from_file, names)
+    printed, said = capsys.readouterr().out, blocks(readme, "text")[0]
+    number = r"-?\d+(?:\.\d+)?"
+    assert re.sub(number, "#", printed.strip()) == re.sub(number, "#", said.strip())
+    for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
+        assert own == pytest.approx(told, rel=0.02)
+    exec(in_python, names)
+    assert names["scenario"] == jp.load_scenario("observer.toml")
+
+
+@pytest.mark.slow
+def test_the_page_on_spacecraft_has_one_scenario_in_its_files_and_in_python(tmp_path):
+    import jaxplan as jp
+
+    page = DOCS / "spacecraft.md"
+    file = tmp_path / "scene.toml"
+    file.write_text("\n".join(blocks(page, "toml")), encoding="utf-8")
+    names: dict[str, object] = {}
+    exec("\n".join(blocks(page, "python")), names)
+    assert names["plan"].ok
+    assert names["plan"].scenario == jp.load_scenario(file)
+    assert names["scenario"].spacecraft.joint_count == 3
+
+
 class Links(HTMLParser):
     """The places that a page links to, and those that links may go to."""
 

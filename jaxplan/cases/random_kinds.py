@@ -11,7 +11,7 @@ into the range of the pitch from one side, and leave 6 deg at the other.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -32,7 +32,8 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import GivenState
-from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.model.spacecraft import Instrument, Spacecraft
+from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone, tabulate
 
 CLEARANCE = math.radians(2.0)
 """rad, the margin that start and goal have to every zone that is drawn."""
@@ -45,6 +46,17 @@ KNOWN = 400.0
 _TIMES = np.linspace(0, KNOWN, 41)
 _PITCH_LIMIT = 15.0  # deg, of the spacecraft
 _EDGES = 4  # of a polygon
+
+_FIELD, _UP = (
+    np.radians([14.0, 8.0]),
+    np.array([0.0, 0.6, 0.8]),
+)  # of every terminal, where zones are of fields
+_CAMERA = Instrument(
+    name="camera",
+    boresight=np.array([0.0, 0.6, 0.8]),
+    field_of_view=np.radians([24.0, 14.0]),
+    up=np.array([1.0, 0.0, 0.0]),
+)
 
 Recipe = Callable[[np.random.Generator], tuple[Zone, ...]]
 
@@ -89,6 +101,22 @@ def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
     }
 
 
+def equipped(zones: Sequence[Zone]) -> Spacecraft:
+    """The paper's spacecraft with the masks that are among some zones, and the fields that some are of."""
+    craft, _ = setting()
+    own = {
+        terminal.name: [
+            zone.corners for zone in zones if isinstance(zone, Mask) and zone.device == terminal.name
+        ]
+        for terminal in craft.terminals
+    }
+    masked = tuple(replace(one, mask=tuple(own[one.name])) for one in craft.terminals)
+    if not any(isinstance(zone, KeepOut) and zone.of_field for zone in zones):
+        return replace(craft, terminals=masked)
+    seeing = tuple(replace(one, field_of_view=_FIELD, up=_UP) for one in masked)
+    return replace(craft, terminals=seeing, instruments=(_CAMERA,))
+
+
 def _states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Attitudes (k, 3, 3) and joints (k, 6) of some states."""
     return np.stack([attitude for attitude, _ in states]), np.stack([joints for _, joints in states])
@@ -122,7 +150,7 @@ def _zones(
 
 def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """The least margin (k,) of each state, rad; to zones that move the least at any time."""
-    craft, _ = setting()
+    craft = equipped(zones)
     rows = tabulate(**sorts(zones), spacecraft=craft)
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     times = np.repeat(_TIMES[:, None], len(joints), axis=1) if rows.paths else None
@@ -216,12 +244,37 @@ def _cone(
     return (sort(name=name, **known, vectors=tuple(vector for to in of for vector in _vector(rng, to))),)
 
 
-def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """A convex polygon of a terminal's yaw and pitch that is forbidden; it reaches in from above or below."""
+def _mask(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+    """A mask of a terminal; it reaches in from above or below."""
+    corners, name = np.vectorize(_as_filed)(_corners(rng)), _terminal(number)
+    return (Mask(name=f"mask 1 of {name}", device=name, corners=corners, turns=(0,)),)
+
+
+def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float, float]) -> tuple[Zone, ...]:
+    """A direction that stays away from the field of view of a device by a distance in a range, deg."""
+    distance = _as_filed(random_angle(rng, *distances))
+    return (
+        KeepOut(
+            name=name,
+            direction=random_direction(rng),
+            half_angle=distance,
+            outside=FIELD_OF_VIEW,
+            devices=(of,),
+        ),
+    )
+
+
+def _corners(rng: np.random.Generator) -> np.ndarray:
+    """Corners of a convex polygon of yaw and pitch, counter-clockwise; it reaches in from above or below."""
     centre = np.array([random_angle(rng, -60, 60), math.radians(_side(rng) * _PITCH_LIMIT)])
     size = np.array([random_angle(rng, 15, 35), random_angle(rng, 8, 22)])
     turn = 2 * np.pi * (np.arange(_EDGES) + rng.uniform()) / _EDGES
-    corners = centre + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return np.asarray(centre + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+
+
+def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+    """A convex polygon of a terminal's yaw and pitch that is forbidden, as bounds of joints."""
+    corners = _corners(rng)
     along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise, so that outside is at the right
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
     name = f"corner-{number + 1}"
@@ -287,6 +340,10 @@ _SUN = partial(_TOWARD, name="sun", of=(None,))
 _TRACKERS = tuple(partial(_AWAY, name=f"tracker-{i + 1}", of=(None,)) for i in range(3))
 _SKY = tuple(partial(_cone, name=f"sky-{i + 1}", half_angles=(12, 25)) for i in range(2))
 _PASSING = tuple(partial(_passing, name=f"passing-{i + 1}", by_body=i == 3) for i in range(4))
+_FIELDS = tuple(
+    partial(_beside, name=f"beside-{i + 1}", of=f"terminal-{i + 1}", distances=(3, 10)) for i in range(3)
+)
+_CAMERAS = tuple(partial(_beside, name=f"camera-{i + 1}", of="camera", distances=(5, 15)) for i in range(3))
 KINDS = {
     "masks": Kind(recipes=_MASKS),
     "beams": Kind(recipes=_BEAMS),
@@ -308,4 +365,6 @@ KINDS = {
             _GROUPS[2],
         )
     ),
+    "terminal_masks": Kind(recipes=_for_each(_mask)),
+    "fields": Kind(recipes=(*_CAMERAS, *_FIELDS)),
 }

@@ -27,7 +27,10 @@ In the others, see `random_kinds`, zones are of every sort there is:
                     body
     moved_goals     the cones of carried that vectors are kept away from, and joint_bounds; the nearest goal
                     without zones breaks one, but another within 30 deg of it none
-    mixed           two cones on the sky and one or two zones of all sorts but those that move
+    terminal_masks  a mask of four corners in each terminal's yaw and pitch
+    fields          a field of view of 14 by 8 deg for each terminal, from which a direction stays 3 to 10
+                    deg away, and one of 24 by 14 deg for a camera, from which three stay 5 to 15 deg away
+    mixed           two cones on the sky and one or two zones of all sorts but those that move, of fields
 
 There the straight motion to the nearest goal breaks a zone, but in moved_goals, where that goal does. Of one
 kind the spacecraft is random too, and nothing of what follows holds for it, see `any_spacecraft`:
@@ -153,10 +156,10 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
         zones: tuple[Zone, ...] = (*keep_out, *keep_in)
     else:
         start, zones = random_kinds.draw(rng, random_kinds.KINDS[kind])
-    craft, targets = setting()
+    _, targets = setting()
     return Scenario(
         name=f"{kind} {seed}",
-        spacecraft=craft,
+        spacecraft=random_kinds.equipped(zones),
         start=start,
         goal=targets,
         **random_kinds.sorts(zones),

@@ -290,12 +290,16 @@ class Bindings:
         for clause in clauses[~(minima.bound[clauses] >= -allowance)].tolist():
             time, seen, bound = minima.time[clause], minima.seen[clause], minima.bound[clause]
             pair = self.deciding(clause, time, motion)
+            own = self.layout.clause == clause
+            single = self.layout.opens_entry[own].sum() == 1
+            alone = len({claim.zone_names[row] for row in self.row[own]}) == 1  # and no group of zones
             kind, wrong = self._kind(pair)
-            sight = claim.sights[self.sight[pair]]
-            place = f"the {kind} {claim.zone_names[self.row[pair]]}"
+            if alone and not single and self.frame[pair] != JOINTS:  # a field of view by its edges
+                kind, wrong = "zone", "too close to"
+            sight, name = claim.sights[self.sight[pair]], claim.zone_names[self.row[pair]]
+            place = name if name.startswith(f"{kind} ") else f"the {kind} {name}"
             if seen < -allowance:
-                single = self.layout.opens_entry[self.layout.clause == clause].sum() == 1
-                rest = "" if single else ", the nearest to hold of its group,"
+                rest = "" if single or alone else ", the nearest to hold of its group,"
                 overlap = f"{sight} is {np.rad2deg(-seen):.3g} deg {wrong} {place}"
                 yield f"{overlap}{rest} at t = {time:.6g} s"
             else:

@@ -26,11 +26,12 @@ FIRST_STEPS = """\
 # As words, since to ask the modules for them takes a second that help should not take.
 _KINDS = (
     "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
-    "joint_bounds, grouped, moving, moved_goals, mixed or any_spacecraft"
+    "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 _OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans
 _NEW_OBJECTS = 100_000  # between two looks for garbage; by Python's 700 they take a tenth of a short command
+_PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
 
 
@@ -170,7 +171,12 @@ def _add_plan_commands(commands: Any) -> None:
         "check", help="certify a plan file anew", description=("Prove a plan file's trajectory safe, anew.")
     )
     plot = commands.add_parser(
-        "plot", help="draw a plan file", description=("Draw the figures of a plan file.")
+        "plot",
+        help="draw a plan file, or the spacecraft of a scenario",
+        description=(
+            "Draw the figures of a plan file; or of a scenario, before it is planned, the spacecraft with "
+            "its axes, devices, ranges and masks in space."
+        ),
     )
     report = commands.add_parser(
         "report",
@@ -182,10 +188,11 @@ def _add_plan_commands(commands: Any) -> None:
         help="write a plan for other tools",
         description=("Certify a plan file anew and write its motion as another tool reads it."),
     )
-    for each in (check, plot, report, export):
-        each.add_argument("plan", metavar="PLAN", help="a plan.json, as jaxplan plan -o DIR writes it")
+    for each in (check, report, export):
+        each.add_argument("plan", metavar="PLAN", help=_PLAN)
+    plot.add_argument("plan", metavar="FILE", help=f"{_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
-    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the plan")
+    plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
     export.add_argument(

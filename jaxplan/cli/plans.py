@@ -158,7 +158,9 @@ def check(options: argparse.Namespace) -> int:
 
 
 def plot(options: argparse.Namespace) -> int:
-    """Draw the figures of a plan file."""
+    """Draw the figures of a plan file, or the spacecraft of a scenario."""
+    if _is_scenario(options.plan):
+        return _plot_spacecraft(options)
     plan = load_plan_file(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
@@ -167,6 +169,16 @@ def plot(options: argparse.Namespace) -> int:
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
+
+
+def _plot_spacecraft(options: argparse.Namespace) -> int:
+    """Draw the spacecraft of a scenario as it is at the start."""
+    from jaxplan import plotting
+
+    scene = load_scene(options.plan)
+    folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
+    save(plotting.spacecraft_figure(scene.spacecraft, scene.start.joints), folder / "spacecraft.png")
+    return DONE
 
 
 def report(options: argparse.Namespace) -> int:
@@ -254,7 +266,7 @@ def load_plan_file(name: str) -> Plan:
     set_up_jax()
     if not name:
         raise ValueError("PLAN is empty, it must name a plan.json")
-    if name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file()):
+    if _is_scenario(name):
         raise ValueError(
             f"{name}: is a scenario and no plan file; make out/plan.json of it with: jaxplan plan "
             f"{shlex.quote(name)} -o out"
@@ -274,6 +286,10 @@ def load_plan_file(name: str) -> Plan:
         if _first_character(name) not in (None, "{"):
             raise ValueError(f"{error}; jaxplan plan SCENARIO -o DIR makes plan files") from error
         raise
+
+
+def _is_scenario(name: str) -> bool:
+    return name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file())
 
 
 def _first_character(name: str) -> str | None:

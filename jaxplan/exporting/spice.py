@@ -1,5 +1,8 @@
 """A SPICE C-kernel of type 3 with its frame and clock kernels: ``attitude.bc``, ``frames.tf``, ``clock.tsc``.
 
+Where devices have rectangular fields of view, these are in an instrument kernel ``instruments.ti``; an
+instrument has the number and the name of its frame.
+
 The platform is the frame JAXPLAN_BUS on J2000, a terminal a frame on the bus, an instrument a fixed frame on
 it; a device's boresight is its z axis. SPICE stores the C-matrix, which maps inertial to body: the inverse of
 ours, hence the conjugate quaternion; angular velocities are those of the frame in the components of the
@@ -21,6 +24,7 @@ import numpy as np
 from jaxplan.exporting.sampled import Sampled, device_motion, instrument_frames, labels, plain, progress
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time
+from jaxplan.model.outlines import UP
 from jaxplan.model.spacecraft import Spacecraft
 
 _CRAFT = -999  # of the numbers that NAIF leaves to everybody
@@ -74,6 +78,9 @@ def write_spice(sampled: Sampled, folder: Path) -> None:
     kernel = _frame_kernel(sampled, turning, instruments)
     (folder / "frames.tf").write_text(kernel, encoding="ascii")
     (folder / "clock.tsc").write_text(_CLOCK, encoding="ascii")
+    fields = list(_fields(craft, turning, instruments))
+    if fields:
+        (folder / "instruments.ti").write_text(_instrument_kernel(sampled, fields), encoding="ascii")
     try:
         with _pool_holding(kernel + _CLOCK):
             _write_c_kernel(sampled, turning, folder / "attitude.bc")
@@ -114,6 +121,47 @@ def _frame_kernel(sampled: Sampled, turning: Sequence[_Frame], instruments: Sequ
         ]
         columns = ["  " + " ".join(f"{value:.17g}" for value in axis) for axis in matrix.T]
         lines += [f"TKFRAME_{frame.number}_MATRIX = (", *columns, ")"]
+    return "\n".join([*lines, "\\begintext", ""])
+
+
+def _fields(
+    craft: Spacecraft, turning: Sequence[_Frame], instruments: Sequence[_Frame]
+) -> Iterator[tuple[_Frame, np.ndarray, np.ndarray]]:
+    """Devices with a field of view: the frame, up in its axes, and the full angles across and along it."""
+    for frame, terminal in zip(turning, craft.terminals, strict=False):  # then come the drives
+        if terminal.field_of_view is not None:
+            forward, left, above = UP if terminal.up is None else terminal.up
+            yield frame, np.array([-above, left, forward]), terminal.field_of_view
+    matrices = instrument_frames(craft.fixed_boresights)
+    for frame, instrument, matrix in zip(instruments, craft.instruments, matrices, strict=True):
+        if instrument.field_of_view is not None and instrument.up is not None:
+            yield frame, instrument.up @ matrix, instrument.field_of_view
+
+
+def _instrument_kernel(sampled: Sampled, fields: Sequence[tuple[_Frame, np.ndarray, np.ndarray]]) -> str:
+    """Fields of view as rectangles; the reference vector is up."""
+    lines = [
+        "KPL/IK",
+        "",
+        f"   Fields of view of the spacecraft of: {plain(sampled.name)}",
+        "",
+        "\\begindata",
+    ]
+    for frame, up, angles in fields:
+        variable = f"INS{frame.number}"
+        across, along = (f"{angle / 2:.17g}" for angle in angles)
+        lines += [
+            f"NAIF_BODY_NAME += ( '{frame.name}' )",
+            f"NAIF_BODY_CODE += ( {frame.number} )",
+            f"{variable}_FOV_FRAME = '{frame.name}'",
+            f"{variable}_FOV_SHAPE = 'RECTANGLE'",
+            f"{variable}_FOV_CLASS_SPEC = 'ANGLES'",
+            f"{variable}_FOV_ANGLE_UNITS = 'RADIANS'",
+            f"{variable}_BORESIGHT = ( 0 0 1 )",
+            f"{variable}_FOV_REF_VECTOR = ( {' '.join(f'{part:.17g}' for part in up)} )",
+            f"{variable}_FOV_REF_ANGLE = ( {along} )",
+            f"{variable}_FOV_CROSS_ANGLE = ( {across} )",
+        ]
     return "\n".join([*lines, "\\begintext", ""])
 
 

@@ -12,7 +12,7 @@ ones; `beside` finds goals beside what the attitude does not decide on. `sensiti
 derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -22,6 +22,7 @@ from jaxplan.goal import multistart
 from jaxplan.goal.beside import goals_beside
 from jaxplan.goal.caps import Caps, assemble, deepest_row
 from jaxplan.goal.free import settled
+from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.goal.wishes import with_wishes
@@ -110,6 +111,8 @@ def decompose(
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
     """
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
+    if targets.clearance:
+        problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
     with jax.enable_x64(True):
         problem, met = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
         caps = assemble(problem)

@@ -78,12 +78,13 @@ def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
     return xp.stack([low, high], axis=-1)
 
 
-def aims_of(craft: Spacecraft, targets: Targets, tolerance: float = 0.0) -> Aims:
+def aims_of(craft: Spacecraft, targets: Targets, ranges: AnyArray, tolerance: float = 0.0) -> Aims:
     """The aims of targets.
 
     Args:
         craft: terminals, drives and instruments.
         targets: where they are at the goal.
+        ranges: (J, 2) rad, of `goal_ranges`.
         tolerance: rad, to which equations are met; zero for exactly.
     """
     names, gimbals = craft.device_names, craft.gimbals.count
@@ -91,7 +92,6 @@ def aims_of(craft: Spacecraft, targets: Targets, tolerance: float = 0.0) -> Aims
     held = tuple(
         number for number in range(gimbals) if number not in devices and names[number] in targets.hold
     )
-    ranges = goal_ranges(craft, targets)
     boxes = [box_of(craft, number, ranges, _SHARE * tolerance) for number in devices]
     directions = targets.directions
     return Aims(

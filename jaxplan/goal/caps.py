@@ -54,7 +54,7 @@ ALTERNATIVES = 16
 
 
 def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Excess of each group: the worst cap of its best member.
+    """Excess of each group: the worst cap of its best member; where no group has several, of each cap.
 
     Args:
         excess: (m, K) of every cap.
@@ -62,10 +62,10 @@ def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> n
         group: (m,) number of each cap's group, ascending.
 
     Returns:
-        (groups, K).
+        (groups, K), or (m, K).
     """
     members, groups = (np.flatnonzero(np.diff(numbers, prepend=-1)) for numbers in (member, group))
-    if len(groups) == len(excess):  # as where no constraint leaves a choice
+    if len(groups) == len(members):
         return excess
     # a loop, since `reduceat` along the first axis takes ten times as long
     of_member = [np.max(part, axis=0) for part in np.split(excess, members[1:])]
@@ -93,7 +93,7 @@ def applies(excess: Array, member: Array, group: Array) -> Array:
         first = jnp.min(jnp.where(of_group & (own <= best), member[:, None], count), axis=1)
         return first == member[:, None]
 
-    choice = jnp.any(group[1:] == group[:-1])
+    choice = jnp.any((group[1:] == group[:-1]) & (member[1:] != member[:-1]))
     return jax.lax.cond(choice, chosen, lambda excess: jnp.ones(excess.shape, bool), excess)
 
 

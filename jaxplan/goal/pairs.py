@@ -8,15 +8,27 @@ on what the joints are: step 1 leaves them *open*. It computes with numpy or JAX
 Z rows, S sights.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.goal.aims import Known
-from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, joint_values, pair_margins
+from jaxplan.model.constraints import (
+    BODY,
+    INERTIAL,
+    JOINTS,
+    SIGHT,
+    Constraints,
+    joint_values,
+    pair_margins,
+    room,
+)
 from jaxplan.model.directions import Sights
+
+_SOMEWHERE = np.array([0.0, 0.0, 1.0])
 
 
 class Pairs(NamedTuple):
@@ -61,7 +73,12 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
     both_outside = inertial[:, None] & known.inertial
     both_inside = in_body[:, None] & known.in_body
     settled = rows.bound & (both_outside | both_inside)
-    margin = xp.where(both_outside, pair_margins(rows, toward, outside), pair_margins(rows, along, inside))
+    # an angle to a vector of length zero, which stands for one that is not known, has no derivative
+    margins = [
+        pair_margins(rows, *(xp.where(_is_known(part), part, _SOMEWHERE) for part in both))
+        for both in ((toward, outside), (along, inside))
+    ]
+    margin = xp.where(both_outside, *margins)
     by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
     of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
     pairs = Pairs(
@@ -73,6 +90,12 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
         half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
     )
     return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
+
+
+def _is_known(vectors: AnyArray) -> AnyArray:
+    """(..., 1) bool, which vectors (..., 3) are not zero."""
+    known: AnyArray = array_module(vectors).any(vectors != 0, axis=-1, keepdims=True)
+    return known
 
 
 def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
@@ -103,6 +126,25 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, 
 def single_yaws(rows: Constraints) -> AnyArray:
     """(Z,) bool, the rows of joints that bound a yaw alone."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
+
+
+def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraints:
+    """The constraints with a clearance, of what is left to the attitude.
+
+    A row gives it up to half of the room that it leaves (`room`), and no more than the least margin of its
+    pairs that are settled, since no attitude helps these.
+
+    Args:
+        rows: the constraints, at an instant.
+        pairs: of these.
+        clearance: rad.
+    """
+    xp, margin, half_angle, side, wanted = arrays(pairs.margin, rows.half_angle, rows.side, clearance)
+    settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
+    kept = xp.minimum(wanted, xp.minimum(room(rows), xp.maximum(settled, 0)))
+    away = xp.where(rows.frame == JOINTS, 1, side)
+    widened: Constraints = replace(rows, half_angle=half_angle + away * kept)
+    return widened
 
 
 def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:

@@ -108,7 +108,7 @@ class GoalProblem:
             spacecraft=spacecraft,
             start=np.asarray(start, float),
             rest=np.zeros(len(ranges)) if rest is None else np.asarray(rest, float),
-            aims=aims_of(spacecraft, targets, float(targets.tolerance)),
+            aims=aims_of(spacecraft, targets, ranges, float(targets.tolerance)),
             ranges=ranges,
             rows=tabulate((), (), spacecraft) if rows is None else rows,
         )

@@ -27,9 +27,9 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
-from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, known_sights, pointed
+from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
-from jaxplan.goal.pairs import pairs_at_goal, single_yaws
+from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.gimbals import TURN
@@ -139,6 +139,7 @@ def _optimum(
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
     rest = _rest(goal, start_joints, found.dtype)
     state = _State.of(spacecraft, targets, cones, rest, found.dtype)
+    state = state.cleared(targets.clearance)
     caps = _caps(state, start)
     matter = _matter(found, jax.lax.stop_gradient(state))
     number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)
@@ -181,7 +182,7 @@ class _State(NamedTuple):
     def of(
         cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
     ) -> "_State":
-        aims = aims_of(spacecraft, targets)
+        aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
         directions = _unit(jnp.asarray(aims.directions, dtype))
         frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
         aims = replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
@@ -200,6 +201,11 @@ class _State(NamedTuple):
     def known(self) -> Known:
         """What is known of the sights."""
         return known_sights(self.aims, self.sights, self.rest)
+
+    def cleared(self, clearance: ArrayLike) -> "_State":
+        """The same with rows that have the goal's clearance, as step 1 had them."""
+        pairs = pairs_at_goal(self.rows, self.sights, self.known, self.rest)
+        return self._replace(rows=cleared(self.rows, pairs, clearance))
 
     @property
     def columns(self) -> slice | np.ndarray:

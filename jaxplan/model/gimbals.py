@@ -26,6 +26,7 @@ from jaxplan.geometry.vectors import (
     unit,
 )
 from jaxplan.runtime.display import shown
+from jaxplan.runtime.once import made_once
 
 TURN = 2 * np.pi
 
@@ -144,12 +145,14 @@ class Gimbals:
         return self.count + self.terminals
 
     @property
+    @made_once
     def yaws(self) -> np.ndarray:
         """(g,) int, the joint that turns the azimuth of each gimbal."""
         n = self.terminals
         return np.concatenate([np.arange(n), np.arange(2 * n, self.joint_count)])
 
     @property
+    @made_once
     def pitches(self) -> np.ndarray:
         """(n,) int, the joint that turns the elevation of each terminal."""
         return np.arange(self.terminals, 2 * self.terminals)

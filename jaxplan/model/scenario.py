@@ -112,6 +112,7 @@ class Wish:
     "yaw_limit deg",
     "pitch_limit deg",
     "tolerance deg",
+    "clearance deg",
     "angular_velocity deg/s",
     "joint_rates deg/s",
 )
@@ -130,6 +131,8 @@ class Targets:
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
         tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.
+        clearance: rad by which the goal keeps clear of zones where its attitude can; a zone gives up to half
+            of the room that it leaves, and no more than what the targets themselves have.
         angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
         joint_rates: (2n + d,) rad/s at the goal; likewise.
     """
@@ -157,6 +160,7 @@ class Targets:
     tolerance: float = keyed(
         math.radians(1e-6), "tolerance_deg", "to which instruments and drives meet targets", "[1e-8, 1]"
     )
+    clearance: float = keyed(0.0, "clearance_deg", "that the goal keeps from the edges of zones", "[0, 45]")
     angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
     joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 

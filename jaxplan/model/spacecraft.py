@@ -27,6 +27,9 @@ NEAREST_TO_POLE = np.deg2rad(0.1)
 """rad; a pitch stays as far from 90 deg, where the yaw loses its meaning, whatever its range says."""
 
 
+_MOST_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
+
+
 @shown("yaw_axis", "boresight")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,10 +179,7 @@ class Terminal:
             yaw = -_given(self.yaw_limit), self.yaw_limit
         if pitch is None:
             pitch = -_given(self.pitch_limit), self.pitch_limit
-        steepest = np.pi / 2 - NEAREST_TO_POLE
-        xp, found = arrays(stacked([yaw[0], yaw[1], pitch[0], pitch[1]]))
-        most = np.array([np.inf, np.inf, steepest, steepest])
-        return xp.clip(found, -most, most).reshape(2, 2)
+        return stacked([yaw[0], yaw[1], pitch[0], pitch[1]]).clip(-_MOST_ANGLE, _MOST_ANGLE).reshape(2, 2)
 
     @property
     def rate_limits(self) -> tuple[Any, Any]:

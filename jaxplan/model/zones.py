@@ -236,6 +236,7 @@ class JointBound:
 
 
 @shown("device", "corners deg", "turns")
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mask:
     """A convex polygon of yaw and pitch that a terminal must not enter, as its spacecraft has it.
@@ -247,10 +248,10 @@ class Mask:
         turns: whole turns of yaw after which it is met again.
     """
 
-    name: str
-    device: str
+    name: str = field(metadata={"static": True})
+    device: str = field(metadata={"static": True})
     corners: np.ndarray
-    turns: tuple[int, ...]
+    turns: tuple[int, ...] = field(metadata={"static": True})
 
     any_of: ClassVar[None] = None
     entry: ClassVar[None] = None
@@ -275,8 +276,8 @@ def masks(spacecraft: Spacecraft, turns: Turns | None = None) -> tuple[Mask, ...
     """
     found: list[Mask] = []
     for terminal in spacecraft.terminals:
-        low, high = terminal.ranges[0]
         for number, corners in enumerate(terminal.mask):
+            low, high = terminal.ranges[0]
             own = outlines.turns(corners, low, high) if turns is None else turns[len(found)]
             name = f"mask {number + 1} of {terminal.name}"
             found.append(Mask(name=name, device=terminal.name, corners=corners, turns=own))

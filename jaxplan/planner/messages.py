@@ -56,9 +56,11 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]
+        wider = getattr(scenario.goal, "clearance", 0.0)
+        lower = f", or lower goal.clearance_deg = {np.rad2deg(wider):g}, which counts" if wider else ""
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
-            f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone"
+            f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone{lower}"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / longest(craft, 1)

@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
@@ -257,8 +258,12 @@ def _at_first(scenario: Scenario) -> Scenario:
 
 
 def _ending(path: Path, goal: Goal) -> Path:
-    """The path with a goal as its last node."""
-    attitudes, joints = np.array(path.attitudes), np.array(path.joints)
+    """The path bent so that it ends at a goal: each node moves by its share of the way, by cost."""
+    share = np.concatenate([[0.0], np.cumsum(path.edge_costs)])
+    share = share / share[-1] if share[-1] > 0 else np.ones_like(share)
+    turn = np.asarray(so3.log(path.attitudes[-1].T @ goal.attitude))
+    attitudes = path.attitudes @ np.asarray(so3.exp(share[:, None] * turn))
+    joints = path.joints + share[:, None] * (goal.joints - path.joints[-1])
     attitudes[-1], joints[-1] = goal.attitude, goal.joints
     return replace(path, attitudes=attitudes, joints=joints)
 

@@ -5,19 +5,22 @@
 
 Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
 `table4` the rows of a comparison; `study` and its panels `success_rates`, `outcomes` and `distribution` take
-studies, `constellation` satellites that are planned, `tuning` what tuning found. All take, with ``ax``, where
-to draw: axes (several for a figure of several panels), a figure to put them in, or None for a new one. They
-return the axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one
-colour and line style in all figures of plans, a planner one colour in all comparisons, and a limit has ticks
-on the side that is out of bounds. `animate` returns a film, `figures` goes through all figures of a plan.
-Axes are in degrees and seconds, torques in N m.
+studies, `constellation` satellites that are planned, `spacecraft` a spacecraft, `tuning` what tuning found.
+All take, with ``ax``, where to draw: axes (several for a figure of several panels), a figure to put them in,
+or None for a new one. They return the axes, leave matplotlib's global settings alone and never call
+``plt.show()``. A device has one colour and line style in all figures of plans, a planner one colour in all
+comparisons, and a limit has ticks on the side that is out of bounds. `animate` returns a film, `figures` goes
+through all figures of a plan. Axes are in degrees and seconds, torques in N m.
 """
 
 from jaxplan.plotting.comparison import comparison_figure as comparison_figure
 from jaxplan.plotting.comparison import durations, table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.film import animate
+from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.mounting import spacecraft
+from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
 from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
@@ -39,11 +42,13 @@ __all__ = [
     "durations",
     "figures",
     "globe",
+    "joint_map",
     "margins",
     "outcomes",
     "overview",
     "rates",
     "segments",
+    "spacecraft",
     "sphere",
     "study",
     "success_rates",

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from jaxplan.planner import Plan
+from jaxplan.plotting.feet import feet
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.projections import PALE, GlobeView
 from jaxplan.plotting.sky import (
@@ -216,12 +217,10 @@ class _Picture:
         self.moving: list[Artist] = []  # what is drawn of zones that move
         craft = plan.scenario.spacecraft
         self.margins = [margin.values for margin in margins_over_time(plan.scenario, moves)]
-        # A terminal stands on the platform's side where it looks at rest, an instrument where it looks.
-        outward = np.concatenate([craft.gimbals.frames[..., 0], craft.fixed_boresights])
-        self.feet = outward * np.min(_BODY / np.maximum(np.abs(outward), 1e-9), axis=1, keepdims=True)
+        self.feet = feet(craft) * _BODY
         self.faces = PolyCollection([], edgecolor="0.35", linewidth=0.8, zorder=2.7)
         axes.add_collection(self.faces, autolim=False)
-        looks = [device_style(device) for device in range(len(outward))]
+        looks = [device_style(device) for device in range(len(self.feet))]
         self.trails = [
             [axes.plot([], [], linewidth=2.2, alpha=alpha, zorder=3, **look)[0] for alpha in (1.0, PALE)]
             for look in looks

@@ -19,6 +19,7 @@ from matplotlib.ticker import Locator
 
 from jaxplan.model.constraints import chosen_entries, state_margins
 from jaxplan.model.scenario import Scenario
+from jaxplan.model.zones import bound_by
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     GREY,
@@ -276,6 +277,7 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
     table = state_margins(rows, sights, values.attitude, values.joints, moves.times)  # (k, Z, S)
     chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
     table = np.where(chosen[..., None] & rows.bound, table, np.nan)
+    owners = np.array(bound_by(scenario.zones, craft).owners)  # the edges of a field are of its device
     single, found = rows.single, []
     for leader in np.unique(rows.group[rows.zone >= 0]):
         zone = scenario.zones[rows.zone[leader]]
@@ -283,9 +285,10 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
         if not single[leader]:
             members = [list(chain(*members))]
         for own in members:
-            for sight in np.flatnonzero(np.any(rows.bound[own], axis=0)):
-                least = np.fmin.reduce(table[:, own, sight], axis=1)
-                name = zone.name if single[leader] else str(zone.any_of)
+            bound = np.any(rows.bound[own], axis=0)
+            for device in np.unique(owners[bound]):
+                least = np.fmin.reduce(table[:, own][:, :, owners == device], axis=(1, 2))
                 if not np.all(np.isnan(least)):  # of an entry that is never the best
-                    found.append(Margin(device=int(sight), zone=name, values=least))
+                    name = zone.name if single[leader] else zone.any_of or zone.name
+                    found.append(Margin(device=int(device), zone=name, values=least))
     return found

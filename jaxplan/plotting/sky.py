@@ -6,6 +6,7 @@ maps). Directions are inertial unit vectors.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -16,11 +17,13 @@ from matplotlib.patches import Circle, Patch, Rectangle
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.directions import as_path
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
+from jaxplan.plotting.joint_map import field_outlines
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
@@ -59,9 +62,17 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _TARGET: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
+_WISH: Look = {
+    "marker": "D",
+    "markersize": 7,
+    "linestyle": "none",
+    "fillstyle": "none",
+    "markeredgewidth": 1.1,
+}
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of one that moves, where it is at last
+_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # of view
 _ZONE_WAY: Look = {"linewidth": 1.1, "zorder": 1.7}
 _WAY = 33  # points of the way of a zone's axis
 _CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
@@ -77,8 +88,9 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
     are of a group of which any one holds; the small print under a zone's name says which devices it binds if
     not all, and its group. One that moves is drawn where it is at first, with the way of its axis and,
-    fainter, its edge at last. A plan that failed is drawn as far as it came: the path instead of the
-    trajectory, start and goal without a path, and the targets where no goal was found.
+    fainter, its edge at last. Targets that devices have by their names are marked, and what devices without
+    a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
+    of the trajectory, start and goal without a path, and the targets where no goal was found.
 
     Args:
         plan: of any status.
@@ -147,7 +159,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
     ways = boresight_ways(plan)
-    points = [directions for _, _, directions in end_marks(plan)] if ways is None else [ways.reshape(-1, 3)]
+    points = [mark.directions for mark in end_marks(plan)] if ways is None else [ways.reshape(-1, 3)]
     return GlobeView.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
 
 
@@ -178,9 +190,20 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
-    entries += draw_ends(axes, plan, projection)
+    entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection)]
     if legend:
         legend_beside(axes, [*entries, *zone_entries(scenario)])
+
+
+def _draw_fields(axes: Axes, plan: Plan, projection: Projection) -> Entries:
+    """Draw the outlines of fields of view at start and goal; returns their legend entry, if there are any."""
+    states = [state for state in (plan.scenario.start, plan.goal) if state is not None]
+    drawn = False
+    for state in states:
+        for device, line in field_outlines(plan.scenario, state.attitude, state.joints):
+            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_FIELD})
+            drawn = True
+    return [(Line2D([], [], color=GREY, **_FIELD), "field of view")] if drawn else []
 
 
 def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:
@@ -193,7 +216,7 @@ def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[C
         draw_line(axes, projection, way, {"color": look["color"], **_ZONE_WAY})
     ways, craft = boresight_ways(plan), plan.scenario.spacecraft
     drawn = [_NOTHING] if ways is None else [ways.reshape(-1, 3)]
-    ends = [_NOTHING, *(directions for _, _, directions in end_marks(plan))]
+    ends = [_NOTHING, *(mark.directions for mark in end_marks(plan))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"
     plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
@@ -216,7 +239,7 @@ def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, loo
 
 
 def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -> Entries:
-    """Mark start and goal of every device, or its target if there is no goal; returns legend entries.
+    """Mark start and goal of every device, targets and wishes; returns legend entries.
 
     Args:
         axes: where to.
@@ -224,15 +247,15 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
         projection: of the axes.
         **fading: perhaps ``alpha``, instead of the projection's opacity.
     """
-    ends = end_marks(plan)
-    for look, _, directions in ends:
+    marks = end_marks(plan)
+    for look, _, devices, directions in marks:
         star = look is _START  # it stands before the others
-        for device, point in enumerate(directions):
+        for device, point in zip(devices, directions, strict=True):
             colour = device_style(device)["color"]
             edge = "white" if star else colour
             own = {"color": colour, "markeredgecolor": edge, "zorder": 4.2 if star else 4, **look, **fading}
             _draw_points(axes, projection, point[None], own)
-    return [(Line2D([], [], color=GREY, **look), name) for look, name, _ in ends]
+    return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
@@ -427,22 +450,39 @@ def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> 
     return np.asarray(craft.boresights(attitudes, joints))
 
 
-def end_marks(plan: Plan) -> list[tuple[Look, str, np.ndarray]]:
-    """Where devices start, and where they must end, as far as the plan knows.
+class Marks(NamedTuple):
+    """Directions (k, 3) of some devices, by number, that have one mark with one name in the legend."""
 
-    Returns:
-        Of start, goal or target, those that there are: mark, name, (D, 3) directions, one a device.
+    look: Look
+    name: str
+    devices: Sequence[int]
+    directions: np.ndarray
+
+
+def end_marks(plan: Plan) -> list[Marks]:
+    """Where devices start and end, and where they shall point, as far as the plan knows.
+
+    Targets are marked where no goal was found, and of a goal that has them by names of devices, since not
+    every device has one then. They and wishes are where they are at the goal.
     """
-    goal = plan.scenario.goal
-    ends = [(_START, "start", _given(plan.scenario, plan.scenario.start))]
+    scenario, goal = plan.scenario, plan.scenario.goal
+    craft = scenario.spacecraft
+    every = range(len(craft.device_names))
+    marks = [Marks(_START, "start", every, _given(scenario, scenario.start))]
     if plan.goal is not None:
-        points = plan.scenario.spacecraft.boresights(plan.goal.attitude, plan.goal.joints)
-        ends.append((_END, "goal", points))
+        points = craft.boresights(plan.goal.attitude, plan.goal.joints)
+        marks.append(Marks(_END, "goal", every, np.asarray(points)))
     elif isinstance(goal, GivenState):
-        ends.append((_END, "goal", _given(plan.scenario, goal)))
-    else:
-        ends.append((_TARGET, "target", goal.at(0.0).directions))
-    return [end for end in ends if len(end[2])]
+        marks.append(Marks(_END, "goal", every, _given(scenario, goal)))
+    if not isinstance(goal, GivenState):
+        then = 0.0 if plan.goal is None else plan.goal.time
+        if plan.goal is None or goal.devices:
+            targets = np.array([path.at(then) for path in goal.paths])
+            marks.append(Marks(_TARGET, "target", goal.numbers(craft), targets))
+        wishing = [craft.device_names.index(wish.device) for wish in goal.prefer]
+        wishes = np.array([as_path(wish.direction).at(then) for wish in goal.prefer])
+        marks.append(Marks(_WISH, "wish", wishing, wishes))
+    return [mark for mark in marks if len(mark.directions)]
 
 
 def _given(scenario: Scenario, state: GivenState) -> np.ndarray:

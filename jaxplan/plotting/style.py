@@ -124,13 +124,14 @@ def barrier(side: int) -> Look:
 
 
 def limit_lines(
-    axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
+    axes: Axes, ends: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
 ) -> Entries:
-    """Draw limits at plus and minus their values, or tell those far from the curves above the panel.
+    """Draw limits at both of their ends, or tell those far from the curves above the panel.
 
     Args:
         axes: where to.
-        limits: one for each curve of the panel, in its unit; an infinite one is none.
+        ends: (c, 2) the least and the largest value of each curve of the panel, in its unit; an infinite one
+            is none.
         styles: of the curves. A limit of one curve among several has its colour, one of more curves is grey.
         highest: magnitude of the curves.
         far: times the highest, beyond which a limit is told, since the curves would shrink to a line. Where
@@ -139,23 +140,31 @@ def limit_lines(
     Returns:
         Entry for a legend; none where no limit is drawn.
     """
-    values = np.unique(np.round(limits[np.isfinite(limits)], 9))
-    near = (values <= far * highest) | (highest < _STILL * values)
-    drawn, told = values[near], values[~near]
-    for value in drawn:
-        owners = np.flatnonzero(np.isclose(limits, value, rtol=0, atol=1e-8))
-        colour = styles[owners[0]]["color"] if len(owners) == 1 and len(values) > 1 else GREY
-        for side in (-1, 1):
-            axes.axhline(side * value, color=colour, zorder=1.5, **barrier(side))
-    if len(told):
-        words = f"limit{'s' * (len(told) > 1)} {', '.join(f'±{value:.3g}' for value in told)}"
+    several = len(np.unique(np.round(ends, 9), axis=0)) > 1
+    drawn, told = False, set[float]()
+    for side, values in zip((-1, 1), ends.T, strict=True):
+        for value in np.unique(np.round(values[np.isfinite(values)], 9)):
+            if far * highest < abs(value) and highest >= _STILL * abs(value):
+                told.add(abs(float(value)))
+                continue
+            owners = np.flatnonzero(np.isclose(values, value, rtol=0, atol=1e-8))
+            colour = styles[owners[0]]["color"] if several and len(owners) == 1 else GREY
+            axes.axhline(value, color=colour, zorder=1.5, **barrier(side))
+            drawn = True
+    if told:
+        words = f"limit{'s' * (len(told) > 1)} {', '.join(f'±{value:.3g}' for value in sorted(told))}"
         place: Look = {"xy": (1, 1), "xycoords": "axes fraction", "xytext": (0, 2), "ha": "right"}
         axes.annotate(words, textcoords="offset points", va="bottom", color=GREY, fontsize=SMALL, **place)
-    return [(Line2D([], [], color=GREY, **barrier(1)), "limit")] if len(drawn) else []
+    return [(Line2D([], [], color=GREY, **barrier(1)), "limit")] if drawn else []
 
 
-def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
-    """Put a legend to the right of the axes, so that it covers no data."""
+def both_sides(limits: np.ndarray) -> np.ndarray:
+    """Ends (c, 2) of limits (c,) of magnitudes."""
+    return np.stack([-limits, limits], axis=-1)
+
+
+def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None = None) -> None:
+    """Put a legend to the right of the axes, so that it covers no data; columns as are needed, or so many."""
     if not entries:
         return
     # a label that begins with an underscore would be left out
@@ -169,7 +178,7 @@ def legend_beside(axes: Axes, entries: Sequence[Entry]) -> None:
         frameon=False,
         fontsize=SMALL,
         handlelength=3.2,
-        ncols=-(-len(entries) // _LEGEND_ROWS),
+        ncols=-(-len(entries) // _LEGEND_ROWS) if columns is None else columns,
     )
     for text in legend.get_texts():
         plain(text)

@@ -33,6 +33,7 @@ from jaxplan.plotting.style import (
     Entries,
     Look,
     Motion,
+    both_sides,
     curve,
     device_entries,
     device_style,
@@ -74,7 +75,7 @@ class Panel(NamedTuple):
         quantity: what is drawn.
         words: the quantity by the name of what it is of.
         values: (c, k) a row for each curve, in SI units.
-        limits: (c,) likewise; an infinite one is none.
+        limits: (c, 2) likewise, least and largest; an infinite one is none.
         styles: of the curves.
         nodes: (c, m) at the path's nodes, or none.
     """
@@ -89,7 +90,7 @@ class Panel(NamedTuple):
     def draw(self, axes: Axes, moves: Motion) -> Entries:
         """Draw it; returns legend entries for limits, if there are any."""
         if not self.styles:
-            note(axes, "no terminals")
+            note(axes, "no joints")
         shown = self.quantity.in_unit(self.values)
         for values, style in zip(shown, self.styles, strict=True):
             curve(axes, moves.times, values, **style)
@@ -105,16 +106,36 @@ class Panel(NamedTuple):
         return entries
 
 
-def _joint_panels(craft: Spacecraft, values: Kinematics, power: int) -> list[Panel]:
-    """Panels of yaws and pitches, or of a derivative of them."""
-    styles = [device_style(number) for number in range(len(craft.terminals))]
-    found = []
-    for quantity in (each for each in QUANTITIES if each.of_joints and each.power == power):
-        words = [f"{joint} {quantity.word}" for joint in ("yaw", "pitch")] if power else [quantity.word]
-        halves = (np.split(part, len(words)) for part in (quantity.values(values), quantity.given(craft)))
-        for word, own, bounds in zip(words, *halves, strict=True):
-            found.append(Panel(quantity, word, own, bounds, styles))
-    return found
+class Joints(NamedTuple):
+    """A kind of joints: what their angles are called, which they are, and the first device that has one."""
+
+    name: str
+    which: slice
+    device: int
+
+
+def joint_kinds(craft: Spacecraft) -> list[Joints]:
+    """The kinds of joints that a spacecraft has: yaws, pitches and drives' angles."""
+    n, drives = len(craft.terminals), len(craft.drives)
+    terminals = [Joints("yaw", slice(0, n), 0), Joints("pitch", slice(n, 2 * n), 0)] if n else []
+    return terminals + ([Joints("drive", slice(2 * n, None), n)] if drives else [])
+
+
+def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints) -> Panel:
+    """The panel of a kind of joints' angles, or of a derivative of them."""
+    (quantity,) = (
+        each
+        for each in QUANTITIES
+        if each.of_joints and each.power == power and (power or each.name == kind.name)
+    )
+    # a drive's angle is called so, the others by their joint
+    words = f"{kind.name} {quantity.word}" if power or kind.name == "drive" else quantity.word
+    given = (
+        both_sides(np.asarray(quantity.given(craft))[kind.which]) if power else craft.joint_ranges[kind.which]
+    )
+    own = values.joints[power][kind.which]
+    styles = [device_style(kind.device + place) for place in range(len(own))]
+    return Panel(quantity, words, own, given, styles)
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
@@ -123,10 +144,10 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
     curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
     length = _limited_length(craft, quantity)
     if length is None:
-        return Panel(quantity, quantity.caption, curves, bounds, AXIS_STYLES)
+        return Panel(quantity, quantity.caption, curves, both_sides(bounds), AXIS_STYLES)
     curves = np.concatenate([curves, length.values(values)])
     bounds = np.append(bounds, length.given(craft))
-    return Panel(quantity, quantity.caption, curves, bounds, (*AXIS_STYLES, LENGTH_STYLE))
+    return Panel(quantity, quantity.caption, curves, both_sides(bounds), (*AXIS_STYLES, LENGTH_STYLE))
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
@@ -158,27 +179,34 @@ def _figure(
 
 
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Yaw and pitch of every terminal over time, with limits and the path's nodes.
+    """Joint angles of terminals and drives over time, with both ends of their ranges and the path's nodes.
 
     Args:
         plan: with a trajectory.
-        ax: two axes (yaws, pitches), a figure to put them in, or None for a new one.
-        legend: whether to name the terminals beside the upper panel.
+        ax: an axes for each of yaws, pitches and drives' angles that there are, from top to bottom; a figure
+            to put them in, or None for a new one. Without joints there is one, which says so.
+        legend: whether to name the devices beside the upper panel.
 
     Returns:
-        The two axes.
+        The axes.
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, or other than two axes are given.
+        ValueError: if the plan has no trajectory, or another number of axes is given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    shown = _joint_panels(craft, moves.values.kinematics(craft), 0)
-    owners = _terminals(craft)
+    values = moves.values.kinematics(craft)
+    shown = [_joint_panel(craft, values, 0, kind) for kind in joint_kinds(craft)]
+    owners = _movers(craft)
+    if not shown:
+        (axes,) = panels(ax, 1, size(1))
+        note(axes, "no joints")
+        time_axis([axes], moves)
+        return [axes]
     if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
-        nodes = np.split(plan.path.joints.T, 2)
+        nodes = [plan.path.joints.T[kind.which] for kind in joint_kinds(craft)]
         shown = [panel._replace(nodes=own) for panel, own in zip(shown, nodes, strict=True)]
-        owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] * bool(owners)
+        owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")]
     return _figure(plan, ax, [(owners, shown)], moves, legend)
 
 
@@ -187,8 +215,8 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
     Args:
         plan: with a trajectory.
-        ax: three axes (pitch rates, yaw rates, platform), or one if there are no terminals; a figure to put
-            them in; None for a new one.
+        ax: an axes for each of pitches, yaws and drives that there are, and one for the platform, from top
+            to bottom; a figure to put them in; None for a new one.
         legend: whether to name curves beside the panels.
 
     Returns:
@@ -220,11 +248,12 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """Draw a derivative of pitches, yaws (the paper's order) and the platform's attitude."""
+    """Draw a derivative of pitches, yaws (the paper's order), drives and the platform's attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
-    joints = _joint_panels(craft, values, power)[::-1] if craft.terminals else []
-    groups = [(_terminals(craft), joints)] * bool(joints)
+    kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
+    joints = [_joint_panel(craft, values, power, kind) for kind in kinds]
+    groups = [(_movers(craft), joints)] * bool(joints)
     spin = _SPIN[power - 1]
     groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
     return _figure(plan, ax, groups, moves, legend)
@@ -271,8 +300,9 @@ def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     return [*_axis_entries(craft, _SPIN[0]), *panel.draw(axes, moves)]
 
 
-def _terminals(craft: Spacecraft) -> Entries:
-    return device_entries([terminal.name for terminal in craft.terminals])
+def _movers(craft: Spacecraft) -> Entries:
+    """Legend entries of the devices that have joints."""
+    return device_entries(craft.device_names[: craft.gimbals.count])
 
 
 def _labelled(words: str, quantity: Quantity) -> str:
@@ -302,7 +332,7 @@ def compare(
     Args:
         trajectories: by what they are called.
         spacecraft: whose limits are meant.
-        ax: twelve axes in three rows of four, without terminals nine in rows of three; a figure to put them
+        ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them
             in, or None for a new one.
         legend: whether to name the trajectories beside the panels.
 
@@ -319,8 +349,8 @@ def compare(
     sampled = _sampled(trajectories, spacecraft)
     bounds = _spin_limits(spacecraft)
     titles, values = [*_BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
-    if spacecraft.terminals:
-        # of rates and accelerations, (2, 2n)
+    if spacecraft.joint_count:
+        # of rates and accelerations, (2, 2n + d)
         limits = np.stack([limit.bound for limit in timed_limits(spacecraft)[1]])
         peaks = np.max([np.max(np.abs(one.joints[:2]), axis=1) for one in sampled.values()], axis=0)
         joint = int(np.argmax(np.max(peaks / limits, axis=0)))
@@ -408,7 +438,7 @@ class _Sampled:
     Attributes:
         times: (k,) s, a single one if it takes no time.
         platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
-        joints: (3, k, 2n) likewise.
+        joints: (3, k, 2n + d) likewise.
         joins: (j,) s, where the platform's jerk may jump.
         jump: rad/s^3, the largest one there; 0 without joins.
     """
@@ -454,7 +484,8 @@ def _spin_limits(craft: Spacecraft) -> np.ndarray:
 
 def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
     """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
-    return limit_lines(axes, np.rad2deg(limits), styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+    ends = both_sides(np.rad2deg(limits))
+    return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:

@@ -16,13 +16,17 @@ from PIL.PngImagePlugin import PngInfo
 
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
+from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
+from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
 from jaxplan.plotting.style import expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
     angles,
     draw_platform_rate,
+    joint_kinds,
     limited_loads,
     rates,
     size,
@@ -30,7 +34,17 @@ from jaxplan.plotting.time_panels import (
 )
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
-FIGURE_NAMES = ("overview", "sphere", "angles", "rates", "accelerations", "torque", "margins")
+FIGURE_NAMES = (
+    "overview",
+    "spacecraft",
+    "sphere",
+    "angles",
+    "rates",
+    "accelerations",
+    "torque",
+    "margins",
+    "joint_map",
+)
 """Names of all figures that a plan may have."""
 
 _DPI = 200  # dots an inch of pictures in a page that are no SVG
@@ -39,15 +53,15 @@ _QUICKLY = 3  # of zlib's nine levels: files are a twentieth larger than by 6, i
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
-    """The unfolded sphere, and below it yaws and pitches, margins and the platform's angular velocity.
+    """The unfolded sphere, and below it joint angles, margins and the platform's angular velocity.
 
     Args:
         plan: with a trajectory.
         ax: a figure to fill, or None for a new one.
 
     Returns:
-        The axes of sphere, yaws, pitches, margins and angular velocity, in this order; without terminals
-        there are none of yaws and pitches. Their ``figure`` is the whole one, which can be saved.
+        The axes of the sphere, of yaws, pitches and drives' angles as far as there are any, of margins and
+        angular velocity, in this order. Their ``figure`` is the whole one, which can be saved.
 
     Raises:
         TypeError: if it is no plan.
@@ -57,11 +71,14 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     figure = new_figure(OVERVIEW_SIZE) if ax is None else ax
     halves = figure.add_gridspec(2, 1, height_ratios=(5, 4))
     top = sphere(plan, ax=figure.add_subplot(halves[0]))
-    rows = halves[1].subgridspec(2 if craft.terminals else 1, 2)
-    grid = rows.subplots(sharex=True, squeeze=False)
-    joints, others = (list(grid[:, 0]), list(grid[:, 1])) if craft.terminals else ([], list(grid[0]))
-    if joints:
+    kinds = len(joint_kinds(craft))
+    if kinds:
+        columns = halves[1].subgridspec(1, 2)
+        grids = [columns[place].subgridspec(rows, 1) for place, rows in enumerate((kinds, 2))]
+        joints, others = (list(np.ravel(np.asarray(grid.subplots(sharex=True)))) for grid in grids)
         angles(plan, ax=joints, legend=False)
+    else:
+        joints, others = [], list(np.ravel(np.asarray(halves[1].subgridspec(1, 2).subplots(sharex=True))))
     named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
     legend_beside(others[0], [*further, *lines])
@@ -75,8 +92,9 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
     """Every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
-        plan: of any status. Without a trajectory only the sphere is drawn, without terminals no angles,
-            without zones no margins, and torque only where it, the momentum or the jerk has a limit.
+        plan: of any status. Without a trajectory only spacecraft and sphere are drawn, without devices no
+            spacecraft, without joints no angles, without zones no margins, without masks no joint map, and
+            torque only where it, the momentum or the jerk has a limit.
 
     Yields:
         The figure's name, fit for a file, and the figure.
@@ -87,15 +105,17 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
     expect_plan(plan)
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
-    dynamic = size(3 if craft.terminals else 1)
+    kinds = len(joint_kinds(craft))
     drawings: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
         "overview": (overview, OVERVIEW_SIZE, moves),
+        "spacecraft": (_at_start, SPACECRAFT_SIZE, bool(craft.device_names)),
         "sphere": (sphere, SPHERE_SIZE, True),
-        "angles": (angles, size(2), moves and bool(craft.terminals)),
-        "rates": (rates, dynamic, moves),
-        "accelerations": (accelerations, dynamic, moves),
+        "angles": (angles, size(kinds), moves and kinds > 0),
+        "rates": (rates, size(kinds + 1), moves),
+        "accelerations": (accelerations, size(kinds + 1), moves),
         "torque": (torque, size(loads), moves and loads > 0),
         "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
+        "joint_map": (joint_map, size(2), moves and any(one.mask for one in craft.terminals)),
     }
     for name in FIGURE_NAMES:
         draw, inches, there = drawings[name]
@@ -103,6 +123,11 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
             figure = Figure(figsize=inches, layout="constrained")
             draw(plan, ax=figure)
             yield name, figure
+
+
+def _at_start(plan: Plan, ax: Figure) -> None:
+    """Draw the spacecraft with the boresights as they are at the start."""
+    spacecraft(plan.scenario.spacecraft, joints=plan.scenario.start.joints, ax=ax)
 
 
 def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
@@ -113,7 +138,7 @@ def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
-        shapes, or PNG where there are hatched areas. The ground is transparent.
+        shapes, or PNG where there are hatched areas or surfaces in space. The ground is transparent.
     """
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
@@ -142,7 +167,8 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
 
 def _address(figure: Figure) -> str:
     kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
-    if b"<pattern" in content:  # hatches lose their transparency in SVG, so that zones would print solid
+    # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
+    if b"<pattern" in content or b"<image" in content:
         kind, content = "png", _picture(figure, "png", {"Software": None})
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 

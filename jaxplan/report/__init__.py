@@ -60,7 +60,10 @@ _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-ur
 _CAPTIONS = {
     "globe": "The sphere of directions, with zones and the ways of all boresights; what is behind is pale.",
     "sphere": "The same unfolded: inertial azimuth and elevation.",
+    "spacecraft": "The spacecraft in its body axes: how devices are mounted, what they reach, and where they "
+    "look at the start. Where on the platform they stand is not known, and lengths mean nothing.",
     "margins": "Margin of every device to every zone; the triangle is the bound that is proved.",
+    "joint_map": "Yaw and pitch of every terminal, with its range and masks.",
     "angles": "Angles of the joints, with their limits.",
     "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
@@ -127,6 +130,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
         section(
             "scenario",
             "Scenario",
+            *shown("spacecraft"),
             tables.spacecraft_tables(craft),
             tables.zones_table(plan.scenario),
             tables.motion_table(plan),

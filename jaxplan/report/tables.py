@@ -14,9 +14,10 @@ import numpy as np
 
 from jaxplan.certificate import Certificate, ProvedMargin
 from jaxplan.geometry import quaternion
-from jaxplan.geometry.vectors import azimuth_elevation
+from jaxplan.geometry.vectors import azimuth_elevation, separation
+from jaxplan.model.directions import as_path
 from jaxplan.model.limits import limits
-from jaxplan.model.scenario import GivenState, Scenario, paths
+from jaxplan.model.scenario import GivenState, Scenario, Targets, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan
@@ -61,6 +62,11 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
         rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
         caption = "Instruments, fixed to the body; boresights in body axes"
         parts.append(table(["Instrument", *_AIM], rows, caption))
+    fields = [one for one in craft.devices if one.field_of_view is not None]
+    if fields:
+        rows = [[one.name, *(degrees(angle) for angle in np.asarray(one.field_of_view))] for one in fields]
+        titles = ["Field of view of", "Across its up|deg", "Along its up|deg"]
+        parts.append(table(titles, rows, "Rectangular fields of view, full angles"))
     return join(parts)
 
 
@@ -179,7 +185,24 @@ def ends_tables(plan: Plan) -> Markup:
             for name, direction in zip(asked.names(scenario.spacecraft), then.directions, strict=True)
         ]
         parts.append(table(["Device", *_AIM], targets, "Targets asked for, inertial"))
+    if not isinstance(asked, GivenState) and asked.prefer:
+        parts.append(_wishes_table(plan, asked))
+    if not isinstance(asked, GivenState) and asked.hold:
+        parts.append(facts([("Devices", ", ".join(asked.hold))], "Devices that keep their joints"))
     return join(parts)
+
+
+def _wishes_table(plan: Plan, asked: Targets) -> Markup:
+    """Table of what devices without a target prefer, and how far off they end."""
+    craft, goal, rows = plan.scenario.spacecraft, plan.goal, []
+    for wish in asked.prefer:
+        direction, apart = as_path(wish.direction).at(0.0 if goal is None else goal.time), NONE
+        if goal is not None:
+            looks = craft.boresights(goal.attitude, goal.joints)[craft.device_names.index(wish.device)]
+            apart = degrees(float(separation(looks, direction)), 4)
+        rows.append([wish.device, *_direction(direction), apart])
+    titles = ["Device", *_AIM, "Off it at the goal|deg"]
+    return table(titles, rows, "What devices without a target prefer, the first before the second; inertial")
 
 
 def _joints_table(plan: Plan) -> Markup:

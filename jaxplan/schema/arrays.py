@@ -178,7 +178,7 @@ class PerAxis(Kind):
 
     def _of_three(self, value: Any, place: Place) -> Any:
         if len(value) != 3:
-            return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not of {len(value)}", value)
+            return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not {len(value)}", value)
         read = [self.of.read(number, place[i]) for i, number in enumerate(value)]
         return WRONG if WRONG in read else np.array(read)
 

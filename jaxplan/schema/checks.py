@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
+from jaxplan.model.spacecraft import NEAREST_TO_POLE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
@@ -83,6 +84,11 @@ def check_terminal(terminal: Any, place: Place) -> None:
             place[key].fault(f"missing (or {names}), must be a number")
         elif both is not None and all(limit is not None for limit in own):
             place[key].fault("has no joint to be of, since both have their own", shown(both, place))
+    pitch = terminal.pitch_range
+    steepest = np.pi / 2 - NEAREST_TO_POLE
+    if isinstance(pitch, np.ndarray) and not max(pitch[0], -steepest) < min(pitch[1], steepest):
+        kept = f"must leave a range, of which {np.rad2deg(NEAREST_TO_POLE):g} deg are kept from 90"
+        place["pitch_range"].fault(kept, [shown(float(end), place) for end in pitch])
 
 
 def shown(angle: Any, place: Place) -> Any:

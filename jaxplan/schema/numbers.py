@@ -22,7 +22,7 @@ from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO
-from jaxplan.schema.states import STATE, TARGETS, Goal
+from jaxplan.schema.states import STATE, TARGETS, Goal, Start
 from jaxplan.schema.tables import Field, Rows, Table
 
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
@@ -79,11 +79,10 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
         value, kind = getattr(value, entry.attribute), entry.kind
         if isinstance(kind, Rows):
             if row is None or not row < len(value):
-                rows = f"{len(value)} rows, write {key}[0] for the first" if len(value) else "no rows"
-                raise KeyError(f"{name}: {key} has {rows}")
+                raise KeyError(f"{name}: {_how_many(key, row, len(value), 'rows')}")
             path.append(row)
             value, table = value[row], kind.table
-        elif isinstance(kind, Goal):
+        elif isinstance(kind, Goal | Start):
             table = STATE if isinstance(value, GivenState) else TARGETS
         elif isinstance(kind, Table) and row is None:
             table = kind
@@ -97,6 +96,14 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     steps, kind = _number(entry, row, value, name, len(scenario.spacecraft.terminals))
     interval = None if kind.interval is ANY else kind.interval
     return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, interval)
+
+
+def _how_many(key: str, row: int | None, count: int, what: str) -> str:
+    """What a key has of which none was chosen, or one beyond the last."""
+    if not count:
+        return f"{key} has no {what}"
+    which = f"write {key}[0] for the first" if row is None else f"the last is {key}[{count - 1}]"
+    return f"{key} has {count} {what}, {which}"
 
 
 def _number(
@@ -116,8 +123,8 @@ def _number(
         if row is None and np.all(np.asarray(value) == np.ravel(value)[0]):
             return ((attribute, ...) if np.ndim(value) else (attribute,)), kind.of
         if row is None or not row < 3:
-            differ = " that differ" if row is None else ""
-            raise KeyError(f"{name}: {key} has three numbers{differ}, write {key}[0] for the first")
+            what = "numbers that differ" if row is None else "numbers"
+            raise KeyError(f"{name}: {_how_many(key, row, 3, what)}")
         return (attribute, row), kind.of
     if isinstance(kind, Array) and apart:
         first, last = 0, len(value)
@@ -127,7 +134,7 @@ def _number(
             first, last = ends[part], ends[part + 1]
         count = last - first
         if row is None or not row < count:
-            raise KeyError(f"{name}: {key} has {count} numbers, write {key}[0] for the first")
+            raise KeyError(f"{name}: {_how_many(key, row, count, 'numbers')}")
         return (attribute, first + row), kind.of
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"

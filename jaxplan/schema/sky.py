@@ -169,9 +169,9 @@ def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
     """The targets and wishes of a start or goal that are to be looked up, with their places."""
     if not isinstance(end, Targets):
         return
-    count = len(end.directions) if isinstance(end.directions, tuple) else 0
-    names: Sequence[str | int] = end.devices or range(count)
-    for name, target in zip(names, end.directions if names else (), strict=False):
+    directions = end.directions if isinstance(end.directions, tuple) else ()  # else none is a name
+    names: Sequence[str | int] = end.devices or range(len(directions))
+    for name, target in zip(names, directions, strict=False):
         if isinstance(target, Followed):
             yield place["targets"][name], target
     for here, wish in placed(end.prefer, place["prefer"]):

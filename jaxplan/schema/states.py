@@ -211,7 +211,7 @@ POINTING = replace(
 GIVEN_GOAL = replace(
     STATE,
     refused=dict.fromkeys(
-        ("yaw_limit_deg", "pitch_limit_deg", "prefer", "hold", "tolerance_deg"),
+        ("yaw_limit_deg", "pitch_limit_deg", "prefer", "hold", "tolerance_deg", "clearance_deg"),
         "only a goal with targets has it",
     ),
 )

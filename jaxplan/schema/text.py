@@ -140,7 +140,8 @@ def value_text(value: Any) -> str:
     line = f"[{', '.join(items)}]"
     if len(line) <= _WIDEST_LINE and not any(isinstance(item, list | dict) for item in value):
         return line
-    return "[\n" + "".join(f"    {item},\n" for item in items) + "]"
+    inner = (item.replace("\n", "\n    ") for item in items)
+    return "[\n" + "".join(f"    {item},\n" for item in inner) + "]"
 
 
 def entries(table: Table) -> list[Field]:

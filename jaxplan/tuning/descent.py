@@ -279,10 +279,10 @@ class _Descent:
             with progress_bar("tuning", "steps", total=steps, shown=self._progress) as bar:
                 for _ in range(steps):
                     step = len(self._state.history)
-                    if not np.any(self._gradient):
+                    if step == 0 and not np.any(self._gradient):  # later an optimiser may go on by momentum
                         names = ", ".join(one.place.name for one in self._tuned)
                         self._messages.append(
-                            f"stopped after {step} steps: there the objective's gradient in {names} is zero"
+                            f"no step was made: the objective's gradient in {names} is zero at the beginning"
                         )
                         break
                     if step in (RENEWED // 4, RENEWED // 2) or (step and step % RENEWED == 0):

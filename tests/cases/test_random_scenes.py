@@ -52,6 +52,8 @@ CENSUS = {
     "moving": (4, 0, 0, 0, 0, 1, 0, 4, 0),
     "moved_goals": (3, 0, 12, 0, 0, 0, 3, 0, 3),
     "mixed": (10, 2, 4, 3, 1, 4, 1, 0, 2),
+    "terminal_masks": (0, 0, 0, 0, 0, 0, 0, 0, 0),
+    "fields": (6, 0, 0, 0, 0, 0, 0, 0, 0),
 }
 kinds = pytest.mark.parametrize("kind", RANDOM_KINDS)
 of_the_paper = pytest.mark.parametrize("kind", [*SKY_KINDS, *NEW_KINDS])
@@ -157,6 +159,10 @@ def test_scenes_have_zones_of_the_sorts_of_their_kind(kind):
         )
         assert found == CENSUS[kind]
         assert len({zone.name for zone in scene.zones}) == len(scene.zones)
+        craft = scene.spacecraft
+        assert sum(len(terminal.mask) for terminal in craft.terminals) == 3 * (kind == "terminal_masks")
+        assert len(craft.instruments) == sum(one.field_of_view is not None for one in craft.devices) // 4
+        assert [zone.of_field for zone in cones] == [kind == "fields"] * len(cones)
 
 
 def test_spacecraft_are_of_all_sorts():

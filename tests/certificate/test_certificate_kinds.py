@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import turning_direction
 from manoeuvres import claimed, craft, ends, grid, least, manoeuvre
+from oblique import oblique_craft
 from reference import assert_each, attitudes_of, joints_of, random_units
 
 from jaxplan.certificate import Claim, bounds, certify, certify_batch, form, prove_margins
@@ -53,7 +54,8 @@ def random_table(rng, trajectory, craft, frames, *, nested=True, moving=False, c
     """Random rows of some kinds about margins that are partly kept, in random entries and groups."""
     terminals = len(craft.terminals)
     body = random_units(rng, 2)
-    carried = [(int(rng.integers(terminals)), vector) for vector in random_units(rng, 2)] if terminals else []
+    gimbals = craft.gimbals.count  # the later ones are drives
+    carried = [(int(rng.integers(gimbals)), vector) for vector in random_units(rng, 2)] if gimbals else []
     sights = len(craft.device_names) + len(body) + len(carried)
     rows = []
     entry = group = 0
@@ -108,15 +110,38 @@ KINDS = {
     "joints": (JOINTS,),
     "mixed": MIXED,
     "no terminals": (INERTIAL, BODY, SIGHT),
+    "mounted in any way, with drives": MIXED,
 }
+
+
+def loose(spacecraft):
+    """The spacecraft with limits and ranges so wide that a manoeuvre keeps them."""
+    wide = {"range": np.array([-9.0, 9.5]), "rate_limit": 9.0, "acceleration_limit": 9.0}
+    own = {"yaw_range": np.array([-9.5, 9.0]), "pitch_range": np.array([-1.57, 1.57])}
+    own |= {f"{axis}_{what}_limit": 9.0 for axis in ("yaw", "pitch") for what in ("rate", "acceleration")}
+    return replace(
+        spacecraft,
+        terminals=tuple(replace(terminal, **own) for terminal in spacecraft.terminals),
+        drives=tuple(replace(drive, **wide) for drive in spacecraft.drives),
+        rate_limit=9.0,
+        acceleration_limit=9.0,
+    )
 
 
 def scene(name, seed, **changes):
     rng = np.random.default_rng([seed, len(name)])
     terminals = 0 if name == "no terminals" else (1, 2, 4)[seed % 3]
+    drives = 1 + seed % 2 if name.endswith("drives") else 0
     spacecraft = craft(terminals, instruments=1 + seed % 2)
+    if drives:
+        spacecraft = loose(oblique_craft(terminals, drives, instruments=1, seed=seed))
     trajectory = manoeuvre(
-        seed, terminals=terminals, pieces=1 + seed % 3, joint_pieces=1 + seed % 2, wiggle=0.5
+        seed,
+        terminals=terminals,
+        drives=drives,
+        pieces=1 + seed % 3,
+        joint_pieces=1 + seed % 2,
+        wiggle=0.5,
     )
     return trajectory, spacecraft, random_table(rng, trajectory, spacecraft, KINDS[name], **changes)
 

@@ -110,7 +110,8 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         "missing.toml": ("plan", tmp_path / "missing.toml"),
         "case-5": ("plan", "case-5"),
         "missing.json": ("check", tmp_path / "missing.json"),
-        f"{broken}: is a scenario and no plan file; make out/plan.json of it with": ("plot", broken),
+        f"{broken}: is a scenario and no plan file; make out/plan.json of it with": ("check", broken),
+        "keep_out[2].half_angle_deg = 210.0": ("plot", broken),
         "SCENARIO is empty": ("plan", ""),
         "PLAN is empty": ("check", ""),
         f"{tmp_path}: is a folder, name a plan.json in it": ("check", tmp_path),
@@ -122,6 +123,17 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         assert not out
         assert word in err
         assert "Traceback" not in err
+
+
+def test_the_spacecraft_of_a_scenario_is_drawn_before_it_is_planned(capsys, case_file, tmp_path):
+    for words, file in {
+        (case_file,): case_file.parent / "spacecraft.png",
+        ("case-2", "-o", tmp_path / "out"): tmp_path / "out" / "spacecraft.png",
+    }.items():
+        code, out, err = run(capsys, "plot", *words)
+        assert (code, out) == (0, "")
+        assert f"wrote {file}" in err
+        assert file.read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
@@ -297,7 +309,12 @@ def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, pl
     code, _, err = run(capsys, "plan", scene, "-o", planned)
     assert code == 1
     assert "removed" in err
-    assert {file.name for file in planned.glob("*.png")} == {"sphere.png", "rates.png", "mine.png"}
+    assert {file.name for file in planned.glob("*.png")} == {
+        "spacecraft.png",
+        "sphere.png",
+        "rates.png",
+        "mine.png",
+    }
 
 
 @pytest.mark.slow

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import make_scenario
-from exports import DURATION, EPOCH, Truth, differences, flown_plan, truth
+from exports import DURATION, EPOCH, LEAP_SECONDS, Truth, differences, flown_plan, load, truth
+from oblique import oblique_scenario
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.epochs import ephemeris_time
@@ -17,14 +19,6 @@ pytest.importorskip("erfa", reason="pyerfa is not installed")
 
 STEP = 0.05
 TIMES = STEP * np.arange(601)
-# The last entries of NAIF's leap second kernel, and its three constants.
-LEAP_SECONDS = """
-DELTET/DELTA_T_A = 32.184
-DELTET/K = 1.657D-3
-DELTET/EB = 1.671D-2
-DELTET/M = ( 6.239996D0 1.99096871D-7 )
-DELTET/DELTA_AT = ( 35, @2012-JUL-1, 36, @2015-JUL-1, 37, @2017-JAN-1 )
-"""
 
 
 @pytest.fixture(autouse=True)
@@ -49,14 +43,6 @@ def kernels(plan, tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def expected(plan) -> Truth:
     return truth(plan, TIMES)
-
-
-def load(folder: Path) -> float:
-    """Load an export and a leap second kernel; SPICE's own time of the epoch."""
-    for file in sorted(folder.iterdir()):
-        spice.furnsh(str(file))
-    spice.lmpool(LEAP_SECONDS.split("\n")[1:-1])
-    return spice.str2et(EPOCH)
 
 
 def turns(base: str, frame: str, moments: np.ndarray) -> np.ndarray:
@@ -88,6 +74,50 @@ def test_terminals_turn_on_the_bus_and_instruments_are_fixed_to_it(kernels, expe
         in_frame = np.einsum("kji,kj->ki", on_bus[1:-1], rates)  # SPICE hands them out in base components
         np.testing.assert_allclose(in_frame, spins, atol=1e-3)
         assert np.abs(np.array(rates) - spins).max() > 0.05  # so a mixed-up frame would show
+
+
+@pytest.fixture(scope="module")
+def odd_plan() -> jp.Plan:
+    """A plan whose spacecraft has terminals mounted in any way, and drives."""
+    plan = jp.plan(oblique_scenario(2, 2, 1, seed=4, kinds=(), turn=0.5), progress=False)
+    assert plan.ok, plan.message
+    return plan
+
+
+def test_frames_of_devices_at_odd_mounts_are_those_of_turns_about_their_axes(odd_plan, tmp_path):
+    craft, duration = odd_plan.scenario.spacecraft, odd_plan.trajectory.duration
+    step = duration / 400
+    start = load(jp.export(odd_plan, tmp_path / "odd.ck", format="ck", epoch=EPOCH, step_s=step))
+    times = step * np.arange(401)
+    own = truth(odd_plan, times)
+    yaws, pitches, angles = np.split(own.joints[0], [2, 4], axis=1)
+    count = 0
+    for number, terminal in enumerate(craft.terminals):
+        up, ahead = np.array(terminal.mounting.yaw_axis), np.array(terminal.mounting.boresight)
+        turn = Rotation.from_rotvec(np.outer(yaws[:, number], up))
+        turn *= Rotation.from_rotvec(np.outer(-pitches[:, number], np.cross(up, ahead)))
+        # at zero angles the z axis of the frame is the boresight, and y to the left of it
+        base = np.stack([-up, np.cross(up, ahead), ahead], axis=-1)
+        chain = own.attitude @ turn.as_matrix() @ base
+        seen = turns("J2000", f"JAXPLAN_TERMINAL_{number + 1}", start + times)
+        np.testing.assert_allclose(seen, chain, rtol=0, atol=1e-9)
+        count += 1
+    for number, drive in enumerate(craft.drives):
+        up, ahead = np.array(drive.axis), np.array(drive.boresight)
+        turn = Rotation.from_rotvec(np.outer(angles[:, number], up))
+        left = np.cross(up, ahead) / np.linalg.norm(np.cross(up, ahead))
+        base = np.stack([np.cross(left, ahead), left, ahead], axis=-1)
+        chain = own.attitude @ turn.as_matrix() @ base
+        seen = turns("J2000", f"JAXPLAN_DRIVE_{number + 1}", start + times)
+        np.testing.assert_allclose(seen, chain, rtol=0, atol=1e-9)
+        on_bus = turns("JAXPLAN_BUS", f"JAXPLAN_DRIVE_{number + 1}", start + times)
+        rate = spice.xf2rav(spice.sxform("JAXPLAN_BUS", f"JAXPLAN_DRIVE_{number + 1}", start + times[200]))[1]
+        spin = differences(on_bus, step)[199]
+        np.testing.assert_allclose(on_bus[200].T @ rate, spin, atol=1e-3)
+        count += 1
+    assert count == 4
+    tracker = turns("J2000", "JAXPLAN_CAMERA_1", start + times)[:, :, 2]
+    np.testing.assert_allclose(tracker, own.attitude @ craft.instruments[0].boresight, rtol=0, atol=1e-9)
 
 
 def test_the_coverage_begins_and_ends_with_the_manoeuvre(kernels):

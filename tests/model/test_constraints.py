@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from builders import gimbals_about_z, oblique_craft
+from builders import gimbals_about_z
 from kinds import pair_margins_of
+from oblique import oblique_craft
 from reference import assert_each, random_units
 from scipy.spatial.transform import Rotation
 

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from builders import make_observer, oblique_craft
+from builders import make_observer
+from oblique import oblique_craft
 from reference import assert_each, direction, random_units, unit
 from scipy.spatial.transform import Rotation
 

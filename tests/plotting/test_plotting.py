@@ -8,10 +8,11 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
-from builders import make_plan, make_scenario
+from builders import make_observer, make_plan, make_scenario
 from drawn import filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from oblique import oblique_craft
 from PIL import Image
 from reference import angle, assert_each, direction, unit
 from scipy.spatial.transform import Rotation
@@ -731,7 +732,7 @@ def test_nothing_global_changes_and_no_figure_stays_open() -> None:
     plan = make_plan()
     for figure in (jp.plot.sphere, *OVER_TIME):
         figure(plan)
-    assert [type(figure) for _, figure in jp.plot.figures(plan)] == [Figure] * 6
+    assert [type(figure) for _, figure in jp.plot.figures(plan)] == [Figure] * 7
     assert pyplot.get_fignums() == []
     assert dict(mpl.rcParams) == before
 
@@ -755,10 +756,13 @@ def test_a_notebook_shows_what_is_drawn() -> None:
 @pytest.mark.parametrize(
     ("plan", "expected"),
     [
-        (make_plan(0, 2), "overview sphere rates accelerations margins"),
-        (make_plan(1, 0, zones=0), "overview sphere angles rates accelerations"),
+        (make_plan(0, 2), "overview spacecraft sphere rates accelerations margins"),
+        (make_plan(1, 0, zones=0), "overview spacecraft sphere angles rates accelerations"),
         (make_plan(0, 0), "overview sphere rates accelerations margins"),
-        (make_plan(2, 1, duration=0.0, edges=0), "overview sphere angles rates accelerations margins"),
+        (
+            make_plan(2, 1, duration=0.0, edges=0),
+            "overview spacecraft sphere angles rates accelerations margins",
+        ),
     ],
     ids=["no terminals", "no zones", "no devices", "no time"],
 )
@@ -784,7 +788,7 @@ def test_a_plan_without_a_trajectory_says_what_it_lacks() -> None:
     for figure in OVER_TIME:
         with pytest.raises(ValueError, match=r"'test' has no trajectory .* NODE_LIMIT: Raise it\."):
             figure(failed)
-    assert [name for name, _ in jp.plot.figures(failed)] == ["sphere"]
+    assert [name for name, _ in jp.plot.figures(failed)] == ["spacecraft", "sphere"]
 
 
 def test_the_sphere_of_a_failed_plan_shows_what_there_is() -> None:
@@ -817,3 +821,90 @@ def test_names_are_shown_letter_by_letter() -> None:
         axes.figure.draw_without_rendering()
         assert "_$x^{" in axes.get_legend().texts[0].get_text()
         assert "$\\bad{$" in {text.get_text() for text in axes.texts}
+
+
+# Drives, ranges and targets by name
+
+
+def test_yaws_pitches_and_drives_have_panels_with_both_ends_of_their_ranges() -> None:
+    craft = make_observer()
+    plan = make_plan(craft=craft)
+    panels = jp.plot.angles(plan)
+    assert [_limits(axes) for axes in panels] == [[-150, 290], [-5, 85], [-120, 200]]
+    assert [axes.get_ylabel() for axes in panels] == ["yaw (deg)", "pitch (deg)", "drive angle (deg)"]
+    times = np.linspace(0, plan.trajectory.duration, style.INSTANTS)
+    for number, axes in enumerate(panels):
+        (own,) = _curves(axes)
+        np.testing.assert_allclose(
+            np.deg2rad(own.get_ydata()), plan.trajectory.sample(times).joints[:, number], atol=1e-12
+        )
+        assert own.get_color() == style.device_style(number // 2)["color"]
+        low, high = sorted(_barriers(axes), key=lambda line: line.get_ydata()[0])
+        assert [line.get_path_effects()[0]._angle > 0 for line in (low, high)] == [False, True]
+    told = [text.get_text() for text in panels[0].get_legend().get_texts()]
+    assert told == ["antenna", "array", "node of the path", "limit"]
+
+
+def test_derivatives_of_drives_stand_beside_those_of_terminals() -> None:
+    plan = make_plan(craft=oblique_craft(2, 3, 1))
+    times = np.linspace(0, plan.trajectory.duration, style.INSTANTS)
+    values = plan.trajectory.sample(times)
+    for figure, own, platform in (
+        (jp.plot.rates, values.joint_rates, values.angular_velocity),
+        (jp.plot.accelerations, values.joint_accelerations, values.angular_acceleration),
+    ):
+        panels = figure(plan)
+        for axes, columns in zip(panels, (own[:, 2:4], own[:, :2], own[:, 4:], platform), strict=True):
+            assert len(_curves(axes)) == columns.shape[1]
+            for curve, column in zip(_curves(axes), columns.T, strict=True):
+                np.testing.assert_allclose(np.deg2rad(curve.get_ydata()), column, atol=1e-12)
+        assert [axes.get_ylabel().split()[0] for axes in panels] == ["pitch", "yaw", "drive", "platform"]
+        drives = [curve.get_color() for curve in _curves(panels[2])]
+        assert drives == [style.device_style(number)["color"] for number in (2, 3, 4)]
+
+
+@pytest.mark.parametrize(
+    ("craft", "joints"),
+    [
+        (oblique_craft(0, 2, 1), 1),
+        (oblique_craft(0, 0, 2), 0),
+        (oblique_craft(5, 2, 1), 3),
+        (make_observer(), 3),
+    ],
+    ids=["drives", "instruments", "eight devices", "observer"],
+)
+def test_every_figure_is_drawn_of_any_devices(craft, joints) -> None:
+    plan = make_plan(craft=craft)
+    assert len(jp.plot.overview(plan)) == 3 + joints
+    assert len(jp.plot.rates(plan)) == 1 + joints
+    titles = [axes.get_title() for axes in jp.plot.compare({"one": plan.trajectory}, craft)[:4]]
+    assert (titles[3] in craft.joint_names) == bool(joints)
+    drawn = dict(jp.plot.figures(plan))
+    assert ("angles" in drawn) == bool(joints)
+    jp.plot.animate(plan, frames=2).figure.draw_without_rendering()
+    (axes,) = jp.plot.angles(plan) if not joints else [None]
+    assert axes is None or [text.get_text() for text in axes.texts] == ["no joints"]
+
+
+def test_targets_by_name_and_wishes_are_marked_with_their_devices() -> None:
+    craft = make_observer()
+    plan = make_plan(craft=craft)
+    toward = unit(np.array([[0.3, 0.5, 0.2], [-0.4, 0.2, 0.9], [0.1, -0.9, 0.3]]))
+    goal = Targets.of(
+        {"telescope": toward[0], "antenna": toward[1]},
+        prefer=(jp.Wish(device="array", direction=toward[2]),),
+    )
+    named = replace(plan, scenario=replace(plan.scenario, goal=goal))
+    failed = replace(named, status=Status.NO_PATH, trajectory=None, path=None, goal=None)
+    for one in (named, failed):
+        axes = jp.plot.sphere(one)
+        for marker, devices, directions in (("x", (2, 0), toward[:2]), ("D", (1,), toward[2:])):
+            marks = [line for line in axes.lines if line.get_marker() == marker]
+            assert [mark.get_color() for mark in marks] == [style.device_style(n)["color"] for n in devices]
+            points = np.array([mark.get_xydata()[0] for mark in marks])
+            np.testing.assert_allclose(points, projections.unfold(directions))
+        told = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert {"target", "wish"} <= set(told)
+        jp.plot.globe(one)
+    told = [text.get_text() for text in jp.plot.sphere(plan).get_legend().get_texts()]
+    assert not {"target", "wish"} & set(told)

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_observer, make_plan
 from exports import flown_plan
 from matplotlib import image
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cli import main
@@ -133,7 +135,7 @@ def test_the_page_asks_for_no_other_file(page):
     assert not re.search(r"url\(|@import|https?:", text)
     assert page.attributes("href") == []
     sources = page.attributes("src")
-    assert len(sources) == 7
+    assert len(sources) == 8
     for source in sources:
         kind, _, data = source.partition(",")
         content = base64.b64decode(data, validate=True)
@@ -207,7 +209,11 @@ def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, mon
 def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
     failed = replace(plan, status=Status.NODE_LIMIT, path=None, trajectory=None, certificate=None)
     page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
-    assert [name for name in page.attributes("id") if "figure" in name] == ["figure-globe", "figure-sphere"]
+    assert [name for name in page.attributes("id") if "figure" in name] == [
+        "figure-globe",
+        "figure-sphere",
+        "figure-spacecraft",
+    ]
 
 
 def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, monkeypatch):
@@ -227,6 +233,34 @@ def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
     bare = replace(bare, scenario=replace(bare.scenario, spacecraft=craft))
     page = Page(jp.report_html(bare, tmp_path / "bare.html").read_text(encoding="utf-8"))
     assert any("none: devices may look anywhere" in table for table in page.texts["table"])
+
+
+def test_the_page_tells_of_mountings_fields_wishes_and_what_is_held(tmp_path, monkeypatch):
+    monkeypatch.setattr(DRAW, lambda plan: [])
+    craft = make_observer()
+    field = {"field_of_view": np.deg2rad([14.3, 10.0]), "up": np.array([1.0, 0.0, 0.0])}
+    craft = replace(craft, instruments=(replace(craft.instruments[0], **field), *craft.instruments[1:]))
+    plan = make_plan(craft=craft)
+    looks = craft.boresights(plan.goal.attitude, plan.goal.joints)
+    across = np.cross(looks[1], [0.0, 0.0, 1.0])
+    near = Rotation.from_rotvec(np.deg2rad(2.5) * across / np.linalg.norm(across)).apply(looks[1])
+    wish, still = jp.Wish(device="array", direction=near), {"angular_velocity": np.zeros(3)}
+    goal = jp.Targets.of(
+        {"telescope": looks[2]}, prefer=(wish,), hold=("antenna",), joint_rates=np.zeros(3), **still
+    )
+    plan = replace(plan, scenario=replace(plan.scenario, goal=goal), status=Status.NODE_LIMIT)
+    page = Page(jp.report_html(plan, tmp_path / "observer.html").read_text(encoding="utf-8"))
+    for title, words in {
+        "Terminals, how they are mounted": "antenna",
+        "Drives, how they are mounted": "array",
+        "Limits of the joints": "120.00200.001.200.40",
+        "Rectangular fields of view": "telescope14.3010.00",
+        "Targets asked for": "telescope",
+        "What devices without a target prefer": "2.5000",
+        "Devices that keep their joints": "antenna",
+    }.items():
+        (table,) = [table for table in page.texts["table"] if title in table]
+        assert words in table
 
 
 def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):

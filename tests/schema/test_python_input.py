@@ -221,7 +221,7 @@ SCENARIOS = {
     "three for one": (terminal(rate_limit=[0.1] * 3), "rate_limit = [0.1, 0.1, 0.1]: must be a number"),
     "two rates for three": (
         craft(rate_limit=[0.1, 0.2]),
-        "rate_limit = [0.1, 0.2]: must be a number, in rad/s, or 3, one a body axis, not of 2",
+        "rate_limit = [0.1, 0.2]: must be a number, in rad/s, or 3, one a body axis, not 2",
     ),
     "a rate of one axis below zero": (
         craft(rate_limit=[0.1, -0.2, 0.1]),
@@ -245,7 +245,7 @@ SCENARIOS = {
     ),
     "two for three": (
         craft(torque_limit=[1, 2]),
-        "torque_limit = [1, 2]: must be a number, or 3, one a body axis, not of 2",
+        "torque_limit = [1, 2]: must be a number, or 3, one a body axis, not 2",
     ),
     "a limit in words": (craft(torque_limit="much"), "spacecraft.torque_limit = 'much': must be a number"),
     "torque alone": (craft(torque_limit=1.0), "torque_limit = 1.0 N m: needs spacecraft.inertia"),

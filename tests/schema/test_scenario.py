@@ -23,13 +23,12 @@ from jaxplan.schema.layout import (
     SCENARIO,
     SEARCH,
     SPACECRAFT,
-    STATE,
-    TARGETS,
     TERMINAL,
     TRAJECTORY,
     VECTOR,
 )
 from jaxplan.schema.sky import SKY
+from jaxplan.schema.states import STATE, TARGETS
 
 EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 MINIMAL = """

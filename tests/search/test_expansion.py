@@ -2,6 +2,7 @@ import jax
 import numpy as np
 import pytest
 from builders import make_scenario, scene_of
+from oblique import oblique_scenario
 from reference import assert_each, boresights, edge_states, sampled_margin
 from scipy.spatial.transform import Rotation
 
@@ -26,6 +27,7 @@ from jaxplan.search.scene import Scene, steps_between
 from jaxplan.study.table4 import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
+IN_THE_SKY = ("sun", "station", "shade-1", "shade-2")
 LAST_SCALE = len(mha.SCALES) - 1  # the number of an expansion with short moves
 
 
@@ -105,6 +107,8 @@ SCENES = {
     "four terminals": lambda: zoned(4, 1, 4, ("terminal-4", "terminal-2")),
     "no zones": lambda: scene_of(make_scenario(3)),
     "groups": grouped_scene,
+    "odd mounts and drives": lambda: scene_of(oblique_scenario(2, 2, 1, seed=2, kinds=IN_THE_SKY)),
+    "drives alone": lambda: scene_of(oblique_scenario(0, 2, 1, seed=1, kinds=IN_THE_SKY)),
 }
 
 

@@ -81,10 +81,12 @@ def assert_sound(scene: Scene, settings: SearchSettings, given: Path, smoothed: 
     assert_each(costs, "<=", 1 + 1e-9)
     products = np.swapaxes(smoothed.attitudes, 1, 2) @ smoothed.attitudes
     np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), atol=1e-12)
-    ends = np.maximum(np.abs(scene.start_joints), np.abs(scene.goal_joints))
-    reserved = scene.joint_ranges[:, 1] - JOINT_RESERVE * scene.joint_steps
-    most = np.max(np.abs(np.concatenate([given.joints, [reserved, ends]])), axis=0)
-    assert_each(np.abs(smoothed.joints), "<=", most + 1e-12)
+    reserve = JOINT_RESERVE * scene.joint_steps
+    before = [*given.joints, scene.start_joints, scene.goal_joints]
+    least = np.min([*before, scene.joint_ranges[:, 0] + reserve], axis=0)
+    most = np.max([*before, scene.joint_ranges[:, 1] - reserve], axis=0)
+    assert_each(smoothed.joints, ">=", least - 1e-12)
+    assert_each(smoothed.joints, "<=", most + 1e-12)
     margins, had = edge_margins(scene, smoothed, 17), edge_margins(scene, given, 17).min()
     assert_each(margins, ">=", 0)
     # the bound that judges what the path given had may be a hair below its sampled margins

@@ -12,6 +12,7 @@ from fits import problem_of, stack_at
 from held_plans import metric
 from kinds import Row, least_margins, pair_margins_of, row_values, seen_by, table
 from node_paths import wandering
+from oblique import oblique_craft, oblique_scenario
 from quick import quick_jit
 from reference import assert_each, attitudes_of, joints_of
 from scipy.spatial.transform import Rotation
@@ -25,6 +26,7 @@ from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.constraints import MarginBlock, margin_reach, margin_slopes
 from jaxplan.trajectory.derivative import refit
 from jaxplan.trajectory.measures import least_margin
+from jaxplan.trajectory.motion import LIMIT
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import Basis
 
@@ -317,20 +319,30 @@ def unit(*shape):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def random_problem(mount):
-    """Rows of all kinds that bind all sights they may, about a chart of its own."""
-    craft = make_spacecraft(2, 1)
-    craft = replace(craft, terminals=(craft.terminals[0], replace(craft.terminals[1], mount=mount)))
+def with_every_kind(craft, rng):
+    """Rows of all kinds that bind all sights they may, about a chart of its own; devices come first."""
+    gimbals, devices = craft.gimbals.count, len(craft.device_names)
     rows = []
     for frame, partner, side in KINDS:
-        normal = RNG.normal(size=2)
+        normal = rng.normal(size=2)
         axis = (*normal / np.linalg.norm(normal), 0) if frame == JOINTS else tuple(unit())
-        bound = (0, 1) if frame == JOINTS else tuple({*range(6)} - {partner if frame == SIGHT else None})
-        half_angle = RNG.uniform(0.3, 1.2)
+        sights = {*range(devices + 3)} - {partner if frame == SIGHT else None}
+        bound = tuple(range(len(craft.terminals))) if frame == JOINTS else tuple(sights)
+        half_angle = rng.uniform(0.3, 1.2)
         row = Row(frame=frame, axis=axis, partner=partner, side=side, bound=bound, half_angle=half_angle)
         rows.append([[row]])
-    cones = table(rows, 3, body=unit(1), carrier=RNG.permutation(2), carried=unit(2))
-    return problem_of(wandering(5, 2, seed=1, step=0.4), craft, cones)
+    carrier = rng.permutation(gimbals)[-2:]
+    cones = table(rows, devices, body=unit(1), carrier=carrier, carried=unit(2))
+    path = wandering(5, len(craft.terminals), seed=1, step=0.4)
+    drives = np.zeros((6, len(craft.drives))) + 0.1 * np.arange(6)[:, None]
+    path = replace(path, joints=np.concatenate([path.joints, drives], axis=1))
+    return problem_of(path, craft, cones)
+
+
+def random_problem(mount):
+    craft = make_spacecraft(2, 1)
+    craft = replace(craft, terminals=(craft.terminals[0], replace(craft.terminals[1], mount=mount)))
+    return with_every_kind(craft, RNG)
 
 
 PROBLEMS = [random_problem(0.5), random_problem(-2.0)]
@@ -349,6 +361,89 @@ def test_margins_of_a_stack_are_those_of_rotations():
             problem.spacecraft, problem.cones, own.attitude[number], CURVES[number, 0, :, 3:]
         )
         np.testing.assert_allclose(own.margins[number], np.swapaxes(margins, 1, 2), atol=1e-12)
+
+
+ODD = [with_every_kind(oblique_craft(2, 2, 1, seed=seed), RNG) for seed in (1, 2)]
+
+
+def odd_motion(curves):
+    return stack_at(ODD, PLACES).iterates(curves.reshape(2, -1, 9), np.ones(2))
+
+
+def test_margins_and_slopes_with_odd_mounts_and_drives_are_those_of_rotations_and_differences():
+    """Both terminals and both drives of two spacecraft of one kind, in one stack."""
+    curves, step = RNG.normal(size=(2, 4, len(PLACES), 9)), 1e-6
+    own = odd_motion(curves)
+    for number, problem in enumerate(ODD):
+        margins = pair_margins_of(
+            problem.spacecraft, problem.cones, own.attitude[number], curves[number, 0, :, 3:]
+        )
+        np.testing.assert_allclose(own.margins[number], np.swapaxes(margins, 1, 2), atol=1e-12)
+    index = np.nonzero(np.isfinite(own.margins))
+    slopes = margin_slopes(own, *index)
+    for axis in range(9):
+        change = np.zeros_like(curves)
+        change[:, 0, :, axis] = step
+        ahead, behind = (odd_motion(curves + sign * change).margins[index] for sign in (1, -1))
+        np.testing.assert_allclose(slopes[:, axis], (ahead - behind) / (2 * step), atol=1e-7)
+    every = np.zeros(index[0].shape)
+    for _ in range(20):
+        change = RNG.normal(size=(2, len(PLACES), 9)) * RNG.integers(0, 2, 9)
+        reach = np.concatenate([margin_reach(own, np.array([n]), change[[n]]) for n in (0, 1)])
+        moved = np.abs(np.einsum("ra,ra->r", slopes, change[index[0], index[1]]))
+        within = np.broadcast_to(reach, own.margins.shape)[index]
+        assert_each(moved, "<=", within * (1 + 1e-12))
+        every = np.maximum(every, np.divide(moved, within, out=np.zeros_like(moved), where=within > 0))
+    assert np.max(every) > 0.9
+
+
+def test_ranges_about_anything_are_broken_by_what_is_out_of_them():
+    curves = RNG.normal(size=(2, 4, len(PLACES), 9))
+    for number, problem in enumerate(ODD):  # in the ranges but for one joint in one place
+        low, high = problem.spacecraft.joint_ranges.T
+        curves[number, 0, :, 3:] = low + RNG.uniform(0.1, 0.9, (len(PLACES), 6)) * (high - low)
+    for joint, (side, off) in enumerate([(1, 0.3), (0, 0.2), (1, 0.1), (0, 0.4), (1, 0.5), (0, 0.25)]):
+        broken = curves.copy()
+        bound = ODD[1].spacecraft.joint_ranges[joint, side]
+        broken[1, 0, 4, 3 + joint] = bound + off * (1 if side else -1)
+        found = odd_motion(broken).violations[:, LIMIT]
+        assert found[1] >= off - 1e-12
+        beside = odd_motion(curves).violations[:, LIMIT]
+        assert found[1] == pytest.approx(max(off, beside[1]), abs=1e-12)
+        assert found[0] == pytest.approx(beside[0], abs=1e-12)
+
+
+def test_fits_of_spacecraft_with_as_many_joints_of_other_kinds_are_as_alone():
+    """One terminal with two drives, and two terminals, have four joints each."""
+    queries = []
+    for terminals, drives, cameras in ((1, 2, 1), (2, 0, 2)):
+        scenario = oblique_scenario(terminals, drives, cameras, seed=5, kinds=("sun",), turn=0.4)
+        start, goal = scenario.start, scenario.goal
+        share = np.linspace(0, 1, 7)[:, None]
+        first = Rotation.from_rotvec(start.rotation_vector)
+        turn = (first.inv() * Rotation.from_rotvec(goal.rotation_vector)).as_rotvec()
+        path = Path(
+            attitudes=(first * Rotation.from_rotvec(share * turn)).as_matrix(),
+            joints=start.joints + share * (goal.joints - start.joints),
+            edge_costs=np.ones(6),
+        )
+        settings = TrajectorySettings(duration=60.0)
+        queries.append(
+            FitQuery(path=path, spacecraft=scenario.spacecraft, settings=settings, cones=scenario.constraints)
+        )
+    together, alone = fit_batch(queries), [fit_batch([one])[0] for one in queries]
+    for query, one, other in zip(queries, together, alone, strict=True):
+        assert one.status is other.status
+        t = np.linspace(0, 60, 50)
+        for own, by_itself in zip(
+            (attitudes_of(one.trajectory, t), joints_of(one.trajectory, t)[0]),
+            (attitudes_of(other.trajectory, t), joints_of(other.trajectory, t)[0]),
+            strict=True,
+        ):
+            np.testing.assert_allclose(own, by_itself, atol=1e-6)
+        low, high = query.spacecraft.joint_ranges.T
+        assert_each(joints_of(one.trajectory, t)[0], ">=", low - 1e-9)
+        assert_each(joints_of(one.trajectory, t)[0], "<=", high + 1e-9)
 
 
 def test_of_a_constraint_only_the_rows_of_its_best_entries_to_both_places_beside_count():

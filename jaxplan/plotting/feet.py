@@ -1,0 +1,66 @@
+"""Where devices stand on the platform in pictures: a spacecraft says how they are mounted, but not where.
+
+A device stands on the side to which it looks: a terminal or a drive to the middle of all that it can reach,
+an instrument along its boresight. What looks to no side rather than another stands where its boresight is at
+zero angles, a drive along its axis, or opposite, where something stands already. The platform is a cube with
+half edges of 1.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from jaxplan.geometry.vectors import pointing
+from jaxplan.model.gimbals import TURN
+from jaxplan.model.spacecraft import Spacecraft
+
+_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it has no side
+_APART = 0.6  # half edges between the feet of two devices, where there is room
+_ASIDE = 0.65  # half edges from a foot to places beside it
+
+
+def feet(craft: Spacecraft) -> np.ndarray:
+    """Points (D, 3) of the cube's surface, in half edges and body axes, one a device."""
+    taken: list[np.ndarray] = []
+    for wanted in _sides(craft):
+        places = [_places(side) for side in wanted]
+        every = [*(own[0] for own in places), *(place for own in places for place in own[1:])]
+        free = [place for place in every if all(np.linalg.norm(place - one) > _APART for one in taken)]
+        taken.append((free or every)[0])
+    return np.array(taken).reshape(-1, 3)
+
+
+def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
+    """Directions of the sides on which each device may stand, the best first."""
+    frames, ranges = craft.gimbals.frames, craft.joint_ranges
+    n, found = len(craft.terminals), list[list[np.ndarray]]()
+    for number in range(n):
+        middle = frames[number] @ _middle(ranges[number], ranges[n + number])
+        found.append([middle if np.linalg.norm(middle) > _TO_A_SIDE else frames[number, :, 0]])
+    for place, drive in enumerate(craft.drives):
+        tilt = craft.gimbals.tilts[place]
+        middle = frames[n + place] @ _middle(ranges[2 * n + place], np.array([tilt, tilt]))
+        axis = np.asarray(drive.axis, float)
+        found.append([middle] if np.linalg.norm(middle) > _TO_A_SIDE else [axis, -axis])
+    return found + [[boresight] for boresight in craft.fixed_boresights]
+
+
+def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
+    """Mean (3,) of the directions in a range of yaw and one of pitch, each yaw and pitch counting alike."""
+    low = yaws[0] if yaws[1] - yaws[0] < TURN else yaws[1] - TURN
+    yaw, pitch = np.meshgrid(np.linspace(low, yaws[1], 73), np.linspace(pitches[0], pitches[1], 19))
+    mean: np.ndarray = np.mean(pointing(yaw, pitch), axis=(0, 1))
+    return mean
+
+
+def _places(side: np.ndarray) -> list[np.ndarray]:
+    """Points of the cube in a direction, and around it on the same face."""
+    foot = side / np.max(np.abs(side))
+    across = [axis for axis in np.eye(3) if abs(axis @ foot) < 1]
+    beside = []
+    for shares in product((0, 1, -1), repeat=len(across)):
+        moved = foot + _ASIDE * sum(
+            (share * axis for share, axis in zip(shares, across, strict=True)), 0 * foot
+        )
+        beside.append(np.clip(moved, -1, 1))
+    return beside

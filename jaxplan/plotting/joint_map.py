@@ -1,0 +1,150 @@
+"""The way of every terminal through its yaw and pitch, among masks and ranges; outlines of fields of view.
+
+A map shows what no sphere can: a mask is a polygon of joint angles, wherever the platform is turned. Where a
+mask is met again after a turn of the yaw, it is drawn there, too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon, Rectangle
+
+from jaxplan.geometry.vectors import unit
+from jaxplan.model.outlines import FORWARD, UP, field_corners
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Instrument
+from jaxplan.model.zones import Mask, masks
+from jaxplan.planner import Plan
+from jaxplan.plotting.style import (
+    GREY,
+    HALO,
+    KEEP_OUT,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    device_style,
+    expect_plan,
+    legend_beside,
+    motion,
+    panels,
+    plain,
+    tidy,
+)
+
+_PANEL = (7.5, 2.6)  # inches, of a terminal
+_MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
+_RANGE: Look = {"fill": False, "edgecolor": GREY, "linewidth": 1.0, "zorder": 1.5}
+_START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}
+_END: Look = {
+    "marker": "s",
+    "markersize": 10,
+    "linestyle": "none",
+    "fillstyle": "none",
+    "markeredgewidth": 1.8,
+}
+_NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
+_EDGE = np.linspace(0, 1, 9)[:-1, None]  # shares of an edge of a field, at which its outline has points
+
+
+def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """The way of each terminal in the plane of its yaw and pitch, with its range and its masks.
+
+    Args:
+        plan: of any status; without a trajectory the nodes of its path, or start and goal alone, are drawn.
+        ax: axes, one a terminal, a figure to put them in, or None for a new one.
+        legend: whether to say beside the first map what is what.
+
+    Returns:
+        The axes: yaw against pitch, deg.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the spacecraft has no terminals, or another number of axes is given.
+    """
+    craft = expect_plan(plan).scenario.spacecraft
+    count = len(craft.terminals)
+    if not count:
+        raise ValueError(
+            f"the spacecraft of {plan.scenario.name!r} has no terminals, whose joints would be drawn"
+        )
+    found = panels(ax, count, (_PANEL[0], 0.8 + _PANEL[1] * count), shared=False)
+    for number, axes in enumerate(found):
+        _draw(axes, plan, number)
+    if legend:
+        legend_beside(found[0], _entries(plan))
+    return found
+
+
+def _draw(axes: Axes, plan: Plan, number: int) -> None:
+    """Draw the map of a terminal."""
+    craft, colour = plan.scenario.spacecraft, device_style(number)["color"]
+    own = [number, number + len(craft.terminals)]
+    tidy(axes)
+    low, high = np.rad2deg(craft.joint_ranges[own]).T
+    axes.add_patch(Rectangle(tuple(low), *(high - low), **_RANGE))
+    beyond = (high - low) * [0.025, 0.05]
+    (left, bottom), (right, top) = low - beyond, high + beyond
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    for mask in masks(craft):
+        if mask.device == craft.terminals[number].name:
+            _draw_mask(axes, mask, low, high)
+    if plan.trajectory is not None:
+        axes.plot(
+            *np.rad2deg(motion(plan).values.joints[:, own]).T, **device_style(number), linewidth=1.8, zorder=3
+        )
+    if plan.path is not None:
+        axes.plot(*np.rad2deg(plan.path.joints[:, own]).T, color=colour, zorder=3.2, **_NODE)
+    for look, state in ((_START, plan.scenario.start), (_END, plan.goal)):
+        if state is not None:
+            edge = {} if look is _START else {"markeredgecolor": colour}
+            axes.plot(*np.rad2deg(np.asarray(state.joints)[own]), color=colour, zorder=4, **look | edge)
+    axes.set_xlabel("yaw (deg)", fontsize=TEXT)
+    axes.set_ylabel("pitch (deg)", fontsize=TEXT)
+    plain(axes.set_title(craft.terminals[number].name, fontsize=TEXT, loc="left"))
+
+
+def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> None:
+    """Fill a mask at every turn of the yaw, with its name where its middle can be seen."""
+    for turn in mask.turns:
+        corners = np.rad2deg(mask.corners) + np.array([360.0 * turn, 0.0])
+        axes.add_patch(Polygon(corners, **_MASK))
+        inside = 0.05 * (high - low)
+        middle = np.clip(np.mean(corners, axis=0), low + inside, high - inside)
+        name = mask.name.removesuffix(f" of {mask.device}")
+        across, up = middle.tolist()
+        plain(axes.text(across, up, name, fontsize=SMALL, color=KEEP_OUT, clip_on=True, **HALO))
+
+
+def _entries(plan: Plan) -> Entries:
+    drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
+    drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
+    drawn.append((Line2D([], [], color=GREY, **_START), "start"))
+    drawn += [(Line2D([], [], color=GREY, **_END), "goal")] if plan.goal is not None else []
+    return [*drawn, (Patch(**_MASK), "mask"), (Patch(**_RANGE), "range")]
+
+
+def field_outlines(
+    scenario: Scenario, attitude: np.ndarray, joints: np.ndarray
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Closed outlines (k, 3), inertial, of the fields of view in a state, each with its device's number."""
+    craft, rows = scenario.spacecraft, scenario.constraints
+    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
+    for number, device in enumerate(craft.devices):
+        if device.field_of_view is None:
+            continue
+        forward, up = FORWARD, UP if device.up is None else device.up
+        if isinstance(device, Instrument):
+            forward = device.boresight
+        corners = field_corners(forward, up, device.field_of_view)
+        ends = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        line = np.concatenate([(1 - _EDGE) * here + _EDGE * there for here, there in ends])
+        line = np.stack(unit(np.concatenate([line, line[:1]]).T), axis=-1)
+        if not isinstance(device, Instrument):
+            moved = replace(sights, carrier=np.full(len(line), number), carried=line)
+            line = np.asarray(moved.in_body(joints))[-len(line) :]
+        yield number, line @ np.asarray(attitude).T

@@ -1,0 +1,425 @@
+"""A spacecraft in space: how its devices are mounted, what they can reach, and where they look.
+
+The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they look
+(`jaxplan.plotting.feet`). Each is drawn about its foot: a terminal with its yaw axis and the part of a sphere
+that its ranges reach, masks cut out of it; a drive with its axis and the fan of its boresight; a field of
+view as a pyramid. Lengths mean nothing, directions are in body axes. An arrow on what a joint reaches points
+to where its angle grows.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.proj3d import proj_transform
+from numpy.typing import ArrayLike
+
+from jaxplan.geometry.vectors import pointing
+from jaxplan.model.gimbals import TURN
+from jaxplan.model.outlines import FORWARD, UP, field_corners, half_planes, turns
+from jaxplan.model.spacecraft import Drive, Instrument, Spacecraft, Terminal
+from jaxplan.plotting.feet import feet
+from jaxplan.plotting.style import (
+    AXIS_STYLES,
+    GREY,
+    HALO,
+    KEEP_OUT,
+    SMALL,
+    TEXT,
+    Canvas,
+    Entries,
+    Labels,
+    Look,
+    device_style,
+    legend_beside,
+    new_figure,
+    plain,
+)
+from jaxplan.runtime.arguments import expect, expect_numbers
+
+SIZE = (9.0, 6.4)  # inches
+_BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
+"""Lengths in the picture: half edge of the platform; of each device from its foot on the radius of what it
+reaches, its axis, its boresight, and its field of view."""
+_FRAME = 1.3  # length of the body axes, from the middle of the platform
+_VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
+_CELL = np.deg2rad(5.0)  # rad, of the net that surfaces are made of
+_STEP = np.deg2rad(2.0)  # rad, between points of lines on them
+_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities
+_NARROW = 0.01  # width of what the legend stands beside, in widths of the picture
+_LINES = 36  # of a column of the legend
+_FILLED = 0.84  # share of the axes that the picture fills
+_LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
+_HEAD = 0.07  # length of an arrow's head
+_FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
+
+
+def spacecraft(
+    spacecraft: Spacecraft, joints: ArrayLike | None = None, ax: Canvas = None, *, legend: bool = True
+) -> Axes3D:
+    """A spacecraft in its body axes, so that a wrong mounting is seen.
+
+    Args:
+        spacecraft: its devices.
+        joints: (2n + d,) rad, at which boresights are drawn as well, with fields of view there; None for
+            zero angles alone.
+        ax: 3-D axes, a figure to put them in, or None for a new one.
+        legend: whether to say beside the picture what is drawn, with the ranges.
+
+    Returns:
+        The axes, to the right and up in the picture as the mouse turns it.
+
+    Raises:
+        TypeError: if it is no spacecraft, or the axes are flat.
+        ValueError: if there are other than 2n + d joints.
+
+    Example:
+        >>> jp.plot.spacecraft(scenario.spacecraft, joints=scenario.start.joints)
+    """
+    craft = expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
+    angles = np.zeros(craft.joint_count)
+    if joints is not None:
+        expect_numbers("joints", joints, craft.joint_count)
+        angles = np.asarray(joints, float)
+    axes, beside = _solid(ax)
+    picture = _Picture(craft, axes, angles, turned=joints is not None)
+    picture.draw()
+    if legend:
+        entries = picture.entries()
+        lines = sum(1 + text.count("\n") for _, text in entries)
+        legend_beside(beside, entries, columns=-(-lines // _LINES))
+    return axes
+
+
+def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
+    """Draw `spacecraft` on a page of its own, which does not belong to pyplot.
+
+    Args:
+        craft: its devices.
+        joints: (2n + d,) rad.
+    """
+    figure = Figure(figsize=SIZE, layout="constrained")
+    spacecraft(craft, joints, ax=figure)
+    return figure
+
+
+def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
+    """The 3-D axes to draw on, with nothing around, and those that the legend stands beside.
+
+    These are narrow ones of their own where that can be: a layout does not know how wide 3-D axes are.
+    """
+    if where is None:
+        where = new_figure(SIZE)
+    if isinstance(where, Figure | SubFigure):
+        columns = where.add_gridspec(1, 2, width_ratios=(1, _NARROW))
+        axes, beside = (
+            where.add_subplot(columns[0], projection="3d", computed_zorder=False),
+            where.add_subplot(columns[1]),
+        )
+        beside.set_axis_off()
+    else:
+        axes = expect("ax", where, Axes3D, "give axes with projection='3d', or a figure to put them in")
+        beside = axes
+    axes.view_init(*_VIEW)
+    axes.set_proj_type("ortho")
+    axes.set_axis_off()
+    return axes, beside
+
+
+class _Picture:
+    """What is drawn of a spacecraft; surfaces are one collection, so that near ones cover far ones."""
+
+    def __init__(self, craft: Spacecraft, axes: Axes3D, joints: np.ndarray, *, turned: bool) -> None:
+        self.craft, self.axes, self.turned = craft, axes, turned
+        self.surfaces: list[np.ndarray] = []
+        self.drawn: list[np.ndarray] = []  # points of lines
+        self.colours: list[tuple[float, float, float, float]] = []
+        azimuth, elevation = craft.gimbals.angles(joints)
+        own = [_turn(*pair) for pair in zip(azimuth, elevation, strict=True)]
+        # body from the moving part of each gimbal: boresight, left, up
+        self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
+        self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
+        self.now = craft.boresights(np.eye(3), joints)
+
+    def draw(self) -> None:
+        """Draw the platform, its axes and all devices, with equal scales."""
+        self._draw_body()
+        for number, (device, foot) in enumerate(
+            zip(self.craft.devices, _BODY * feet(self.craft), strict=True)
+        ):
+            self._draw_device(number, device, foot)
+        looks: Look = {"edgecolors": "none", "antialiaseds": False, "rasterized": True, "zorder": 1}
+        self.axes.add_collection3d(Poly3DCollection(self.surfaces, facecolors=self.colours, **looks))
+        self._fill_axes()
+        self._name_devices()
+
+    def _draw_body(self) -> None:
+        for axis, side in np.ndindex(3, 2):
+            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
+            square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _FACES])
+            self._fill(square[None], "0.5", _SIDE)
+            self._line(square[[0, 1, 2, 3, 0]], {"color": "0.55", "linewidth": 0.8})
+        for axis, look, name in zip(np.eye(3), AXIS_STYLES, "xyz", strict=True):
+            self._arrow(np.array([_BODY * axis, _FRAME * axis]), {**look, "linewidth": 1.4})
+            self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
+
+    def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
+        look = device_style(number)
+        colour = look["color"]
+        if isinstance(device, Terminal):
+            self._draw_reach(number, device, foot)
+        elif isinstance(device, Drive):
+            self._draw_fan(number, device, foot)
+        self._arrow(_from(foot, _LOOK * self.zero[number]), {**look, "linewidth": 2.2})
+        if self.turned and not isinstance(device, Instrument):
+            self._line(_from(foot, _LOOK * self.now[number]), {"color": colour, "linewidth": 1.2})
+            tip = (foot + _LOOK * self.now[number])[:, None]
+            self.axes.plot(*tip, marker="o", markersize=5, color=colour, zorder=4)
+        if device.field_of_view is not None:
+            self._draw_field(number, device, device.field_of_view, foot)
+
+    def _draw_reach(self, number: int, terminal: Terminal, foot: np.ndarray) -> None:
+        """The part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
+        frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
+        ranges = np.asarray(terminal.ranges, float)
+        yaws, pitches = _once_around(ranges[0]), ranges[1]
+
+        def place(yaw: ArrayLike, pitch: ArrayLike) -> np.ndarray:
+            return np.asarray(foot + _DOME * (pointing(*np.broadcast_arrays(yaw, pitch)) @ frame.T))
+
+        across, upward = _net(yaws), _net(pitches)
+        corners = place(*np.meshgrid(across, upward, indexing="ij"))
+        cells = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=-2)
+        middles = np.stack(np.meshgrid(_middles(across), _middles(upward), indexing="ij"), axis=-1)
+        masked = _within(terminal, middles)
+        self._fill(cells[~masked], colour, _REACH)
+        self._fill(cells[masked], KEEP_OUT, _MASKED)
+        edge: Look = {"color": colour, "linewidth": 0.9}
+        low, high = (_points(span) for span in (yaws, pitches))
+        ends = [place(low, pitches[0]), place(low, pitches[1])]
+        if yaws[1] - yaws[0] < TURN:
+            ends += [place(yaws[0], high), place(yaws[1], high)]
+        for line in ends:
+            self._line(line, edge)
+        self._arrow(place(low, np.clip(0.0, *pitches)), edge)
+        self._arrow(place(np.clip(0.0, *yaws), high), edge)
+        for corner in terminal.mask:
+            for turn in turns(corner, *yaws):
+                self._line(
+                    place(*_outline(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3}
+                )
+        self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
+
+    def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
+        """The fan in which a drive's boresight turns, and its axis."""
+        frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
+        angles = _points(_once_around(np.asarray(drive.range, float)))
+        own = pointing(angles, np.full_like(angles, float(drive.tilt)))
+        arc = foot + _DOME * (own @ frame.T)
+        self._fill(
+            np.stack([np.broadcast_to(foot, arc[1:].shape), arc[:-1], arc[1:]], axis=1), colour, _REACH
+        )
+        self._arrow(arc, {"color": colour, "linewidth": 0.9})
+        axis = np.array([-0.5, 1.0])[:, None] * _AXIS * frame[:, 2]
+        self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
+
+    def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
+        """A field of view as a pyramid, with the direction of up at its upper edge."""
+        colour = device_style(number)["color"]
+        if isinstance(device, Terminal):
+            up, turn = UP if device.up is None else device.up, self.moved[number]
+            corners, up = field_corners(FORWARD, up, full) @ turn.T, turn @ up
+        else:
+            up, corners = device.up, field_corners(device.boresight, device.up, full)
+        tips = foot + _FIELD * corners / (corners @ self.now[number])[:, None]
+        around = tips[[0, 1, 2, 3, 0]]
+        sides = np.stack([np.broadcast_to(foot, (4, 3)), around[:-1], around[1:]], axis=1)
+        self._fill(sides, colour, _REACH)
+        thin: Look = {"color": colour, "linewidth": 0.8}
+        for line in (around, *(np.array([foot, tip]) for tip in tips)):
+            self._line(line, thin)
+        middle = foot + _FIELD * self.now[number]
+        end = middle + (np.max((tips - middle) @ up) + 0.15) * np.asarray(up)
+        self._arrow(np.array([middle, end]), {**thin, "linewidth": 1.2})
+
+    def _fill_axes(self) -> None:
+        """Give all three axes one scale, by which the picture fills the page as it is seen at first."""
+        points = np.concatenate(self.drawn)
+        limits = self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim
+        self.axes.set_box_aspect((1, 1, 1))
+        for limit in limits:
+            limit(-1, 1)
+        unit_axes = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+        across, up, _ = proj_transform(*np.concatenate([unit_axes, points]).T, self.axes.get_proj())
+        seen = np.stack([across, up])
+        low, high = np.min(seen[:, 4:], axis=1), np.max(seen[:, 4:], axis=1)
+        # where in space the middle of what is seen lies: this shift brings it to the middle of the page
+        middle = np.linalg.pinv(seen[:, 1:4] - seen[:, :1]) @ ((low + high) / 2)
+        for limit, centre in zip(limits, middle, strict=True):
+            limit(centre - 1, centre + 1)
+        room = np.array([np.ptp(self.axes.viewLim.intervalx), np.ptp(self.axes.viewLim.intervaly)])
+        self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED * np.min(room / (high - low)))
+
+    def _name_devices(self) -> None:
+        """Write each device's name at the end of its boresight, or of its axis, where it covers no other."""
+        letter = _LETTER * (SMALL + 1) * self.axes.figure.dpi / 72  # pixels, before the final layout
+        labels = Labels(np.zeros((0, 2)))
+        labels.taken.extend((self._seen(1.06 * _FRAME * axis), 2 * letter) for axis in np.eye(3))
+        for number, foot in enumerate(_BODY * feet(self.craft)):
+            ends = [_LOOK * self.now[number], _LOOK * self.zero[number]]
+            if number < self.craft.gimbals.count:
+                ends += [side * _AXIS * self.craft.gimbals.frames[number, :, 2] for side in (1, -0.5)]
+            places = [foot + 1.15 * end for end in ends]
+            name = self.craft.device_names[number]
+            spots = [self._seen(place) for place in places]
+            spot = labels.place(spots, letter * [len(name), 1.0], must=True)
+            where = int(np.argmin([np.linalg.norm(one - spot) for one in spots]))
+            self._name(places[where], name, device_style(number)["color"], SMALL + 1)
+
+    def _seen(self, point: np.ndarray) -> np.ndarray:
+        """Where a point is in the picture, pixels."""
+        across, up, _ = proj_transform(*point, self.axes.get_proj())
+        return np.asarray(self.axes.transData.transform((across, up)))
+
+    def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
+        self.surfaces += list(polygons)
+        self.colours += [to_rgba(colour, alpha)] * len(polygons)
+
+    def _line(self, points: np.ndarray, look: Look) -> None:
+        self.drawn.append(points)
+        self.axes.plot(*points.T, zorder=3, **look)
+
+    def _arrow(self, points: np.ndarray, look: Look) -> None:
+        """Draw a line with a head at its end, flat in the plane that the line leaves the platform in."""
+        self._line(points, look)
+        back = points[-1] - points[-2]
+        back = back / np.linalg.norm(back)
+        aside = np.cross(back, points[-1])
+        if np.linalg.norm(aside) < 1e-6:
+            aside = np.cross(back, np.roll(np.eye(3)[np.argmax(np.abs(back))], 1))
+        aside = aside / np.linalg.norm(aside)
+        barbs = [points[-1] - _HEAD * back + side * 0.45 * _HEAD * aside for side in (1, -1)]
+        self._line(np.array([barbs[0], points[-1], barbs[1]]), {**look, "linestyle": "-"})
+
+    def _name(self, place: np.ndarray, text: str, colour: str, size: float) -> None:
+        named = self.axes.text(*place, text, color=colour, fontsize=size, zorder=5, **HALO)
+        plain(named)
+
+    def entries(self) -> Entries:
+        """Legend entries: devices with their ranges, and what the lines are."""
+        devices = self.craft.devices
+        found: Entries = [
+            (Line2D([], [], linewidth=2.2, **device_style(number)), _told(device))
+            for number, device in enumerate(devices)
+        ]
+        joints = [device for device in devices if not isinstance(device, Instrument)]
+        masked = any(terminal.mask for terminal in self.craft.terminals)
+        line: Look = {"color": GREY, "linewidth": 2.2}
+        kinds: list[tuple[bool, Any, str]] = [
+            (bool(devices), Line2D([], [], **line), "boresight at zero angles"),
+            (
+                self.turned and bool(joints),
+                Line2D([], [], color=GREY, linewidth=1.2, marker="o", markersize=5, markevery=[1]),
+                "boresight at the given angles",
+            ),
+            (
+                bool(joints),
+                Line2D([], [], color=GREY, linewidth=1, linestyle=":"),
+                "yaw axis, axis of a drive",
+            ),
+            (
+                bool(joints),
+                Patch(color=to_rgba(GREY, _REACH)),
+                "what a device can reach;\narrows to where angles grow",
+            ),
+            (masked, Patch(facecolor=to_rgba(KEEP_OUT, _MASKED), edgecolor=KEEP_OUT), "mask, cut out of it"),
+            (
+                any(device.field_of_view is not None for device in devices),
+                Line2D(
+                    [], [], color=GREY, linewidth=0.8, marker="^", markerfacecolor="none", linestyle="none"
+                ),
+                "field of view,\nwith an arrow to its up",
+            ),
+        ]
+        return found + [(handle, text) for there, handle, text in kinds if there]
+
+
+def _told(device: Terminal | Drive | Instrument) -> str:
+    """A device's name with its ranges and its field of view, deg."""
+    lines = [device.name]
+    if isinstance(device, Terminal):
+        yaw, pitch = np.asarray(device.ranges, float)
+        lines += [f"  yaw {_span(yaw)}", f"  pitch {_span(pitch)}"]
+    elif isinstance(device, Drive):
+        lines.append(f"  angle {_span(np.asarray(device.range, float))}")
+    if device.field_of_view is not None:
+        lines.append("  field {} x {} deg".format(*map(_degrees, device.field_of_view)))
+    return "\n".join(lines)
+
+
+def _span(ends: np.ndarray) -> str:
+    return "{} to {} deg".format(*map(_degrees, ends))
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _turn(azimuth: float, elevation: float) -> np.ndarray:
+    """(3, 3) from a moving part's axes (boresight, left, up) to those at zero angles."""
+    ahead = pointing(azimuth, elevation)
+    left = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.stack([ahead, left, np.cross(ahead, left)], axis=-1)
+
+
+def _once_around(span: np.ndarray) -> np.ndarray:
+    """A range, of which no more than a turn is drawn: the last one, up to half a turn where it has that."""
+    if span[1] - span[0] < TURN:
+        return span
+    high = np.clip(np.pi, span[0] + TURN, span[1])
+    return np.array([high - TURN, high])
+
+
+def _net(span: np.ndarray) -> np.ndarray:
+    return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL)))
+
+
+def _points(span: np.ndarray) -> np.ndarray:
+    return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _STEP))
+
+
+def _middles(edges: np.ndarray) -> np.ndarray:
+    return (edges[1:] + edges[:-1]) / 2
+
+
+def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    return np.array([foot, foot + vector])
+
+
+def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
+    """Which (yaw, pitch) (..., 2) lie in a mask, whatever the turn."""
+    found = np.zeros(points.shape[:-1], dtype=bool)
+    low, high = np.min(points[..., 0]), np.max(points[..., 0])
+    for corners in terminal.mask:
+        normals, least = half_planes(np.asarray(corners, float))
+        for turn in turns(corners, low, high):
+            inside = (points - [TURN * turn, 0.0]) @ normals.T < least
+            found |= np.all(inside, axis=-1)
+    return found
+
+
+def _outline(
+    corners: np.ndarray, turn: int, yaws: np.ndarray, pitches: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Yaws and pitches along a mask's outline, held within the ranges; corners (k, 2)."""
+    places, count = np.linspace(0.0, len(corners), 24 * len(corners) + 1), np.arange(len(corners) + 1)
+    closed = corners[count % len(corners)] + np.array([TURN * turn, 0.0])
+    yaw, pitch = (np.interp(places, count, closed[:, column]) for column in range(2))
+    return np.clip(yaw, *yaws), np.clip(pitch, *pitches)
