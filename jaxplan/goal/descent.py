@@ -217,6 +217,8 @@ LANES = 128
 """Starts of one batch: there is one shape to compile."""
 CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
+FLAT = 1e-5
+"""Curvature that counts as none: at half a turn of an instrument a tolerance of 1e-6 deg leaves a few 1e-6."""
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
 LEAST_CURVATURE = 0.01  # that the Hessian is raised to
@@ -247,8 +249,8 @@ class Minima(NamedTuple):
     def good(self, tolerance: float) -> np.ndarray:
         """(...) bool, ends that are local minima, their conditions of optimality met to so many rad."""
         within = (self.excess <= CLEAR) & (self.residual <= tolerance)
-        # the longer way round is no minimum
-        return within & (self.curvature >= -1e-6) & (self.slew <= np.pi + 1e-9)
+        # the longer way round is no minimum, and bends by about one
+        return within & (self.curvature >= -FLAT) & (self.slew <= np.pi + 1e-9)
 
 
 def descend(caps: Caps, starts: np.ndarray) -> Minima:
