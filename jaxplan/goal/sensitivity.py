@@ -205,7 +205,8 @@ class _State(NamedTuple):
     def cleared(self, clearance: ArrayLike) -> "_State":
         """The same with rows that have the goal's clearance, as step 1 had them."""
         pairs = pairs_at_goal(self.rows, self.sights, self.known, self.rest)
-        return self._replace(rows=cleared(self.rows, pairs, clearance))
+        wanted = jnp.asarray(clearance, self.rest.dtype)
+        return self._replace(rows=cleared(self.rows, pairs, wanted))
 
     @property
     def columns(self) -> slice | np.ndarray:
