@@ -75,7 +75,7 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
     settled = rows.bound & (both_outside | both_inside)
     # an angle to a vector of length zero, which stands for one that is not known, has no derivative
     margins = [
-        pair_margins(rows, *(xp.where(_is_known(part), part, _SOMEWHERE) for part in both))
+        pair_margins(rows, *(xp.where(_is_known(part), part, _SOMEWHERE.astype(part.dtype)) for part in both))
         for both in ((toward, outside), (along, inside))
     ]
     margin = xp.where(both_outside, *margins)
