@@ -120,6 +120,7 @@ SKY_KINDS = tuple(_KINDS)
 ANY_SPACECRAFT = "any_spacecraft"
 RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
+_PLACE = 1000  # of the streams of random spacecraft, which more kinds before it do not move
 
 DIRECTIONS = 16
 """Directions drawn at once for a cone, of which the first that is clear counts."""
@@ -147,7 +148,8 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
         raise ValueError(f"kind = {kind!r}: must be one of {', '.join(RANDOM_KINDS)}")
     if not _is_seed(seed):
         raise ValueError(f"seed = {seed!r}: must be an integer of at least 0")
-    stream = np.random.SeedSequence(0, spawn_key=(RANDOM_KINDS.index(kind), int(seed)))
+    place = _PLACE if kind == ANY_SPACECRAFT else RANDOM_KINDS.index(kind)
+    stream = np.random.SeedSequence(0, spawn_key=(place, int(seed)))
     rng = np.random.Generator(np.random.PCG64(stream))
     if kind == ANY_SPACECRAFT:
         return any_spacecraft.draw(rng, f"{kind} {seed}")

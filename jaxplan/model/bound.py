@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxplan.model import outlines
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.jit import is_traced
 
 
 class Bound:
@@ -140,4 +141,6 @@ def body_axis_name(axis: np.ndarray) -> str:
 
 
 def _numbers(vector: np.ndarray) -> str:
+    if is_traced(vector):  # nobody reads names then
+        return "(traced)"
     return f"({', '.join(f'{part:.3g}' for part in vector)})"
