@@ -218,7 +218,7 @@ LANES = 128
 CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 FLAT = 1e-5
-"""Curvature that counts as none: at half a turn of an instrument a tolerance of 1e-6 deg leaves a few 1e-6."""
+"""Curvature that counts as none: at half a turn of an instrument a tolerance leaves a few millionths."""
 STEPS = 10
 LONGEST_STEP = 0.5  # rad
 LEAST_CURVATURE = 0.01  # that the Hessian is raised to

@@ -1,0 +1,83 @@
+"""Whether two scenarios, or parts of them, say the same."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.runtime.arguments import as_floats
+
+# Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
+# some radians have no degrees that a file could hold.
+_ROUNDING = 4 * np.finfo(float).eps
+_INFINITE = ("off", "inf")  # words that stand for an infinite number
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values of a scenario say the same, as trees of values.
+
+    Lists, tuples and arrays are compared entry by entry, numbers of any type as floats, and what may be given
+    in a short way is the same as in full: one number for one each, a name for a tuple of it, nothing for
+    zeros. NaN is equal to nothing, and what JAX traces is the same as itself alone.
+    """
+    if one is other:
+        return True
+    if isinstance(one, DirectionPath) or isinstance(other, DirectionPath):
+        return _same_paths(one, other)
+    if is_dataclass(one) or is_dataclass(other):
+        return type(one) is type(other) and all(
+            same(getattr(one, part.name), getattr(other, part.name)) for part in fields(one)
+        )
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.datetime64) or isinstance(other, np.datetime64):
+        instant = _instant(one)
+        return instant is not None and instant == _instant(other)
+    if isinstance(one, str) and isinstance(other, str):
+        return one == other
+    return _same_numbers(one, other) or _same_entries(one, other)
+
+
+def _same_paths(one: Any, other: Any) -> bool:
+    """Whether two paths, or a path and a direction, are the same over time."""
+    if not (isinstance(one, DirectionPath) and isinstance(other, DirectionPath)):
+        path, direction = (one, other) if isinstance(one, DirectionPath) else (other, one)
+        return not path.moves and same(path.samples[0], direction)
+    return same(one.samples, other.samples) and (
+        not one.moves or (same(one.times, other.times) and same(one.hidden, other.hidden))
+    )
+
+
+def _instant(value: Any) -> Any:
+    try:
+        return parse_epoch(value)
+    except ValueError:
+        return None
+
+
+def _same_numbers(one: Any, other: Any) -> bool:
+    """Whether numbers, or arrays of them, are equal up to rounding; None and words stand for numbers."""
+    first, second = _numbers(one), _numbers(other)
+    if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
+        return False
+    with np.errstate(invalid="ignore"):  # of infinite ones, which are equal or not
+        near = np.abs(first - second) <= _ROUNDING * np.abs(second)
+    return bool(np.all((first == second) | (near & np.isfinite(second))))
+
+
+def _numbers(value: Any) -> np.ndarray | None:
+    if value is None:
+        return np.zeros(())
+    return np.array(math.inf) if isinstance(value, str) and value in _INFINITE else as_floats(value)
+
+
+def _same_entries(one: Any, other: Any) -> bool:
+    """Whether lists have equal entries; a name by itself is a list of one."""
+    first, second = ((each,) if isinstance(each, str) else each for each in (one, other))
+    if not (isinstance(first, list | tuple | np.ndarray) and isinstance(second, list | tuple | np.ndarray)):
+        return False
+    return len(first) == len(second) and all(map(same, first, second))
