@@ -248,7 +248,13 @@ def _beam_motion(
         level = np.cos(yaw) * ahead + np.sin(yaw) * left
         beam = np.cos(pitch) * level + np.sin(pitch) * up
         body.append(beam)
-        turning.append(np.cross(rates[0] * up + rates[1] * np.cross(level, up), beam))
+        # up x beam and (level x up) x beam, with level and up at right angles
+        turning.append(
+            np.cos(pitch) * rates[0] * (np.cos(yaw) * left - np.sin(yaw) * ahead)
+            + rates[1] * (np.cos(pitch) * up - np.sin(pitch) * level)
+        )
     seen, moved = np.array(body).reshape(-1, 3), np.array(turning).reshape(-1, 3)
-    moving = np.cross(angular_velocity, seen) + moved
+    x, y, z = np.asarray(angular_velocity, float)
+    spin = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    moving = seen @ spin.T + moved
     return seen @ goal.attitude.T, moving @ goal.attitude.T

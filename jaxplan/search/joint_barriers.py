@@ -57,6 +57,8 @@ def find_joint_barrier(scene: Scene) -> JointBarrier | None:
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
     """
+    if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
+        return None
     for device in range(scene.gimbals.count):
         tables = [_own(rows, scene, device) for rows in scene.tables]
         if not any(np.any(rows.bound) for rows in tables):
