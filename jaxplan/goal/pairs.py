@@ -73,12 +73,15 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
     both_outside = inertial[:, None] & known.inertial
     both_inside = in_body[:, None] & known.in_body
     settled = rows.bound & (both_outside | both_inside)
-    # an angle to a vector of length zero, which stands for one that is not known, has no derivative
-    margins = [
-        pair_margins(rows, *(xp.where(_is_known(part), part, _SOMEWHERE.astype(part.dtype)) for part in both))
-        for both in ((toward, outside), (along, inside))
-    ]
-    margin = xp.where(both_outside, *margins)
+
+    def apart(sights: AnyArray, axes: AnyArray) -> AnyArray:
+        # an angle to a vector of length zero, which stands for one that is not known, has no derivative
+        known = (xp.where(_is_known(part), part, _SOMEWHERE.astype(part.dtype)) for part in (sights, axes))
+        return pair_margins(rows, *known)
+
+    margin = apart(toward, outside)
+    if rows.inner:
+        margin = xp.where(both_outside, margin, apart(along, inside))
     by_attitude = (inertial[:, None] & known.in_body) | (in_body[:, None] & known.inertial)
     of_body = xp.asarray(known.in_body)[:, None] & inertial[:, None, None]
     pairs = Pairs(
