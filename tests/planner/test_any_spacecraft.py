@@ -16,7 +16,7 @@ from jaxplan.model.scenario import MINIMUM
 from jaxplan.model.zones import KeepOut
 
 FEW = (52, 33, 12, 43)  # of two builds
-MANY = 60
+MANY = 24
 
 
 def scene(seed):
