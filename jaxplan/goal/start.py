@@ -18,9 +18,10 @@ from jaxplan.goal import decompose
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Targets, Wish
+from jaxplan.model.scenario import GivenState, Scenario, Targets, Wish
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import JointBound, KeepIn, KeepOut, tabulate
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut
+from jaxplan.schema.reading import take_in
 
 _GOALS = 8  # attitudes that are looked at, for one that is clear of all zones
 
@@ -57,6 +58,7 @@ def point(
 
     Raises:
         NotPointingError: if there is none, with what is in the way.
+        ScenarioError: for what no scenario may have, such as a device that there is not.
 
     Example:
         >>> start = jp.point(spacecraft, {"telescope": [0.0, 0.0, 1.0]})
@@ -64,8 +66,22 @@ def point(
     """
     asked = targets if isinstance(targets, Targets) else Targets.of(targets)
     asked = replace(asked, prefer=(*asked.prefer, *prefer))
-    rows = tabulate(keep_out, keep_in, spacecraft, joint_bounds=joint_bounds)
-    return pointing_state(spacecraft, asked, rows, attitude=attitude, joints=joints)
+    still = GivenState(rotation_vector=np.zeros(3), joints=np.zeros(spacecraft.joint_count))
+    scenario = take_in(
+        Scenario(
+            name="start",
+            spacecraft=spacecraft,
+            start=still if joints is None else replace(still, joints=joints),  # type: ignore[arg-type]
+            goal=asked,
+            keep_out=tuple(keep_out),
+            keep_in=tuple(keep_in),
+            joint_bounds=tuple(joint_bounds),
+        )
+    )
+    craft, goal = scenario.spacecraft, scenario.goal
+    assert isinstance(goal, Targets)
+    given = scenario.start.joints
+    return pointing_state(craft, goal, scenario.constraints, attitude=attitude, joints=given)
 
 
 def pointing_state(

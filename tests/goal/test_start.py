@@ -1,0 +1,69 @@
+"""States in which devices point along their targets at the start, at the rates at which these move."""
+
+import numpy as np
+import pytest
+from builders import make_observer
+from reference import angle, in_body
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.goal.start import NotPointingError
+
+TIMES = np.linspace(0.0, 400.0, 81)
+
+
+def unit(vector):
+    return np.asarray(vector, float) / np.linalg.norm(vector)
+
+
+def passing(first, turn):
+    """A direction that turns by a rotation vector each second."""
+    return jp.DirectionPath.through(TIMES, Rotation.from_rotvec(TIMES[:, None] * turn).apply(unit(first)))
+
+
+def seen(craft, state, name):
+    return state.attitude @ in_body(craft, name, np.asarray(state.joints)[None])[0]
+
+
+def test_devices_point_along_their_targets_and_a_wish_is_met():
+    craft, toward, link = make_observer(), unit([0.3, -0.2, 0.9]), unit([-0.4, 0.6, 0.5])
+    state = jp.point(
+        craft, {"telescope": toward, "antenna": link}, prefer=[jp.Wish(device="array", direction=[1, 0, 0])]
+    )
+    assert angle(seen(craft, state, "telescope"), toward) <= np.deg2rad(1e-6)
+    assert angle(seen(craft, state, "antenna"), link) <= 1e-9
+    away = angle(seen(craft, state, "array"), np.array([1.0, 0, 0]))
+    plain = jp.point(craft, {"telescope": toward, "antenna": link})
+    assert away <= angle(seen(craft, plain, "array"), np.array([1.0, 0, 0])) + 1e-6
+    np.testing.assert_array_equal(state.angular_velocity, 0)
+
+
+def test_rates_let_every_device_follow_its_target_and_turn_about_no_boresight_without_need():
+    craft = make_observer()
+    paths = {
+        "telescope": passing([0.3, -0.2, 0.9], [1e-3, 4e-4, -2e-4]),
+        "antenna": passing([-0.4, 0.6, 0.5], [-3e-4, 1e-3, 5e-4]),
+    }
+    state, step = jp.point(craft, paths), 1e-2
+
+    class Later:
+        attitude = state.attitude @ Rotation.from_rotvec(step * state.angular_velocity).as_matrix()
+        joints = state.joints + step * state.joint_rates
+
+    for name, path in paths.items():
+        moved = (seen(craft, Later, name) - seen(craft, state, name)) / step
+        np.testing.assert_allclose(moved, path.rate(step / 2), rtol=0, atol=1e-7)
+    boresight = in_body(craft, "telescope", np.asarray(state.joints)[None])[0]
+    assert abs(boresight @ state.angular_velocity) <= 1e-12
+
+
+def test_zones_hold_at_the_start_or_it_is_refused():
+    craft, toward = make_observer(), unit([0.3, -0.2, 0.9])
+    inside = jp.KeepOut(name="sun", direction=toward, half_angle=0.3, devices=("telescope",))
+    with pytest.raises(NotPointingError, match="zone"):
+        jp.point(craft, {"telescope": toward}, keep_out=[inside])
+
+
+def test_a_device_that_there_is_not_is_named():
+    with pytest.raises(jp.ScenarioError, match="telescop"):
+        jp.point(make_observer(), {"telescop": [0.0, 0.0, 1.0]})
