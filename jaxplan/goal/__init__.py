@@ -94,10 +94,11 @@ def decompose(
 
     What the targets settle is left to the caller, such as zones that only bind terminals: these point at
     their targets whatever the attitude. What depends on joints in another way than by a boresight's direction
-    or a bound of one joint is left open (`caps.leaves_open`): goals may break it, see `Decomposition.goals`.
+    or a bound of one joint is left open (`problem.leaves_open`): goals may break it, see
+    `Decomposition.goals`.
 
     Args:
-        spacecraft: its terminals and instruments, any number of either.
+        spacecraft: its devices, any number of each sort.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: directions for devices, and limits at the goal where those are tighter.
         cones: all constraints, for the devices of the spacecraft.

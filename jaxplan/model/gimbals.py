@@ -63,7 +63,7 @@ def frame_of(axis: ArrayLike, boresight: ArrayLike) -> AnyArray:
     xp, about, ahead = arrays(axis, boresight)
     up = xp.stack(unit(about))
     left = xp.stack(unit(xp.stack(cross(up, ahead))))
-    return xp.stack([*map(xp.asarray, (xp.stack(cross(left, up)), left, up))], axis=-1)
+    return xp.stack([xp.stack(cross(left, up)), left, up], axis=-1)
 
 
 def in_range(angle: ArrayLike, ranges: ArrayLike, near: ArrayLike | None = None) -> AnyArray:
@@ -177,9 +177,7 @@ class Gimbals:
 
     def boresights(self, joints: ArrayLike) -> AnyArray:
         """Unit vectors (..., g, 3) in body axes at joints (..., 2n + d), by equation (13)."""
-        xp, frames = arrays(self.frames)
-        own = pointing(*self.angles(joints))
-        xp = array_module(own, frames)
+        xp, own, frames = arrays(pointing(*self.angles(joints)), self.frames)
         return xp.sum(frames.astype(own.dtype) * own[..., None, :], axis=-1)
 
     def axes(self, azimuth: AnyArray, which: AnyArray) -> tuple[AnyArray, AnyArray]:
@@ -195,7 +193,3 @@ class Gimbals:
         xp, a, frames = arrays(azimuth, self.frames)
         ahead, left, up = (frames[which][..., column] for column in range(3))
         return up, xp.sin(a)[:, None] * ahead - xp.cos(a)[:, None] * left
-
-    def some(self, which: np.ndarray) -> "Gimbals":
-        """Some of the terminals by number, as gimbals by themselves."""
-        return Gimbals(frames=self.frames[which], tilts=self.tilts[:0])

@@ -22,7 +22,7 @@ import numpy as np
 
 from jaxplan.certificate import Certificate
 from jaxplan.model.path import Goal, halve
-from jaxplan.model.scenario import Scenario, SearchSettings, moves
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
@@ -220,7 +220,7 @@ class Attempts:
         with self.clock.step("search"):
             forbidden = scene if proved is seen else make_scene(scenario, goal, proved)
             barrier = find_barrier(forbidden)
-            closed = None if barrier else find_joint_barrier(scene)
+            closed = None if barrier else find_joint_barrier(scene, self._settled_devices())
         if barrier is not None:
             message = messages.parted(scenario, forbidden, barrier)
         elif closed is not None:
@@ -231,6 +231,15 @@ class Attempts:
             return _Way(goal, scene, LADDER)
         self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return _Way(goal, scene, ())
+
+    def _settled_devices(self) -> list[int]:
+        """Gimbals whose joints the goal settles: a free one might end elsewhere, so no proof rests on it."""
+        craft, asked = self.scenario.spacecraft, self.scenario.goal
+        every = range(craft.gimbals.count)
+        if isinstance(asked, GivenState):
+            return list(every)
+        kept = (*asked.names(craft), *asked.hold)
+        return [number for number in every if craft.device_names[number] in kept]
 
     def _is_new(self, goal: Goal) -> bool:
         """Whether a goal whose joints are whole turns away from another's was not tried before."""

@@ -11,7 +11,7 @@ cells that touch, none of which is such a one: where no chain of the others lead
 to that of the goal, that is a proof. What is thinner than a cell proves nothing.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,18 +48,19 @@ class JointBarrier:
     zones: tuple[int, ...]
 
 
-def find_joint_barrier(scene: Scene) -> JointBarrier | None:
+def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> JointBarrier | None:
     """Look for a device whose joints no motion brings from where they start to where they end.
 
     Args:
         scene: a search problem.
+        devices: numbers of gimbals that are looked at; all unless told.
 
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
     """
     if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
         return None
-    for device in range(scene.gimbals.count):
+    for device in range(scene.gimbals.count) if devices is None else devices:
         tables = [_own(rows, scene, device) for rows in scene.tables]
         if not any(np.any(rows.bound) for rows in tables):
             continue

@@ -12,7 +12,7 @@ from reference import assert_each, direction, random_units, unit
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model import gimbals
-from jaxplan.model.gimbals import Gimbals, angles_along, angles_toward, in_range
+from jaxplan.model.gimbals import angles_along, angles_toward, in_range
 from jaxplan.model.spacecraft import NEAREST_TO_POLE, Mount
 
 COUNTS = [(1, 0), (0, 1), (0, 3), (2, 0), (2, 1), (4, 2)]  # terminals and drives
@@ -227,15 +227,6 @@ def test_without_joints_there_are_no_gimbals():
     assert craft.gimbals.count == 0
     assert craft.gimbals.boresights(np.zeros((5, 0))).shape == (5, 0, 3)
     assert craft.boresights(np.eye(3), np.zeros(0)).shape == (2, 3)
-
-
-def test_some_of_the_terminals_are_gimbals_by_themselves():
-    craft = oblique_craft(4, 1)
-    some = craft.gimbals.some(np.array([2, 0]))
-    assert isinstance(some, Gimbals)
-    joints = random_joints(np.random.default_rng(2), craft, 1)[0]
-    expected = craft.gimbals.boresights(joints)[[2, 0]]
-    np.testing.assert_array_equal(some.boresights(joints[[2, 0, 6, 4]]), expected)
 
 
 def test_a_frame_needs_no_right_angle():
