@@ -121,14 +121,14 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     """In which the axis with the longest way along edges reaches its full rate, s; arguments as above."""
-    rate, acceleration, jerk = (_about_any_axis(craft, power) for power in (1, 2, 3))
+    rate, acceleration, jerk = (axis_bounds(craft, power) for power in (1, 2, 3))
     xp, turned, moved, rate, acceleration = arrays(turns, moves, rate, acceleration)
     needed = rate / acceleration + acceleration / jerk
     ways = xp.sum(xp.abs(xp.concatenate([turned, moved], axis=1)), axis=0)
     return needed[xp.argmax(ways / rate)]
 
 
-def _about_any_axis(craft: Spacecraft, power: int) -> AnyArray:
+def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
     """Bounds (3 + 2n,) of this derivative of the motion by axis and joint, or inf.
 
     Those of the torque are the same of every axis, whatever it is about. Those of the momentum are left to

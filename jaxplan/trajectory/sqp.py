@@ -60,6 +60,7 @@ class InitialGuess:
     target_duration: float = 0.0
     max_violation: float = np.inf
     ftol: float = _FTOL
+    by_time_alone: bool = False
 
 
 class SQPSolution(NamedTuple):
@@ -105,6 +106,7 @@ class SQPState:
         first_duration: s, of the first curves.
         target_duration: see `InitialGuess`.
         ftol: likewise.
+        pull: weights of the energies beside what else is looked for: 1, or less where that is the duration.
         penalty: (G, 3) by kind of constraint.
         spent: energies of the curves, as shares.
         value: merits of the curves.
@@ -121,6 +123,7 @@ class SQPState:
     first_duration: np.ndarray
     target_duration: np.ndarray
     ftol: np.ndarray
+    pull: np.ndarray
     penalty: np.ndarray
     spent: np.ndarray
     value: np.ndarray
@@ -139,7 +142,9 @@ class SQPState:
             np.stack([begin.coefficients for begin in begins]),
             np.array([begin.duration for begin in begins]),
         )
-        table = _PENALTIES_OF_FREE_TIME if stack.members[0].free_time else _PENALTIES
+        free_time = stack.members[0].free_time
+        table = _PENALTIES_OF_FREE_TIME if free_time else _PENALTIES
+        weight = ENERGY_WEIGHT if free_time else 1.0
         state = cls(
             at=at,
             number=np.arange(count),
@@ -147,6 +152,7 @@ class SQPState:
             first_duration=at.duration,
             target_duration=np.array([begin.target_duration for begin in begins]),
             ftol=np.array([begin.ftol for begin in begins]),
+            pull=np.array([0.0 if begin.by_time_alone else weight for begin in begins]),
             penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
             spent=np.ones(count),
             value=np.zeros(count),
@@ -181,20 +187,21 @@ class SQPState:
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
         """Objectives and penalties (G,) of curves with energies (G,)."""
-        value = energy
+        value = self.pull * energy
         if self._free_time:
-            value = ENERGY_WEIGHT * energy + at.duration / self.first_duration
+            value = value + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
         """The programs at curves, where the duration counts as a share of its own."""
         stack = self.stack
-        form = self._form(at.duration) * (ENERGY_WEIGHT if self._free_time else 1.0)
+        energy = self._form(at.duration)
+        form = energy * (ENERGY_WEIGHT if self._free_time else 1.0)
         return QuadraticProgram(
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
-            gradient=form @ at.coefficients,
+            gradient=self.pull[:, None, None] * (energy @ at.coefficients),
             duration_hessian=_DURATION_HESSIAN if self._free_time else None,
             rows=stack.rows,
             blocks=self._blocks_at(at),

@@ -21,7 +21,7 @@ from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import guesses, schedule
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
 from jaxplan.trajectory.curve import CHART_REACH
@@ -39,6 +39,7 @@ _MOST_LONGER = 1.1  # the same for motions with rates at the ends, in one step
 _LOOKS = 8  # at most so many durations are tried
 _SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
 _DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
+_NEAR_THE_BOUND = 1.015  # times the bound; up to there no other shortest motion is looked for
 _HURRY = 0.97  # of the time along the nodes; with less of it they are only a first guess
 _LEISURE = 1.15  # of the time along the nodes; with less of it breaks lie close about the flanks
 
@@ -253,7 +254,8 @@ class Strategy:
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
-        Where one from rest to rest is far above the bound, perhaps one without limits, stretched.
+        Where one from rest to rest is far above the bound, perhaps one without limits, stretched. Where
+        nodes are only a first guess and there is something to gain, one from curves that are bent away.
         """
         best = self._along(problems, "shortest", radius)
         slow = {
@@ -263,7 +265,33 @@ class Strategy:
             and not one.at_speed
             and not (own.sound and own.needed <= _DETOUR * one.bound)
         }
-        return best | _quicker(self._along(slow, "stretched", lambda one: one.width), best)
+        best |= _quicker(self._along(slow, "stretched", lambda one: one.width), best)
+        return best | _quicker(self._bent({n: own for n, own in best.items() if own is not None}), best)
+
+    def _bent(self, attempts: dict[int, Attempt]) -> Attempts:
+        """The shortest motions near curves that are bent away from those of attempts, where they may gain."""
+        counts = {
+            n: own.problem.settings.first_guesses
+            for n, own in attempts.items()
+            if own.problem.radius == np.inf
+            and not (own.sound and own.needed <= _NEAR_THE_BOUND * own.problem.bound)
+        }
+        begins = {n: guesses.bent(attempts[n], count) for n, count in counts.items()}
+        owner = [n for n, own in begins.items() for _ in own]
+        with self.seconds.shared(owner):
+            made = make_attempts([begin for own in begins.values() for begin in own])
+        best: dict[int, Attempt] = {}
+        for n, own in zip(owner, made, strict=True):
+            if own is not None and (n not in best or own.merit > best[n].merit):
+                best[n] = own
+        for by_time_alone in (True, False):
+
+            def begin(n: int, alone: bool = by_time_alone) -> InitialGuess:
+                return guesses.precise(best[n], by_time_alone=alone)
+
+            found = self._attempts(best, begin)
+            best = {n: own for n, own in found.items() if own is not None}
+        return dict(best)
 
     def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """What shortest motions with accelerations of zero at both ends become once they are free.

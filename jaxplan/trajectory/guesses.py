@@ -1,0 +1,112 @@
+"""First curves of a shortest motion that leave the turn about one axis, and breaks where they are needed.
+
+The turn about one fixed axis is a stationary point of the duration by its symmetry, and seldom the quickest
+one: with limits on each body axis a motion is quicker where several axes work at their limits all the time
+(Bilimoria and Wie, JGCD 16(3), 1993). So a curve is bent by a few slow waves about all three axes, and from
+each bent curve the shortest motion near it is looked for on few intervals. On more of them it is made
+precise: most lie where the acceleration changes fast, which is where a shortest motion switches.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.trajectory.attempts import Attempt
+from jaxplan.trajectory.problem import DiscreteProblem, Mesh
+from jaxplan.trajectory.schedule import axis_bounds
+from jaxplan.trajectory.splines import Basis
+from jaxplan.trajectory.sqp import InitialGuess
+
+COARSE = 12  # intervals on which bent curves are looked at: enough for five switches
+FINE = 32  # intervals on which the best of them is made precise
+
+_POINTS = 8  # places on each interval
+_WAVES = 3  # slowest waves by which a curve is bent
+_BEND = 0.13  # rad for each rad of the rotation from start to goal, of the slowest wave
+_LEAST_BEND = 0.01  # rad, of motions whose platform hardly turns
+_EVEN_SHARE = 0.2  # of the breaks, which lie evenly; the others follow the jerk
+_LOOKS = 2048  # places at which the jerk is looked at
+_NEIGHBOURS = 61  # of these places, over which its size is averaged
+_BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
+
+
+def bent(attempt: Attempt, count: int) -> list[InitialGuess]:
+    """Curves around that of an attempt, on few intervals; the same ones in every call.
+
+    Args:
+        attempt: at a motion whose duration is looked for.
+        count: how many.
+    """
+    discrete = _on(attempt.discrete, Basis.even(COARSE))
+    base, places = _carried(attempt, discrete), discrete.places
+    calm = places**3 * (10 - 15 * places + 6 * places**2)  # at rest at both ends
+    waves = np.sin(np.pi * np.arange(1, _WAVES + 1) * calm[:, None])
+    ends = attempt.problem.attitudes[[0, -1]]
+    size = max(_BEND * float(so3.distance(*ends)), _LEAST_BEND)
+    free, wave_rows = discrete.space.free, discrete.rows[0] @ discrete.space.free
+    by_wave = np.linalg.lstsq(wave_rows, waves, rcond=None)[0]  # (k, waves)
+    found = []
+    for heights in _spread(count) * size / np.arange(1, _WAVES + 1)[:, None]:
+        coefficients = base.copy()
+        coefficients[:, :3] += free @ by_wave @ heights
+        found.append(_guess(discrete, coefficients, attempt.needed, by_time_alone=True))
+    return found
+
+
+def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
+    """The curve of an attempt on as many intervals as a motion has at the end, most of them where it switches.
+
+    Args:
+        attempt: on few intervals or many.
+        by_time_alone: see `InitialGuess`.
+    """
+    discrete = _on(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
+    return _guess(discrete, _carried(attempt, discrete), attempt.needed, by_time_alone=by_time_alone)
+
+
+def _guess(
+    discrete: DiscreteProblem, coefficients: np.ndarray, duration: float, *, by_time_alone: bool
+) -> InitialGuess:
+    return InitialGuess(
+        discrete=discrete, coefficients=coefficients, duration=duration, by_time_alone=by_time_alone
+    )
+
+
+def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
+    """The problem without a tube on other breaks, its duration looked for."""
+    mesh = Mesh(places=discrete.mesh.places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
+    return replace(discrete.on_mesh(mesh), timing="shortest")
+
+
+def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
+    """Coefficients (n, A) of the curve that is nearest to an attempt's, with its accelerations."""
+    space, rows = discrete.space, discrete.rows
+    own = attempt.discrete.space.basis.rows(discrete.places, 3)
+    start = space.fixed + attempt.needed * space.by_time
+    wanted = [own[power] @ attempt.solution.coefficients - rows[power] @ start for power in (0, 2)]
+    design = np.concatenate([rows[0], _BENDING * rows[2]]) @ space.free
+    target = np.concatenate([wanted[0], _BENDING * wanted[1]])
+    found: np.ndarray = start + space.free @ np.linalg.lstsq(design, target, rcond=None)[0]
+    return found
+
+
+def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
+    """Breaks (intervals + 1,) in [0, 1], the closer together the larger the jerk is thereabouts."""
+    edges = np.linspace(0, 1, _LOOKS + 1)
+    rows = attempt.discrete.space.basis.rows((edges[1:] + edges[:-1]) / 2)[3]
+    accelerations = axis_bounds(attempt.problem.spacecraft, 2)
+    jerk = np.max(np.abs(rows @ attempt.solution.coefficients) / accelerations, axis=1)
+    half = _NEIGHBOURS // 2
+    around = np.convolve(np.pad(jerk, half, mode="edge"), np.full(_NEIGHBOURS, 1 / _NEIGHBOURS), "valid")
+    mean = np.mean(around)
+    density = _EVEN_SHARE + (1 - _EVEN_SHARE) * (around / mean if mean > 0 else 1.0)
+    gone = np.concatenate([[0.0], np.cumsum(density)])
+    return np.interp(np.linspace(0, 1, intervals + 1), gone / gone[-1], edges)
+
+
+def _spread(count: int) -> np.ndarray:
+    """Numbers (count, waves, 3) in [-1, 1], spread evenly by the multiples of square roots of primes."""
+    primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23])
+    steps = np.sqrt(primes) * np.arange(1, count + 1)[:, None]
+    return np.asarray(2 * np.mod(steps, 1) - 1).reshape(count, _WAVES, 3)
