@@ -89,7 +89,9 @@ def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
 def test_pieces_join_smoothly_however_short_some_of_them_are():
     # as of a minute's turn whose limits of jerk and acceleration bind for a hundredth of a second at its ends
     short = 1.5e-4 * np.arange(9)
-    basis = Basis.on(np.concatenate([short, np.linspace(short[-1], 1 - short[-1], 16)[1:-1], 1 - short[::-1]]))
+    basis = Basis.on(
+        np.concatenate([short, np.linspace(short[-1], 1 - short[-1], 16)[1:-1], 1 - short[::-1]])
+    )
     knots = np.concatenate([np.zeros(DEGREE), basis.breaks, np.ones(DEGREE)])
     middles = np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE).mean(axis=1)
     pieces = basis.pieces(np.stack([1.0 + np.sin(2.0 * middles), np.full(basis.size, 0.7)], axis=1))
