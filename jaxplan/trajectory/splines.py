@@ -223,7 +223,7 @@ class Basis:
 
     @cached_property
     def _on_intervals(self) -> list[np.ndarray]:
-        """By derivative, the B-splines (K, 3, 6 - d) at both ends and the middle of the intervals they live on."""
+        """By derivative, the B-splines (K, 3, 6 - d) of each interval at its ends and its middle."""
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
         by_degree = _local_values(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
