@@ -36,7 +36,7 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
     free = [number for number in range(gimbals.count) if number not in (*aims.devices, *aims.held)]
     joints = np.array(joints)
     for number in free:
-        own = _joints_of(problem, number)
+        own = problem.spacecraft.gimbals.joints_of(number)
         joints[own] = _wanted(problem, number, attitude, joints[own])
     for _ in range(2 if len(free) > 1 else 1):
         for number in free:
@@ -45,15 +45,9 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
     return joints
 
 
-def _joints_of(problem: GoalProblem, number: int) -> np.ndarray:
-    """Numbers of a gimbal's one or two joints."""
-    gimbals = problem.spacecraft.gimbals
-    return np.array([gimbals.yaws[number], *gimbals.pitches[number : number + 1]])
-
-
 def _wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Where a device would be without zones: as it is, or nearest to its wish; its joints."""
-    own = _joints_of(problem, number)
+    own = problem.spacecraft.gimbals.joints_of(number)
     low, high = problem.ranges[own].T
     wish = next((wish for wish in problem.wishes if wish.device == number), None)
     if wish is None:
@@ -77,7 +71,7 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
 
 def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
     """Joints with those of a device where all is clear that it takes part in; as they are if nowhere is."""
-    own = _joints_of(problem, number)
+    own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None

@@ -3,7 +3,8 @@
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
-Where a device's own joints cannot get there, other whole turns of them are tried next.
+Where a device's own joints cannot get there, other whole turns of them are tried next, and of one that may
+end elsewhere, how far they get.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -28,10 +29,18 @@ from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, other_turns, wanted_fit
+from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, other_ends, other_turns, wanted_fit
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.jit import working_time
-from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, find_joint_barrier, make_scene
+from jaxplan.search import (
+    Scene,
+    SearchResult,
+    derived_seed,
+    find_barrier,
+    find_joint_barrier,
+    make_scene,
+    short_of,
+)
 from jaxplan.trajectory import Fit, FitQuery
 
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
@@ -220,17 +229,35 @@ class Attempts:
         with self.clock.step("search"):
             forbidden = scene if proved is seen else make_scene(scenario, goal, proved)
             barrier = find_barrier(forbidden)
-            closed = None if barrier else find_joint_barrier(scene, self._settled_devices())
+            settled = self._settled_devices()
+            closed = None if barrier else find_joint_barrier(scene, settled)
+            free = set(range(scene.gimbals.count)).difference(settled)
+            parted = None if barrier or closed else find_joint_barrier(scene, sorted(free))
         if barrier is not None:
             message = messages.parted(scenario, forbidden, barrier)
         elif closed is not None:
             message = messages.closed(scenario, closed)
-            turned = other_turns(scenario, goal, closed.device)
-            self._ways[:0] = [(one, share) for one in turned if self._is_new(one)]
+            self._ways[:0] = self._ways_to(other_turns(scenario, goal, closed.device), share)
+        elif parted is not None:
+            # No proof, as the device may end elsewhere: beside what is in its way, where no goal is better.
+            turned = self._ways_to(other_turns(scenario, goal, parted.device), share)
+            nearer = other_ends(scenario, goal, parted.device, short_of(scene, parted.device))
+            ended = self._ways_to(nearer, share)
+            if not turned and not ended:
+                return _Way(goal, scene, LADDER)
+            self._ways = [*turned, *self._ways, *ended]
+            message = messages.closed(scenario, parted)
+            failed = Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal)
+            self._nearest = self._nearest or failed
+            return _Way(goal, scene, ())
         else:
             return _Way(goal, scene, LADDER)
         self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
         return _Way(goal, scene, ())
+
+    def _ways_to(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
+        """Ways to other goals, as far as those are new."""
+        return [(goal, share) for goal in goals if self._is_new(goal)]
 
     def _settled_devices(self) -> list[int]:
         """Gimbals whose joints the goal settles: a free one might end elsewhere, so no proof rests on it."""
