@@ -102,6 +102,11 @@ class Attempt:
         inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
 
+    @property
+    def pace(self) -> tuple[bool, float]:
+        """Key by which shortest motions are compared: the larger, the better."""
+        return self.sound, -self.needed
+
 
 def first_curve(
     problem: FitProblem,

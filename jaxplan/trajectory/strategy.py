@@ -282,7 +282,7 @@ class Strategy:
             made = make_attempts([begin for own in begins.values() for begin in own])
         best: dict[int, Attempt] = {}
         for n, own in zip(owner, made, strict=True):
-            if own is not None and (n not in best or own.merit > best[n].merit):
+            if own is not None and (n not in best or own.pace > best[n].pace):
                 best[n] = own
         for by_time_alone in (True, False):
 
