@@ -292,8 +292,8 @@ class TrajectorySettings:
         node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
             first guess. None for 1 deg, and in the shortest motion for infinite.
         end_acceleration: of "global", "zero" or "free" at start and goal.
-        first_guesses: of "global", how many curves that are bent away from the path a shortest motion is looked
-            for from, where the bound leaves it something to gain; 0 for the path alone.
+        first_guesses: of the shortest motion, how many curves that are bent away from the path, and paths of
+            other searches, it is looked for from where the bound leaves something to gain; 0 for none.
         optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
             else it may end some thousandths of its energy above.
     """
@@ -334,7 +334,7 @@ class TrajectorySettings:
     first_guesses: int = keyed(
         4,
         "first_guesses",
-        'of "minimum", curves beside the path from which a shorter motion is looked for',
+        'of "minimum", other curves and other paths from which a shorter motion is looked for',
         "[0, 1000]",
         static=True,
     )

@@ -17,7 +17,7 @@ reports is `jaxplan.planner.runs`.
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,7 +29,16 @@ from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, other_ends, other_turns, wanted_fit
+from jaxplan.planner.shorter import Shorter, is_improvable
+from jaxplan.planner.steps import (
+    GoalQuery,
+    SearchQuery,
+    fitted_plan,
+    judged,
+    other_ends,
+    other_turns,
+    wanted_fit,
+)
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.jit import working_time
 from jaxplan.search import (
@@ -64,19 +73,6 @@ _TELLING = (
 _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchQuery:
-    """A search to be made.
-
-    Attributes:
-        scene: where to search.
-        settings: of the search.
-    """
-
-    scene: Scene
-    settings: SearchSettings
-
-
 class Clock:
     """Seconds by step, and what is left of a time limit.
 
@@ -84,13 +80,20 @@ class Clock:
         seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
             not what other plans took that are made at the same time.
         compiling: seconds spent on that by all steps.
+        improve_for: s, for which a shorter plan is looked for than the first one.
         show: is told the name of a step that begins.
     """
 
-    def __init__(self, time_limit: float, show: Callable[[str], object] = lambda name: None) -> None:
+    def __init__(
+        self,
+        time_limit: float,
+        show: Callable[[str], object] = lambda name: None,
+        *,
+        improve_for: float = 0.0,
+    ) -> None:
         self.seconds: dict[str, float] = {}
         self.compiling = 0.0
-        self._left, self.show = time_limit, show
+        self._left, self.show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
         """Seconds that are left of the limit, which does not count what is spent on compiling."""
@@ -139,6 +142,7 @@ class Attempts:
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
+        self._shorter: Shorter | None = None  # than the plan that was found, under way
         self._over = False  # there is no use in another attempt
         broken = start_breaches(scenario)
         if broken:
@@ -175,6 +179,10 @@ class Attempts:
 
     def accept_path(self, result: SearchResult) -> None:
         """Go on with the result of the search that was needed."""
+        if self._shorter is not None:
+            self._shorter.accept_path(result)
+            self._shorten(self._shorter)
+            return
         way = self._climbed
         first = not way.found
         way.found[way.factor] = result
@@ -186,7 +194,10 @@ class Attempts:
 
     def accept_fit(self, fitted: Fit) -> None:
         """Go on with the fit that was needed."""
-        if self._meeting is None:
+        if self._shorter is not None:
+            self._shorter.accept_fit(fitted)
+            self._shorten(self._shorter)
+        elif self._meeting is None:
             self._fitted(fitted)
         else:
             self._meeting.accept_fit(fitted)
@@ -194,6 +205,10 @@ class Attempts:
 
     def accept_certificate(self, certificate: Certificate) -> None:
         """Go on with the certificate that was needed."""
+        if self._shorter is not None:
+            self._shorter.accept_certificate(certificate)
+            self._shorten(self._shorter)
+            return
         way = self._climbed
         if not certificate.certified and way.spare is not None:
             self._fitted(way.spare)
@@ -338,7 +353,14 @@ class Attempts:
         # The global method looks for the shortest motion before it says that a duration is too short.
         if attempt.status in _FOR_GOOD and self.scenario.trajectory.method == "global":
             way.rungs = []
-        self._next_rung(way)
+        if is_improvable(attempt, self.clock.improve_for):
+            self._shorten(Shorter(attempt, way.scene, self.clock.left(), self.clock.improve_for))
+        else:
+            self._next_rung(way)
+
+    def _shorten(self, shorter: Shorter) -> None:
+        """Ask for what a shorter plan needs; at its end the plan is settled."""
+        self._shorter, self.plan, self.need = shorter, shorter.plan, shorter.need
 
     def _add(self, attempt: Plan) -> None:
         """Keep an attempt if it is more informative than the best so far."""

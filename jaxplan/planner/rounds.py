@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.ahead import usual_tasks
-from jaxplan.planner.attempts import Attempts, Clock, SearchQuery
+from jaxplan.planner.attempts import Attempts, Clock
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, find_goals
+from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
 from jaxplan.runtime.ahead import ahead
 from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.jit import clear_if_full, working_time

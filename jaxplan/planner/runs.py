@@ -6,11 +6,13 @@ What is planned is what a scenario file would say: checked alike, with the numbe
 from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Future
 
+import numpy as np
+
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.attempts import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
-from jaxplan.runtime.arguments import expect, several
+from jaxplan.runtime.arguments import expect, number, several
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
@@ -22,13 +24,18 @@ _LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask f
 _PARTS = 3  # parts for each worker, so that all get done at about the same time
 
 
-def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Plan:
+def plan(
+    scenario: Scenario, *, throw: bool = True, progress: bool = True, improve_for_s: float = 0.0
+) -> Plan:
     """Plan a manoeuvre and prove it safe.
 
     Args:
         scenario: the problem and its settings; lists may stand for arrays and tuples.
         throw: raise when there is no certified plan; otherwise return what was found, with its status.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+        improve_for_s: s, for which a shorter plan is looked for than the first one, of a duration that is
+            "minimum": along other ways round zones, and from more first guesses. It ends earlier once the
+            bound leaves little to gain. What is found in that time depends on the machine.
 
     Returns:
         The plan. Of a failed one the fields before the failing step are filled; UNCERTIFIED keeps trajectory
@@ -39,6 +46,7 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         TypeError: if it is no scenario.
         ScenarioError: for values that a scenario file may not have, methods that do not exist among them,
             and those of a wrong type or shape; a ValueError, with every fault.
+        ValueError: for less than no time, or one without end.
 
     Example:
         >>> import jaxplan as jp
@@ -47,8 +55,12 @@ def plan(scenario: Scenario, *, throw: bool = True, progress: bool = True) -> Pl
         (3, 3)
     """
     scenario = as_filed("scenario", scenario)
+    improve_for = number("improve_for_s", improve_for_s, "a number of seconds")
+    if not 0 <= improve_for < np.inf:
+        raise ValueError(f"improve_for_s = {improve_for:g}: must lie in [0, inf)")
     with one_thread(), progress_bar("planning", shown=progress) as bar:
-        (result,) = plan_in_rounds([scenario], [Clock(scenario.search.time_limit, bar.step)])
+        clock = Clock(scenario.search.time_limit, bar.step, improve_for=improve_for)
+        (result,) = plan_in_rounds([scenario], [clock])
     if throw and not result.ok:
         raise PlanningError(result)
     return result

@@ -15,11 +15,12 @@ from jaxplan.goal import decompose, tracking_rates
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
+from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
+from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 _SHARES = np.linspace(1.0, 0.0, 9)  # of its way, at which a device may stop
@@ -37,6 +38,19 @@ class GoalQuery:
 
     scenario: Scenario
     time: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchQuery:
+    """A search to be made.
+
+    Attributes:
+        scene: where to search.
+        settings: of the search.
+    """
+
+    scene: Scene
+    settings: SearchSettings
 
 
 def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:

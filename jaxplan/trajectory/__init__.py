@@ -7,7 +7,7 @@ from typing import Any
 from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
-from jaxplan.trajectory.fit import Fit, FitQuery
+from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery
 from jaxplan.trajectory.motion import kernel_tasks
 from jaxplan.trajectory.schedule import duration_bound, excess
 
@@ -31,6 +31,7 @@ def by_name(methods: dict[str, Any], name: str) -> Any:
 
 __all__ = [
     "METHODS",
+    "NEAR_THE_BOUND",
     "REFITS",
     "Fit",
     "FitQuery",

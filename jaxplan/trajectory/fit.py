@@ -21,6 +21,9 @@ Problem = TypeVar("Problem")  # of a method
 
 _ORTHONORMAL = 1e-6  # what a rotation matrix may be off
 
+NEAR_THE_BOUND = 1.015
+"""Times the bound of the duration; up to there no other shortest motion is looked for."""
+
 MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditions at either end
 
 

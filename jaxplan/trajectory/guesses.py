@@ -55,7 +55,7 @@ def bent(attempt: Attempt, count: int) -> list[InitialGuess]:
 
 
 def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
-    """The curve of an attempt on as many intervals as a motion has at the end, most of them where it switches.
+    """The curve of an attempt on many intervals, most of them where it switches.
 
     Args:
         attempt: on few intervals or many.

@@ -22,13 +22,19 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, schedule
-from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
-from jaxplan.trajectory.curve import CHART_REACH
-from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, checked, fit_each, needed_words, too_tight
+from jaxplan.trajectory.fit import (
+    NEAR_THE_BOUND,
+    Fit,
+    FitQuery,
+    at_rest,
+    checked,
+    fit_each,
+)
+from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
-from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile, excess
+from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
@@ -39,11 +45,8 @@ _MOST_LONGER = 1.1  # the same for motions with rates at the ends, in one step
 _LOOKS = 8  # at most so many durations are tried
 _SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
 _DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
-_NEAR_THE_BOUND = 1.015  # times the bound; up to there no other shortest motion is looked for
 _HURRY = 0.97  # of the time along the nodes; with less of it they are only a first guess
 _LEISURE = 1.15  # of the time along the nodes; with less of it breaks lie close about the flanks
-
-NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 
 Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
@@ -141,7 +144,7 @@ class Strategy:
         fits = self.timed(problems)
         failed = {n: one for n, one in problems.items() if fits[n].status is not Status.OK and not one.rests}
         for n, other in self.timed({n: one.resting for n, one in failed.items()}).items():
-            fits[n] = _better(fits[n], other)
+            fits[n] = better(fits[n], other)
         return fits
 
     def _in_least_time(self, problems: Problems) -> dict[int, Fit]:
@@ -156,7 +159,7 @@ class Strategy:
         found = self._released(free, shortened)
         found |= self._quickest({n: one for n, one in free.items() if n not in shortened})
         for n, other in self._within_limits(found).items():
-            fits[n] = _better(other, fits[n])
+            fits[n] = better(other, fits[n])
         return fits
 
     def timed(self, problems: Problems) -> dict[int, Fit]:
@@ -164,19 +167,19 @@ class Strategy:
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
-        fits = {n: _success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
+        fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
         # The shortest motion says whether there is one at all, and what to ask for.
         left = {n: one for n, one in problems.items() if n not in fits}
         best = self.shortest(left, _no_tube)
-        fits |= {n: _beyond_charts() for n, own in best.items() if own is None}
+        fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         for n, needed in self._needed(quickest, durations).items():
             duration, kept = durations[n], needed is not None and needed <= durations[n]
             if kept and not left[n].at_speed:
-                fits[n] = _success(_time_scaled(quickest[n], duration))
+                fits[n] = success(_time_scaled(quickest[n], duration))
             else:
                 closest = attempts[n] or _time_scaled(quickest[n], duration)
-                fits[n] = _limits_too_tight(closest, duration, needed)
+                fits[n] = limits_too_tight(closest, duration, needed)
         return fits
 
     def _needed(self, quickest: dict[int, Attempt], durations: dict[int, float]) -> dict[int, float | None]:
@@ -274,7 +277,7 @@ class Strategy:
             n: own.problem.settings.first_guesses
             for n, own in attempts.items()
             if own.problem.radius == np.inf
-            and not (own.sound and own.needed <= _NEAR_THE_BOUND * own.problem.bound)
+            and not (own.sound and own.needed <= NEAR_THE_BOUND * own.problem.bound)
         }
         begins = {n: guesses.bent(attempts[n], count) for n, count in counts.items()}
         owner = [n for n, own in begins.items() for _ in own]
@@ -284,14 +287,17 @@ class Strategy:
         for n, own in zip(owner, made, strict=True):
             if own is not None and (n not in best or own.pace > best[n].pace):
                 best[n] = own
-        for by_time_alone in (True, False):
+        best = self._precise(best, by_time_alone=True)
+        return dict(self._precise(best, by_time_alone=False))
 
-            def begin(n: int, alone: bool = by_time_alone) -> InitialGuess:
-                return guesses.precise(best[n], by_time_alone=alone)
+    def _precise(self, attempts: dict[int, Attempt], *, by_time_alone: bool) -> dict[int, Attempt]:
+        """The shortest motions near those of attempts, with breaks where these switch."""
 
-            found = self._attempts(best, begin)
-            best = {n: own for n, own in found.items() if own is not None}
-        return dict(best)
+        def begin(n: int) -> InitialGuess:
+            return guesses.precise(attempts[n], by_time_alone=by_time_alone)
+
+        found = self._attempts(attempts, begin)
+        return {n: own for n, own in found.items() if own is not None}
 
     def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """What shortest motions with accelerations of zero at both ends become once they are free.
@@ -308,16 +314,16 @@ class Strategy:
 
     def _within_limits(self, attempts: Attempts) -> dict[int, Fit]:
         """Fits from motions in just the time that their limits allow."""
-        fits = {n: _beyond_charts() for n, own in attempts.items() if own is None}
+        fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
         best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
         for n, own in best.items():
             if not own.problem.at_speed:
-                fits[n] = _success(own, stretch=True)
+                fits[n] = success(own, stretch=True)
             elif own.peaks.stretch <= 1:
-                fits[n] = _success(own)
+                fits[n] = success(own)
             else:
-                fits[n] = _limits_too_tight(own, own.trajectory.duration, None)
+                fits[n] = limits_too_tight(own, own.trajectory.duration, None)
         return fits
 
     def _slowed(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
@@ -389,80 +395,3 @@ def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
         return not own.sound or other.needed < own.needed
 
     return {n: other for n, other in others.items() if is_quicker(other, attempts[n])}
-
-
-def _better(fit: Fit, other: Fit) -> Fit:
-    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
-
-    def key(one: Fit) -> tuple[bool, bool, float]:
-        found, curve = one.status is Status.OK, one.trajectory
-        time = curve.duration if found and curve is not None else one.needed_duration
-        return not found, curve is None, np.inf if time is None else time
-
-    return min(fit, other, key=key)
-
-
-def _success(attempt: Attempt, *, stretch: bool = False) -> Fit:
-    """A fit within all limits on rates and loads, perhaps after its time is stretched to them.
-
-    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
-    """
-    found = _kept_limits(attempt, stretch=stretch)
-    if not attempt.problem.settings.optimal or found.origin is None:
-        return found
-    notes = "; ".join(filter(None, (found.note, NOT_OPTIMAL)))
-    spare = replace(found, message=f"{found.message}; {NOT_OPTIMAL}", note=notes)
-    best = found.origin.at_optimum()
-    if best is None or not best.sound or not (stretch or best.kept):
-        return spare
-    return replace(_kept_limits(best, stretch=stretch), spare=spare)
-
-
-def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
-    """The fit that an attempt is, or what zone or range it breaks."""
-    curve, problem = attempt.trajectory, attempt.problem
-    if stretch:
-        curve = curve.scaled(attempt.peaks.stretch * SAFETY)
-    broken = None
-    if attempt.breach is not None:
-        device, depth = attempt.breach
-        broken = f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg", "a larger search.clearance_deg"
-    elif not attempt.peaks.in_range:
-        broken = "a joint leaves its range", "start and goal farther inside, or lower joint rates there"
-    if broken is not None:
-        message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
-        return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
-    nearest = attempt.peaks.names[attempt.peaks.binding]
-    share = excess(curve.duration, problem.bound)
-    above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
-    message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
-    if attempt.radius > problem.radius:
-        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
-        how = wide if np.isfinite(attempt.radius) else "only a first guess"
-        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
-        message = f"{message}; {note}"
-    origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
-    return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
-
-
-def _limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
-    """The fit that breaks a limit, and in what time it would not."""
-    problem, enough = closest.problem, None
-    if needed is not None:
-        enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
-    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
-    return Fit(
-        trajectory=closest.trajectory,
-        status=Status.LIMITS_TOO_TIGHT,
-        message=too_tight(duration, closest.peaks, enough, else_try),
-        needed_duration=needed,
-    )
-
-
-def _beyond_charts() -> Fit:
-    """The answer to a path whose nodes leave every chart."""
-    message = (
-        f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
-        'from start to goal: set trajectory.method to "paper"'
-    )
-    return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)

@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 import jaxplan as jp
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.active_set import FitRecord
+from jaxplan.trajectory.outcome import NOT_OPTIMAL
 from jaxplan.trajectory.qp import least_change
-from jaxplan.trajectory.strategy import NOT_OPTIMAL
 
 
 def asking(scenario, **settings):

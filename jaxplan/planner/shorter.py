@@ -1,0 +1,138 @@
+"""Shorter plans than the one at hand: along the paths of other searches, and from more bent curves.
+
+Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
+above the bound, other searches look for other ways; a motion along another way that is quicker, once it is
+certified, is the plan. There is always a certified plan at hand.
+"""
+
+import time
+from dataclasses import replace
+
+from jaxplan.certificate import Certificate
+from jaxplan.model.path import Path
+from jaxplan.model.scenario import MINIMUM, Scenario, moves
+from jaxplan.model.status import Status
+from jaxplan.planner.proof import ProofQuery
+from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import SearchQuery, fitted_plan, judged, wanted_fit
+from jaxplan.search import Scene, SearchResult, derived_seed
+from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
+
+METHODS = ("rrt_connect", "mha")  # of the other searches, in turn: the first one varies most with its seed
+_FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
+_SHORTER = 1 - 1e-4  # of the duration, to which a motion is to come for its plan to be taken
+_MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
+_BEND_EVERY = 4  # in longer improvements, after so many searches more curves are bent
+
+
+def is_improvable(plan: Plan, improve_for: float) -> bool:
+    """Whether a shorter plan than one that was found is to be looked for.
+
+    Args:
+        plan: certified.
+        improve_for: s, for which it is to be looked for at least.
+    """
+    scenario, settings = plan.scenario, plan.scenario.trajectory
+    if plan.status is not Status.OK or plan.trajectory is None or plan.path is None:
+        return False
+    asked = settings.duration == MINIMUM and settings.method == "global" and settings.node_tube is None
+    worthwhile = improve_for > 0 or (settings.first_guesses > 0 and bool(scenario.zones))
+    bound = plan.duration_bound
+    far = bound is not None and plan.trajectory.duration > NEAR_THE_BOUND * bound
+    return asked and worthwhile and far and not moves(scenario)
+
+
+class Shorter:
+    """The search for a shorter plan.
+
+    Args:
+        plan: to begin with, certified.
+        scene: of its search.
+        left: s, of the scenario's time limit.
+        improve_for: s, to go on for, beyond as many searches as the settings ask for.
+
+    Attributes:
+        plan: the shortest so far.
+        need: what it asks for next; None at the end.
+    """
+
+    def __init__(self, plan: Plan, scene: Scene, left: float, improve_for: float) -> None:
+        self.plan, self._scene = plan, scene
+        now = time.monotonic()
+        self._limit, self._until = now + left, now + improve_for
+        self._searches, self._bent = 0, plan.scenario.trajectory.first_guesses
+        self._so_far = plan
+        self._rough = False  # whether the fit under way only tells whether a better one is worth it
+        self.need: SearchQuery | FitQuery | ProofQuery | None = None
+        self._next()
+
+    @property
+    def _scenario(self) -> Scenario:
+        return self.plan.scenario
+
+    def accept_path(self, result: SearchResult) -> None:
+        """Go on with the result of another search."""
+        if result.path is None:
+            self._next()
+            return
+        self._so_far = replace(self.plan, search=result, path=result.path)
+        self._fit(result.path, first_guesses=0)
+
+    def accept_fit(self, fitted: Fit) -> None:
+        """Go on with the fit along another path, or from more curves."""
+        if not self._is_shorter(fitted):
+            self._next()
+        elif self._rough and self._so_far.path is not None:
+            self._fit(self._so_far.path, first_guesses=self._scenario.trajectory.first_guesses)
+        else:
+            self._so_far = fitted_plan(self._so_far, fitted)
+            goal, trajectory = self._so_far.goal, self._so_far.trajectory
+            if goal is not None and trajectory is not None:
+                self.need = ProofQuery(scenario=self._scenario, goal=goal, trajectory=trajectory)
+
+    def accept_certificate(self, certificate: Certificate) -> None:
+        """Take the plan that is certified, and go on."""
+        found = judged(self._so_far, certificate)
+        if found.status is Status.OK:
+            self.plan = found
+        self._next()
+
+    def _next(self) -> None:
+        """Ask for another search, or for more bent curves; for nothing where it is over."""
+        scenario, self.need = self._scenario, None
+        now, planned = time.monotonic(), scenario.trajectory.first_guesses
+        if now >= self._limit or (self._searches >= planned and now >= self._until):
+            return
+        by_search = bool(scenario.zones) and (
+            self._searches < planned or self._searches % _BEND_EVERY or self._bent >= _MOST_BENT
+        )
+        self._searches += 1
+        if by_search:
+            settings = replace(
+                scenario.search,
+                method=METHODS[self._searches % len(METHODS)],
+                seed=derived_seed(scenario.search.seed, _FIRST_SEED + self._searches),
+                time_limit=self._limit - now,
+            )
+            self.need = SearchQuery(self._scene, settings)
+        elif self._bent < _MOST_BENT and self.plan.path is not None:
+            self._bent = min(2 * max(self._bent, 1), _MOST_BENT)
+            self._so_far = self.plan
+            self._fit(self.plan.path, first_guesses=self._bent)
+
+    def _fit(self, path: Path, first_guesses: int) -> None:
+        """Ask for a fit along a path, from so many bent curves."""
+        goal = self.plan.goal
+        if goal is None:
+            raise RuntimeError("a certified plan has a goal")
+        self._rough = first_guesses == 0
+        query = wanted_fit(self._scenario, path, goal)
+        optimal = query.settings.optimal and not self._rough
+        self.need = replace(
+            query, settings=replace(query.settings, first_guesses=first_guesses, optimal=optimal)
+        )
+
+    def _is_shorter(self, fitted: Fit) -> bool:
+        if fitted.status is not Status.OK or fitted.trajectory is None or self.plan.trajectory is None:
+            return False
+        return fitted.trajectory.duration < _SHORTER * self.plan.trajectory.duration

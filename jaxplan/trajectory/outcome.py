@@ -1,0 +1,92 @@
+"""What is answered to a fit: the curve of the best attempt, its status, and words for the user."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.model.status import Status
+from jaxplan.trajectory.active_set import FitRecord
+from jaxplan.trajectory.attempts import Attempt
+from jaxplan.trajectory.curve import CHART_REACH
+from jaxplan.trajectory.fit import Fit, needed_words, too_tight
+from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.schedule import excess
+
+NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
+
+
+def better(fit: Fit, other: Fit) -> Fit:
+    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
+
+    def key(one: Fit) -> tuple[bool, bool, float]:
+        found, curve = one.status is Status.OK, one.trajectory
+        time = curve.duration if found and curve is not None else one.needed_duration
+        return not found, curve is None, np.inf if time is None else time
+
+    return min(fit, other, key=key)
+
+
+def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
+    """A fit within all limits on rates and loads, perhaps after its time is stretched to them.
+
+    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
+    """
+    found = _kept_limits(attempt, stretch=stretch)
+    if not attempt.problem.settings.optimal or found.origin is None:
+        return found
+    notes = "; ".join(filter(None, (found.note, NOT_OPTIMAL)))
+    spare = replace(found, message=f"{found.message}; {NOT_OPTIMAL}", note=notes)
+    best = found.origin.at_optimum()
+    if best is None or not best.sound or not (stretch or best.kept):
+        return spare
+    return replace(_kept_limits(best, stretch=stretch), spare=spare)
+
+
+def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
+    """The fit that an attempt is, or what zone or range it breaks."""
+    curve, problem = attempt.trajectory, attempt.problem
+    if stretch:
+        curve = curve.scaled(attempt.peaks.stretch * SAFETY)
+    broken = None
+    if attempt.breach is not None:
+        device, depth = attempt.breach
+        broken = f"{device} breaks a zone by {np.rad2deg(depth):.2f} deg", "a larger search.clearance_deg"
+    elif not attempt.peaks.in_range:
+        broken = "a joint leaves its range", "start and goal farther inside, or lower joint rates there"
+    if broken is not None:
+        message = f"{broken[0]}, and no curve near the path was found that does not: try {broken[1]}"
+        return Fit(trajectory=curve, status=Status.UNCERTIFIED, message=message)
+    nearest = attempt.peaks.names[attempt.peaks.binding]
+    share = excess(curve.duration, problem.bound)
+    above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
+    message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
+    if attempt.radius > problem.radius:
+        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
+        how = wide if np.isfinite(attempt.radius) else "only a first guess"
+        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
+        message = f"{message}; {note}"
+    origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
+    return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
+
+
+def limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
+    """The fit that breaks a limit, and in what time it would not."""
+    problem, enough = closest.problem, None
+    if needed is not None:
+        enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
+    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
+    return Fit(
+        trajectory=closest.trajectory,
+        status=Status.LIMITS_TOO_TIGHT,
+        message=too_tight(duration, closest.peaks, enough, else_try),
+        needed_duration=needed,
+    )
+
+
+def beyond_charts() -> Fit:
+    """The answer to a path whose nodes leave every chart."""
+    message = (
+        f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
+        'from start to goal: set trajectory.method to "paper"'
+    )
+    return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
