@@ -3,7 +3,8 @@
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
-Where a device's own joints cannot get there, other whole turns of them are tried next.
+Where a device's own joints cannot get there, other whole turns of them are tried next, then goals to which
+they can.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -28,7 +29,7 @@ from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, fitted_plan, judged, other_turns, wanted_fit
+from jaxplan.planner.steps import GoalQuery, fitted_plan, goals_within, judged, other_turns, wanted_fit
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.jit import working_time
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, find_joint_barrier, make_scene
@@ -126,7 +127,8 @@ class Attempts:
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
         self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
-        self._turned: set[bytes] = set()  # joints of goals that are whole turns away from others
+        self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
+        self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
@@ -225,8 +227,12 @@ class Attempts:
             message = messages.parted(scenario, forbidden, barrier)
         elif closed is not None:
             message = messages.closed(scenario, closed)
-            turned = other_turns(scenario, goal, closed.device)
-            self._ways[:0] = [(one, share) for one in turned if self._is_new(one)]
+            with self.clock.step("decompose"):
+                others = other_turns(scenario, goal, closed.device)
+                if closed.device not in self._reach:
+                    self._reach[closed.device] = closed.reach
+                    others += goals_within(scenario, self._reach)
+            self._ways[:0] = [(one, share) for one in others if self._is_new(one)]
         else:
             return _Way(goal, scene, LADDER)
         self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
@@ -242,10 +248,10 @@ class Attempts:
         return [number for number in every if craft.device_names[number] in kept]
 
     def _is_new(self, goal: Goal) -> bool:
-        """Whether a goal whose joints are whole turns away from another's was not tried before."""
-        own = np.round(goal.joints, 6).tobytes()
-        new = own not in self._turned
-        self._turned.add(own)
+        """Whether a goal that is tried instead of another was not tried before."""
+        own = np.round([*goal.attitude.ravel(), *goal.joints], 6).tobytes()
+        new = own not in self._instead
+        self._instead.add(own)
         return new
 
     def _next_rung(self, way: "_Way") -> None:

@@ -4,6 +4,7 @@ Step 1 has the goal that is given, or those that are found; where something move
 the end of the manoeuvre. Step 3 has the trajectory along a path. A certificate settles the plan.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -98,6 +99,28 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
         if turns and not _broken(scenario, other, 0.0):
             found.append(other)
     return sorted(found, key=lambda one: abs(one.joints[joint] - scenario.start.joints[joint]))
+
+
+def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Goal]:
+    """Goals at which the joints of devices are within narrower ranges, nearest first.
+
+    Args:
+        scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
+        reach: by numbers of gimbals (o, 2) rad, ranges of the joints.
+    """
+    if isinstance(scenario.goal, GivenState) or moves(scenario):
+        return []
+    terminals, drives = list(scenario.spacecraft.terminals), list(scenario.spacecraft.drives)
+    for device, ranges in reach.items():
+        if device < len(terminals):
+            yaw, pitch = ranges
+            own: dict[str, Any] = {"yaw_limit": None, "yaw_range": yaw, "pitch_limit": None}
+            terminals[device] = replace(terminals[device], **own, pitch_range=pitch)
+        else:
+            drives[device - len(terminals)] = replace(drives[device - len(terminals)], range=ranges[0])
+    craft = replace(scenario.spacecraft, terminals=tuple(terminals), drives=tuple(drives))
+    found = find_goals(replace(scenario, spacecraft=craft))
+    return [] if isinstance(found, Plan) else list(found)
 
 
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
