@@ -9,9 +9,7 @@ class Status(Enum):
     OK = "a certified plan"
     INVALID_START = "the start breaks a constraint"
     INVALID_GOAL = "the goal breaks a constraint"
-    GOAL_UNREACHABLE = (
-        "no attitude within reach lets all terminals point at their targets within their limits"
-    )
+    GOAL_UNREACHABLE = "no attitude within reach lets all devices point at their targets within their limits"
     NO_PATH = "it is proved that no path exists"
     NODE_LIMIT = "no path was found within search.max_expansions"
     TIME_LIMIT = "no path was found within search.time_limit_s"
