@@ -4,7 +4,7 @@ A plan that cannot be certified is never OK. For each goal, nearest first, a lad
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
 Where a device's own joints cannot get there, other whole turns of them are tried next, then goals to which
-they can.
+they can. Where zones part a device from where it is by a wish, goals without that are tried last.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -29,7 +29,15 @@ from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, fitted_plan, goals_within, judged, other_turns, wanted_fit
+from jaxplan.planner.steps import (
+    GoalQuery,
+    fitted_plan,
+    goals_unwished,
+    goals_within,
+    judged,
+    other_turns,
+    wanted_fit,
+)
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.jit import working_time
 from jaxplan.search import Scene, SearchResult, derived_seed, find_barrier, find_joint_barrier, make_scene
@@ -129,6 +137,7 @@ class Attempts:
         self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
         self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
         self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
+        self._unwished = False  # whether goals were looked for that are not as devices wish
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
@@ -225,6 +234,11 @@ class Attempts:
             closed = None if barrier else find_joint_barrier(scene, self._settled_devices())
         if barrier is not None:
             message = messages.parted(scenario, forbidden, barrier)
+            if not self._unwished:
+                self._unwished = True
+                with self.clock.step("decompose"):
+                    found = goals_unwished(scenario, barrier.device)
+                self._ways += [(one, share) for one in found if self._is_new(one)]
         elif closed is not None:
             message = messages.closed(scenario, closed)
             with self.clock.step("decompose"):

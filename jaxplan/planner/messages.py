@@ -126,7 +126,8 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 def farther(nearest: Plan, plan: Plan) -> str:
     """Why a plan goes to another goal than the nearest one, which failed."""
     away = "" if nearest.goal is None else f", {np.rad2deg(nearest.goal.slew_angle):.4g} deg away,"
-    failed = f"this is not the nearest goal: that{away} ended as {nearest.status.name}"
+    which = "goal nearest to the wishes" if getattr(plan.scenario.goal, "prefer", ()) else "nearest goal"
+    failed = f"this is not the {which}: that{away} ended as {nearest.status.name}"
     return "; ".join(filter(None, (plan.message, failed, nearest.message)))
 
 

@@ -123,6 +123,22 @@ def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Go
     return [] if isinstance(found, Plan) else list(found)
 
 
+def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
+    """Goals without the wishes of a device, or without any where it has none, nearest first.
+
+    Args:
+        scenario: whose goal has wishes; of any other goal, and of one that moves, there are none.
+        device: number of a sight.
+    """
+    asked, names = scenario.goal, scenario.spacecraft.device_names
+    if isinstance(asked, GivenState) or moves(scenario) or not asked.prefer:
+        return []
+    others = tuple(wish for wish in asked.prefer if wish.device not in names[device : device + 1])
+    left = others if len(others) < len(asked.prefer) else ()
+    found = find_goals(replace(scenario, goal=replace(asked, prefer=left)))
+    return [] if isinstance(found, Plan) else list(found)
+
+
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
     """What a goal breaks when it is reached at a time, s."""
     rates = end_rates(scenario, goal)
