@@ -1,12 +1,12 @@
 """A plan as a function of its scenario, and what is held fixed of it.
 
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
-1 and the limits and zones it leans on, the interior nodes of the path, and which limits, zones and nodes bind
-in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, in the
-global method nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3.
-Where targets or zones move, in a given duration, the goal is where they are then, and so are its rates. Where
-a choice is about to change, the derivative is that of the side that is held. After tuning, plan again:
-another path may have become better.
+1 and the limits and zones it leans on, the corners of the path, and which limits, zones and nodes bind in
+step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, nodes on straight
+motions next to these go along with them (`jaxplan.model.leads`), in the global method nodes are passed as the
+pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones move, in a
+given duration, the goal is where they are then, and so are its rates. Where a choice is about to change, the
+derivative is that of the side that is held. After tuning, plan again: another path may have become better.
 """
 
 from dataclasses import dataclass, field, is_dataclass, replace
@@ -20,6 +20,7 @@ from jaxplan import so3
 from jaxplan.goal.problem import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
 from jaxplan.model.zones import Turns, masks
@@ -51,6 +52,7 @@ class Held:
         attitudes: (m + 1, 3, 3) nodes, padded with the last one.
         joints: (m + 1, 2n) likewise.
         last: which node is the last.
+        leads: of the nodes, which of them go along with the ends.
         fit: of step 3.
         trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
         turns: whole turns of the yaw after which each mask of the spacecraft is met again.
@@ -60,6 +62,7 @@ class Held:
     attitudes: np.ndarray
     joints: np.ndarray
     last: np.ndarray
+    leads: Leads
     fit: Any
     trajectory: Trajectory
     turns: Turns = field(default=(), metadata={"static": True})
@@ -117,11 +120,13 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
+    attitudes, joints = (padded(nodes, FEWEST_NODES) for nodes in (path.attitudes, path.joints))
     return Held(
         goal=goal,
-        attitudes=padded(path.attitudes, FEWEST_NODES),
-        joints=padded(path.joints, FEWEST_NODES),
+        attitudes=attitudes,
+        joints=joints,
         last=np.array(len(path.attitudes) - 1),
+        leads=leads_of(attitudes, joints, len(path.attitudes)),
         fit=origin.hold(),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
         trajectory=replace(curve, node_times=padded(curve.node_times, FEWEST_NODES)),
@@ -185,11 +190,11 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         shape = (-1, *[1] * (between.ndim - 1))
         return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
 
-    path = Path(
-        attitudes=nodes(start, held.attitudes, attitude),
-        joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
-        edge_costs=np.zeros(0),
+    attitudes, angles = held.leads.nodes(
+        nodes(start, held.attitudes, attitude),
+        nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
     )
+    path = Path(attitudes=attitudes, joints=angles, edge_costs=np.zeros(0))
     rates = [
         jnp.concatenate([jnp.asarray(rate) for rate in end])
         for end in (_rates(scenario, scenario.start), at_goal)
@@ -223,7 +228,7 @@ def _place(goal: Goal) -> Goal:
 
 @one_thread()
 def follow(plan: Plan, scenario: Scenario) -> Plan:
-    """The plan of a scenario near that of another plan: without a search, between the same interior nodes.
+    """The plan of a scenario near that of another plan: without a search, by the same corners.
 
     Args:
         plan: with a path.
@@ -275,6 +280,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
     attitudes[0], attitudes[-1] = scenario.start.attitude, goal.attitude
     joints[0], joints[-1] = scenario.start.joints, goal.joints
+    attitudes, joints = leads_of(plan.path.attitudes, plan.path.joints).nodes(attitudes, joints)
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     with clock.step("trajectory"):
         fitted = fit(scenario, path, goal)
