@@ -2,11 +2,12 @@
 
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
 1 and the limits and zones it leans on, the corners of the path, and which limits, zones and nodes bind in
-step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, nodes on straight
-motions next to these go along with them (`jaxplan.model.leads`), in the global method nodes are passed as the
-pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones move, in a
-given duration, the goal is where they are then, and so are its rates. Where a choice is about to change, the
-derivative is that of the side that is held. After tuning, plan again: another path may have become better.
+step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, nodes on
+straight motions next to these go along with them (`jaxplan.model.leads`), in the global method nodes are
+passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones
+move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is about to
+change, the derivative is that of the side that is held. After tuning, plan again: another path may have
+become better.
 """
 
 from dataclasses import dataclass, field, is_dataclass, replace
