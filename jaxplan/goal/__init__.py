@@ -125,7 +125,7 @@ def decompose(
         best = solutions if len(solutions) else _least_broken(problem, seed)
     attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
-    joints = np.stack([settled(problem, *state) for state in zip(attitudes, joints, strict=True)])
+    joints = np.stack([settled(problem, *state)[0] for state in zip(attitudes, joints, strict=True)])
     goals = [
         Goal(attitude=attitude, joints=angles, slew_angle=slew)
         for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
