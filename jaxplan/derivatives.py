@@ -10,6 +10,7 @@ change, the derivative is that of the side that is held. After tuning, plan agai
 become better.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
@@ -32,12 +33,12 @@ from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
-from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
-from jaxplan.runtime.arguments import expect
+from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit, wanted_fit
+from jaxplan.runtime.arguments import expect, show
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.workers import one_thread
-from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
+from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
@@ -74,13 +75,14 @@ class Held:
     turns: Turns = field(default=(), metadata={"static": True})
 
 
-@one_thread()
-def hold(plan: Plan) -> Held:
+def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
     """What is held fixed of a plan while its scenario changes.
 
     Args:
         plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
             time was stretched to the limits.
+        nodes: the smallest number that those of the path are padded to. A power of two that has room for the
+            longest of several paths gives all of them the same shapes, so that they compile once.
 
     Raises:
         TypeError: if it is no plan.
@@ -90,15 +92,32 @@ def hold(plan: Plan) -> Held:
             open (`jaxplan.goal.problem.leaves_open`), or a device without a target makes way for two things
             at once.
     """
-    clear_if_full()
     expect("plan", plan, Plan, _A_PLAN)
+    if type(nodes) is not int or nodes < 1:
+        raise ValueError(f"nodes = {show(nodes)}: must be a whole number of at least 1")
+    return next(hold_each([plan], nodes=nodes))
+
+
+def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
+    """What is held fixed of plans, one after the other as of `hold`; their fits are made together."""
+    clear_if_full()
+    ways = [_followable(plan) for plan in plans]
+    with one_thread():
+        fits = fit_batch([wanted_fit(plan.scenario, path, goal) for plan, path, goal in ways])
+    for way, fitted in zip(ways, fits, strict=True):
+        with one_thread():
+            held = _held(*way, fitted, nodes)
+        yield held
+
+
+def _followable(plan: Plan) -> tuple[Plan, Path, Goal]:
+    """A plan with arrays of its own, its path and its goal; a ValueError if it cannot be followed."""
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     expect_known_time(plan.scenario)
-    scenario, path, goal = own_arrays(plan.scenario), plan.path, plan.goal
-    return _held(replace(plan, scenario=scenario), path, goal, fit(scenario, path, goal))
+    return replace(plan, scenario=own_arrays(plan.scenario)), plan.path, plan.goal
 
 
 def own_arrays(scenario: Scenario) -> Scenario:
@@ -113,8 +132,8 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
-    """What is held fixed of an OK plan with the given path, goal and fit."""
+def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
+    """What is held fixed of an OK plan with the given path, goal and fit, of so many nodes at least."""
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
@@ -122,7 +141,7 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
-    attitudes, joints = (padded(nodes, FEWEST_NODES) for nodes in (path.attitudes, path.joints))
+    attitudes, joints = padded(path.attitudes, nodes), padded(path.joints, nodes)
     return Held(
         goal=goal,
         moves=moves,
@@ -130,9 +149,9 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
         joints=joints,
         last=np.array(len(path.attitudes) - 1),
         leads=leads_of(attitudes, joints, len(path.attitudes)),
-        fit=origin.hold(),
+        fit=origin.hold(nodes),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
-        trajectory=replace(curve, node_times=padded(curve.node_times, FEWEST_NODES)),
+        trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
 
 
@@ -265,14 +284,14 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
 
 @one_thread()
-def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
-    """Follow a plan and hold the result, with one fit; None for what is held where `hold` raises."""
+def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES) -> tuple[Plan, Held | None]:
+    """Follow a plan and `hold` the result, with one fit; None for what is held where that raises."""
     followed, fitted = _followed(plan, scenario)
     path, goal = followed.path, followed.goal
     if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, _held(followed, path, goal, fitted)
+        return followed, _held(followed, path, goal, fitted, nodes)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 
