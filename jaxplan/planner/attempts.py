@@ -5,6 +5,7 @@ the path as found, a new path with more clearance, and both with more nodes, so 
 closer to them. A search that finds no path with the wanted clearance is run again without.
 Where a device's own joints cannot get there, other whole turns of them are tried next, and of one that may
 end elsewhere, how far they get.
+Where a motion to a goal on the edge of a zone swings over it, goals are looked for once more a little off it.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -21,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxplan.certificate import Certificate
+from jaxplan.certificate import MARGIN_ALLOWANCE, Certificate
 from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
@@ -46,6 +47,8 @@ from jaxplan.trajectory import Fit, FitQuery
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
 # often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
+# rad by which goals are kept off the edges of zones, once motions to some that lie there swung over these.
+EDGE = 1e-6
 # Where no path is found with the wanted clearance, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
 
@@ -131,6 +134,7 @@ class Attempts:
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
         self.scenario, self.clock = scenario, clock
+        self._asked = scenario  # with the clearance that goals are to have
         self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
@@ -208,18 +212,32 @@ class Attempts:
 
     def _next_time(self) -> None:
         """Ask for the goals at the next time at which the manoeuvre may end; without one it is over."""
-        self.need = GoalQuery(self.scenario, self._times.pop(0)) if self._times else None
+        self.need = GoalQuery(self._asked, self._times.pop(0)) if self._times else None
 
     def _next_way(self) -> None:
         """Begin with the next goal, or with another view of the same; without one it is over."""
         self.need = None
         if not self._ways or self._over:
+            if self._swung_over_an_edge():
+                clear = replace(self.scenario.goal, clearance=EDGE)  # type: ignore[type-var]
+                self._asked = replace(self.scenario, goal=clear)
+                self._times, self._over = list(duration_guesses(self.scenario)), False
+                self._next_time()
             return
         goal, share = self._ways.pop(0)
         if self._way is not None and goal is not self._way.goal and self._nearest is None:
             self._nearest = self.plan
         self._way = self._begun(goal, share)
         self._next_rung(self._way)
+
+    def _swung_over_an_edge(self) -> bool:
+        """Whether all failed by so little that goals just off the edges of zones, not yet tried, may do."""
+        asked = self._asked.goal
+        if self.plan is None or self.plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
+            return False
+        certificate = self.plan.certificate
+        margin = None if certificate is None else certificate.min_margin
+        return asked.clearance < EDGE and margin is not None and -EDGE < margin < -MARGIN_ALLOWANCE
 
     def _begun(self, goal: Goal, share: float) -> "_Way":
         """The ladder of attempts at a goal, empty where it is proved that there is no path."""
@@ -309,7 +327,7 @@ class Attempts:
             path = halve(path)
         way.so_far = replace(so_far, path=path)
         if moves(self.scenario):
-            self._meeting = Meeting(self.scenario, way.goal, path)
+            self._meeting = Meeting(self._asked, way.goal, path)
             self._meet(self._meeting)
         else:
             self.need = wanted_fit(self.scenario, path, way.goal)

@@ -182,7 +182,10 @@ def uncertified(certificate: Certificate) -> str:
     if beyond - {"yaw", "pitch"}:
         advice.append("set a longer trajectory.duration_s")
     if certificate.min_margin is not None and not certificate.min_margin >= -MARGIN_ALLOWANCE:
-        advice.append("try a larger search.clearance_deg or smaller search steps")
+        advice.append(
+            "try a larger search.clearance_deg, smaller search steps, or for a goal on the edge of a zone "
+            "some goal.clearance_deg"
+        )
     return (
         "; ".join(certificate.faults)
         + ": "

@@ -2,19 +2,18 @@
 
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from dense import assert_kept, breaches, instants, shares
 from reference import angle, attitudes_of, boresights_of, field_distance, in_body, joints_of, seen, unit
 from scipy.spatial.transform import Rotation
+from telescopes import hubble, load
 
 import jaxplan as jp
 from jaxplan import sky
 
 pytestmark = pytest.mark.slow
-FOLDER = Path(__file__).parents[1] / "scenarios"
 EPOCH = "2026-06-20T10:30:00"
 OBSERVER = sky.KeplerOrbit(
     semi_major_axis=6928.0,
@@ -27,11 +26,6 @@ OBSERVER = sky.KeplerOrbit(
 LISBON = sky.GroundPoint(latitude=np.deg2rad(38.72), longitude=np.deg2rad(-9.14), altitude=100.0)
 MASPALOMAS = sky.GroundPoint(latitude=np.deg2rad(27.763), longitude=np.deg2rad(-15.634), altitude=205.0)
 deg = np.deg2rad
-
-
-def load(name, **settings):
-    scenario = jp.load_scenario(FOLDER / f"{name}.toml")
-    return replace(scenario, trajectory=replace(scenario.trajectory, **settings))
 
 
 def needs_erfa():
@@ -97,17 +91,6 @@ def test_a_satellite_hands_one_laser_link_over_while_it_holds_three(duration):
         assert zone.devices == (scenario.spacecraft.terminals[link].name,)
         assert np.max(angle(beam, seen(zone.direction, time))) <= deg(1) + 1e-9
     assert angle(beams[0, 3], beams[-1, 3]) > deg(40)
-
-
-def hubble(seed, **settings):
-    """The telescope between random attitudes that are clear of the Sun."""
-    rng, ends = np.random.default_rng(seed), []
-    scenario = load("hubble", **settings)
-    while len(ends) < 2:
-        turn = Rotation.random(rng=rng)
-        if turn.apply([1, 0, 0]) @ scenario.keep_out[0].direction < np.cos(deg(25)):
-            ends.append(replace(scenario.start, rotation_vector=turn.as_rotvec()))
-    return replace(scenario, start=ends[0], goal=ends[1])
 
 
 @pytest.mark.parametrize("seed", range(3))
