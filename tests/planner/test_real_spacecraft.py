@@ -6,7 +6,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 from dense import assert_kept, breaches, instants, shares
-from reference import angle, attitudes_of, boresights_of, field_distance, in_body, joints_of, seen, unit
+from reference import (
+    angle,
+    attitudes_of,
+    boresights_of,
+    direction,
+    field_distance,
+    in_body,
+    joints_of,
+    seen,
+    unit,
+)
 from scipy.spatial.transform import Rotation
 from telescopes import hubble, load
 
@@ -127,10 +137,7 @@ def test_a_survey_goes_from_field_to_field_with_its_square_away_from_sun_moon_an
     needs_erfa()
     scenario = load(name, duration=duration)
     for ascension, declination in FIELDS:
-        level = np.cos(deg(declination))
-        toward = np.array(
-            [level * np.cos(deg(ascension)), level * np.sin(deg(ascension)), np.sin(deg(declination))]
-        )
+        toward = direction(deg(ascension), deg(declination))
         plan = jp.plan(replace(scenario, goal=jp.Targets.of({"telescope": toward}, clearance=deg(0.1))))
         assert plan.ok, plan.message
         assert breaches(plan) == []
@@ -143,3 +150,20 @@ def test_a_survey_goes_from_field_to_field_with_its_square_away_from_sun_moon_an
         assert angle(beam, toward) <= 2e-8
         turn = Rotation.from_matrix(attitudes[-1]).as_rotvec()
         scenario = replace(scenario, start=replace(scenario.start, rotation_vector=turn))
+
+
+def test_a_field_that_is_reached_only_on_the_edge_of_a_zone_is_reached_just_off_it():
+    needs_erfa()
+    scenario = load("ultrasat", duration="minimum")
+    targets = jp.Targets.of({"telescope": direction(deg(160.0), deg(-20.0))})
+    plan = jp.plan(
+        replace(
+            scenario,
+            start=replace(scenario.start, rotation_vector=np.array([-0.08016306, -0.78453126, -0.30327364])),
+            goal=targets,
+            search=replace(scenario.search, max_goals=1),
+        )
+    )
+    assert breaches(plan) == []
+    assert 0 <= plan.certificate.min_margin < 1e-5  # the Sun on the panels, at the end
+    assert plan.certificate.worst_time == pytest.approx(plan.trajectory.duration, rel=1e-3)
