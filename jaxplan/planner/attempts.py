@@ -218,10 +218,10 @@ class Attempts:
         """Begin with the next goal, or with another view of the same; without one it is over."""
         self.need = None
         if not self._ways or self._over:
-            if self._swung_over_an_edge():
-                clear = replace(self.scenario.goal, clearance=EDGE)  # type: ignore[type-var]
-                self._asked = replace(self.scenario, goal=clear)
-                self._times, self._over = list(duration_guesses(self.scenario)), False
+            again = self._off_the_edges()
+            if again is not None:
+                self._asked, self._over = again, False
+                self._times = list(duration_guesses(again))
                 self._next_time()
             return
         goal, share = self._ways.pop(0)
@@ -230,14 +230,15 @@ class Attempts:
         self._way = self._begun(goal, share)
         self._next_rung(self._way)
 
-    def _swung_over_an_edge(self) -> bool:
-        """Whether all failed by so little that goals just off the edges of zones, not yet tried, may do."""
-        asked = self._asked.goal
-        if self.plan is None or self.plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
-            return False
-        certificate = self.plan.certificate
-        margin = None if certificate is None else certificate.min_margin
-        return asked.clearance < EDGE and margin is not None and -EDGE < margin < -MARGIN_ALLOWANCE
+    def _off_the_edges(self) -> Scenario | None:
+        """The scenario with goals just off the edges of zones, if ways to some there swung over them."""
+        asked, plan = self._asked.goal, self.plan
+        if plan is None or plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
+            return None
+        margin = None if plan.certificate is None else plan.certificate.min_margin
+        if asked.clearance >= EDGE or margin is None or not -EDGE < margin < -MARGIN_ALLOWANCE:
+            return None
+        return replace(self.scenario, goal=replace(asked, clearance=EDGE))
 
     def _begun(self, goal: Goal, share: float) -> "_Way":
         """The ladder of attempts at a goal, empty where it is proved that there is no path."""
