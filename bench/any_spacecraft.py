@@ -5,7 +5,8 @@ Certified trajectories are checked at 3,001 instants in numpy and scipy alone, f
 each device: zones, masks, fields of view, ranges, limits, start, and goal. "broken" are those that break
 something, or come nearer than what is proved; "unequal" are scenarios or plans that their files do not hold
 to the last bit; "unnamed" are failures whose message names no device or constraint. There must be none of
-these. Where `mha` gave up RRT-Connect has 10 s to find a path, "missed" if it does.
+these. Where `mha` gave up RRT-Connect has 10 s to find a path, "missed" if it does. What is found, and every
+plan that was not certified, stands below the row of its block; what was cut off goes on with `--first-seed`.
 
     python bench/any_spacecraft.py [-n 1000] [--first-seed 0] [--block 48] [--workers 2]
 """
@@ -104,15 +105,17 @@ if __name__ == "__main__":
     print_machine(pinned=options.workers == 1)
     columns = ("broken", "unequal", "unnamed", "missed")
     print(f"{'seeds':<12}{'OK':>6}" + "".join(f"{name:>9}" for name in columns) + f"{'wall s':>9}  others")
-    total, lines = Counter[str](), []
+    total = Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         last = options.first_seed + options.scenes
         for first in range(options.first_seed, last, options.block):
-            began, count = time.monotonic(), Counter[str]()
+            began, count, lines = time.monotonic(), Counter[str](), []
             seeds = range(first, min(first + options.block, last))
             workers = None if options.workers == 1 else options.workers
             for plan in jp.plan_batch(map(scene, seeds), workers=workers, progress=False):
                 count[plan.status.name] += 1
+                if not plan.ok:
+                    lines.append(f"{plan.scenario.name}: {plan.status.name}: {plan.message}")
                 for word, fault in faults(plan, Path(folder)):
                     count[word] += 1
                     lines.append(f"{plan.scenario.name}: {word}: {fault}")
@@ -123,5 +126,5 @@ if __name__ == "__main__":
                 others = [f"{n} {word}" for word, n in own.items() if word.isupper() and word != "OK"]
                 numbers = "".join(f"{own[column]:>9}" for column in columns)
                 spent = f"{time.monotonic() - began:>9.0f}" if own is count else " " * 9
-                print(f"{name:<12}{own['OK']:>6}{numbers}{spent}  {', '.join(others)}", flush=True)
-    print(*lines, sep="\n")
+                print(f"{name:<12}{own['OK']:>6}{numbers}{spent}  {', '.join(others)}")
+            print(*lines, sep="\n", end="\n" if lines else "", flush=True)

@@ -5,7 +5,7 @@ scipy's SLSQP from many starts; for the turn about an instrument's boresight tha
 All of it is written anew in numpy, from the axes by which devices are mounted.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -33,6 +33,7 @@ KINDS = {  # which devices there are and which of them have targets: terminals, 
     "two instruments": ((1, 0, 3), (0, 0, 2)),
 }
 TURN = 2 * np.pi
+ROLLS = 4001  # of the grid over a turn
 
 
 class Aim(NamedTuple):
@@ -127,8 +128,11 @@ def slsqp(problem: Problem, starts: int, rng: np.random.Generator) -> float:
     return best
 
 
-def over_roll(problem: Problem, count: int = 4001) -> float:
-    """Least slew over the turns about the only instrument with a target; inf where none will do."""
+def over_roll(problem: Problem, cost: Callable[[np.ndarray], np.ndarray] | None = None) -> float:
+    """Least slew over the turns about the only instrument with a target; inf where none will do.
+
+    Another cost of attitudes (..., 3, 3) may take the slew's place, that changes by no more than they turn.
+    """
     (place,) = [number for number, aim in enumerate(aims_of(problem)) if aim.azimuth is None]
     name = problem.targets.names(problem.spacecraft)[place]
     instrument = next(one for one in problem.spacecraft.instruments if one.name == name)
@@ -136,30 +140,34 @@ def over_roll(problem: Problem, count: int = 4001) -> float:
     seen = problem.start @ ahead
     first, _ = Rotation.align_vectors(toward[None], seen[None])
     base = first.as_matrix() @ problem.start  # any attitude that points it there
+    of_attitude = cost or (lambda turned: Rotation.from_matrix(problem.start.T @ turned).magnitude())
 
-    def rolled(roll: float) -> np.ndarray:
-        return Rotation.from_rotvec(roll * toward).as_matrix() @ base
+    def rolled(roll: float | np.ndarray) -> np.ndarray:
+        return Rotation.from_rotvec(np.multiply.outer(roll, toward)).as_matrix() @ base
 
     def short(roll: float) -> float:
         return -float(np.min(conditions(problem, rolled(roll))[0]))
 
-    rolls = np.linspace(-np.pi, np.pi, count)
-    every = Rotation.from_rotvec(rolls[:, None] * toward).as_matrix() @ base
-    slews = Rotation.from_matrix(problem.start.T @ every).magnitude()
+    rolls = np.linspace(-np.pi, np.pi, ROLLS)
+    every = rolled(rolls)
+    costs = of_attitude(every)
     broken = -np.min(conditions(problem, every)[0], axis=1)
     found = [np.inf]
-    for number in np.argsort(slews):
-        if slews[number] > min(found) + 2 * TURN / count:
+    for number in np.argsort(costs):
+        if costs[number] > min(found) + 2 * TURN / ROLLS:
             break
         if broken[number] > 0:
             continue
-        # the least where all is kept lies at a minimum of the slew or where something begins to break
-        ends = rolls[max(number - 1, 0)], rolls[min(number + 1, count - 1)]
+        # the least where all is kept lies at a minimum of the cost or where something begins to break
+        ends = rolls[max(number - 1, 0)], rolls[min(number + 1, ROLLS - 1)]
         low, high = sorted(_edge(short, rolls[number], end) for end in ends)
         near = minimize_scalar(
-            lambda roll: slew_of(problem, rolled(roll)), bounds=(low, high), method="bounded"
+            lambda roll: of_attitude(rolled(roll)),
+            bounds=(low, high),
+            method="bounded",
+            options={"xatol": 1e-9},
         )
-        found += [slew_of(problem, rolled(roll)) for roll in (low, high, near.x) if short(roll) <= 1e-9]
+        found += [float(of_attitude(rolled(roll))) for roll in (low, high, near.x) if short(roll) <= 1e-9]
     return min(found)
 
 

@@ -27,6 +27,7 @@ from jaxplan.model.spacecraft import Spacecraft
 TOLERANCE = 1e-8
 _PLATFORM = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
 _JOINTS = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
+_OF_JOINT = ("", "the rate of ", "the acceleration of ", "the jerk of ")
 _UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
 
 
@@ -218,35 +219,46 @@ def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def jumps(samples: Samples) -> dict[str, np.ndarray]:
-    """Jumps by the names and units of `Certificate.jumps`, (n,) each: from every interval to the next.
+    """Jumps by the names and units of `Certificate.jumps`, (n, c) each: of components from interval to next.
 
     From the last one it is to the first, so that there are two at least (see `motion`).
     """
-    found = {_PLATFORM[0]: _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))}
+    turn = _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))
+    found = {_PLATFORM[0]: turn[:, None]}
     for names, curves in ((_PLATFORM[1:], samples.spin), (_JOINTS, samples.joints)):
-        steps = np.abs(curves[..., -1] - np.roll(curves[..., 0], -1, axis=-1)).max(axis=1, initial=0)
-        found |= dict(zip(names, steps, strict=True))
+        steps = np.abs(curves[..., -1] - np.roll(curves[..., 0], -1, axis=-1))
+        found |= dict(zip(names, np.swapaxes(steps, 1, 2), strict=True))
     return found
 
 
 def jump_faults(
-    found: dict[str, np.ndarray], times: np.ndarray, smoothness: int, jerk_limited: bool
+    found: dict[str, np.ndarray],
+    times: np.ndarray,
+    smoothness: int,
+    jerk_limited: bool,
+    joint_names: Sequence[str],
 ) -> Iterator[str]:
     """A sentence for each quantity that jumps though it must not.
 
     Args:
-        found: (k,) each, the jumps of a trajectory.
+        found: (k, c) each, the jumps of a trajectory.
         times: (k,) s, when they are.
         smoothness: number of derivatives that the trajectory claims to be continuous; rates must be anyway.
         jerk_limited: whether the spacecraft limits the jerk, so that the angular acceleration must not jump.
+        joint_names: of the joints.
     """
     for name, steps in found.items():
-        order = (_PLATFORM if name in _PLATFORM else _JOINTS).index(name)
-        needed = max(smoothness, 2 if jerk_limited and name in _PLATFORM else 1)
+        of_platform = name in _PLATFORM
+        order = (_PLATFORM if of_platform else _JOINTS).index(name)
+        needed = max(smoothness, 2 if jerk_limited and of_platform else 1)
         if order <= needed and not (steps <= TOLERANCE).all():
-            worst = int(np.argmax(steps))
-            size = f"{steps[worst]:.3g} {_UNITS[order]}"
-            yield f"there is a jump of {size} in {_words(name)} at t = {times[worst]:.6g} s"
+            worst, component = divmod(int(np.argmax(steps)), steps.shape[1])
+            size = f"{steps[worst, component]:.3g} {_UNITS[order]}"
+            if of_platform:
+                where = f"{_words(name)} of the platform"
+            else:
+                where = f"{_OF_JOINT[order]}{joint_names[component]}"
+            yield f"there is a jump of {size} in {where} at t = {times[worst]:.6g} s"
 
 
 def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, int]) -> Iterator[str]:

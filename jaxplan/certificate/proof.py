@@ -174,7 +174,7 @@ class _Proof:
         limited: what their spacecraft limits.
         margin: of the clauses of all.
         room: of the limited components, trajectory by trajectory.
-        jumps: from every interval to the next.
+        jumps: of every component from every interval to the next.
     """
 
     motion: Motion
@@ -202,7 +202,11 @@ class _Proof:
         faults = (
             *chain.from_iterable(missed),
             *limits.jump_faults(
-                jumps, samples.time[first : beyond - 1, -1], case.curve.smoothness, jerk_limited
+                jumps,
+                samples.time[first : beyond - 1, -1],
+                case.curve.smoothness,
+                jerk_limited,
+                claim.spacecraft.joint_names,
             ),
             *limits.faults(self.limited, room, LIMIT_ALLOWANCE),
             *bindings.faults(clauses, margin, self.motion, claim, MARGIN_ALLOWANCE),

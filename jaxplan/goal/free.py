@@ -105,7 +105,7 @@ def preferred(
         joints: (J,) rad.
     """
     for number in free:
-        own = joints_of(gimbals, number)
+        own = gimbals.joints_of(number)
         place, (low, high) = joints[own], ranges[own].T
         wish = next((direction for device, direction in wishes if device == number), None)
         if wish is not None:
@@ -160,11 +160,6 @@ def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
-def joints_of(gimbals: Gimbals, number: int) -> np.ndarray:
-    """Numbers of a gimbal's one or two joints."""
-    return np.array([gimbals.yaws[number], *gimbals.pitches[number : number + 1]])
-
-
 def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
     """(Z,) bool, the rows of all constraints in which a device takes part."""
     rows = problem.rows
@@ -182,7 +177,7 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
 
 def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
     """How a device makes way to where all is clear that it takes part in; None if nowhere is."""
-    own = joints_of(problem.spacecraft.gimbals, number)
+    own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None
@@ -229,7 +224,7 @@ def _leant(
     counts = problem.rows.bound & _concerned(problem, number)[:, None]
     off = np.where(counts, np.abs(margins - least), np.inf)
     row, sight = np.unravel_index(np.argmin(off), off.shape)
-    own = tuple(joints_of(problem.spacecraft.gimbals, number).tolist())
+    own = tuple(problem.spacecraft.gimbals.joints_of(number).tolist())
     return MadeWay(
         joints=own,
         toward=toward,

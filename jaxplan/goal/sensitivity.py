@@ -30,7 +30,7 @@ from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
-from jaxplan.goal.free import MadeWay, joints_of, places, preferred
+from jaxplan.goal.free import MadeWay, places, preferred
 from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights, as_path
@@ -130,7 +130,7 @@ def goal_in_time(
     spin = so3.vee(attitude.T @ jnp.asarray(rate.attitude))
     aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
     numbers, gimbals = aims.free(spacecraft.gimbals), spacecraft.gimbals
-    resting = np.concatenate([joints_of(gimbals, number) for number in numbers] or [np.zeros(0, int)])
+    resting = np.concatenate([gimbals.joints_of(number) for number in numbers] or [np.zeros(0, int)])
     return replace(found, angular_velocity=spin, joint_rates=jnp.asarray(rate.joints).at[resting].set(0))
 
 
@@ -180,7 +180,7 @@ def _made_way(
     gimbals, dtype = state.sights.gimbals, joints.dtype
     free, ranges = state.aims.free(gimbals), jnp.asarray(goal_ranges(spacecraft, targets), dtype)
     for number in free if start_joints is not None else []:
-        own = joints_of(gimbals, number)
+        own = gimbals.joints_of(number)
         joints = joints.at[own].set(jnp.asarray(start_joints, dtype)[own])
     names = spacecraft.device_names
     wishes = [

@@ -157,6 +157,10 @@ class Gimbals:
         """(n,) int, the joint that turns the elevation of each terminal."""
         return np.arange(self.terminals, 2 * self.terminals)
 
+    def joints_of(self, number: int) -> np.ndarray:
+        """Numbers of a gimbal's one or two joints."""
+        return np.array([self.yaws[number], *self.pitches[number : number + 1]])
+
     def parts(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Parts (..., g) of joint vectors (..., 2n + d) that turn azimuths, and elevations; zero for none."""
         n, drives = self.terminals, self.tilts.shape[0]

@@ -80,7 +80,8 @@ _ADVICE = {
         "with narrow joint ranges, keep start and goal farther inside."
     ),
     Status.UNCERTIFIED: (
-        "The message says what could not be proved. A larger search.clearance_deg or smaller search steps "
-        "help with margins, a longer trajectory.duration_s with limits."
+        "The message says what could not be proved. A larger search.clearance_deg, smaller search steps, or "
+        "for a goal on the edge of a zone some goal.clearance_deg help with margins, a longer "
+        "trajectory.duration_s with limits."
     ),
 }

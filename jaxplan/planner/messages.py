@@ -15,7 +15,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
 from jaxplan.planner.validity import rounded_up
-from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive
+from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive, narrowest
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -83,15 +83,20 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
 
 def closed(scenario: Scenario, barrier: JointBarrier) -> str:
     """Why the joints of a device cannot get to where they are at the goal."""
-    zones = [scenario.zones[zone] for zone in barrier.zones]
-    names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
-    device = scenario.spacecraft.device_names[barrier.device]
+    device, names = _closing(scenario, barrier)
     what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
-    lies = "lies" if len(names) == 1 else "lie"
+    lies = "lies" if len(barrier.zones) == 1 else "lie"
     return (
         f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
-        f"{' and '.join(names)} {lies} between the two: make it smaller, widen the range, or change the goal"
+        f"{names} {lies} between the two: make it smaller, widen the range, or change the goal"
     )
+
+
+def _closing(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
+    """Names of a device, and of the zones that part its joints."""
+    zones = [scenario.zones[zone] for zone in barrier.zones]
+    names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
+    return scenario.spacecraft.device_names[barrier.device], " and ".join(names)
 
 
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
@@ -110,7 +115,17 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
 
 
 def _in_the_way(scenario: Scenario, scene: Scene) -> str:
-    """What the straight motion breaks most, to end a sentence; empty where it breaks nothing."""
+    """What leaves a device a narrow gap, or else what the straight motion breaks most, to end a sentence.
+
+    It is empty where that breaks nothing.
+    """
+    narrow = narrowest(scene)
+    if narrow is not None:
+        device, names = _closing(scenario, narrow[0])
+        return (
+            f"; the joints of {device} get past {names} by a gap of {2 * np.rad2deg(narrow[1]):.2g} deg "
+            "or less: make that wider, or smaller search steps"
+        )
     obstacle = most_obstructive(scene)
     if obstacle is None:
         return ""
@@ -143,7 +158,10 @@ def uncertified(certificate: Certificate) -> str:
     if beyond - {"yaw", "pitch"}:
         advice.append("set a longer trajectory.duration_s")
     if certificate.min_margin is not None and not certificate.min_margin >= -MARGIN_ALLOWANCE:
-        advice.append("try a larger search.clearance_deg or smaller search steps")
+        advice.append(
+            "try a larger search.clearance_deg, smaller search steps, or for a goal on the edge of a zone "
+            "some goal.clearance_deg"
+        )
     return (
         "; ".join(certificate.faults)
         + ": "

@@ -23,6 +23,7 @@ from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
+_SHARES = np.linspace(1.0, 0.0, 9)  # of its way, at which a device may stop
 _MOST_TURNS = 4  # between two angles of a range of 720 deg to either side
 
 
@@ -137,6 +138,25 @@ def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
     left = others if len(others) < len(asked.prefer) else ()
     found = find_goals(replace(scenario, goal=replace(asked, prefer=left)))
     return [] if isinstance(found, Plan) else list(found)
+
+
+def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) -> list[Goal]:
+    """Goals at which a device without a target stops on its way, the farthest that breaks nothing, if any.
+
+    Args:
+        scenario: of one that moves there are none.
+        goal: that meets all.
+        device: number of a gimbal.
+        last: (o,) rad, its joints as far as they get.
+    """
+    joints, own = np.array(goal.joints), scenario.spacecraft.gimbals.joints_of(device)
+    first = scenario.start.joints[own]
+    for share in _SHARES if not moves(scenario) else ():
+        joints[own] = first + share * (last - first)
+        other = replace(goal, joints=joints)
+        if not _broken(scenario, other, 0.0):
+            return [other]
+    return []
 
 
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:

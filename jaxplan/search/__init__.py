@@ -17,7 +17,7 @@ from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
-from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier
+from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest, short_of
 from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
@@ -137,6 +137,8 @@ __all__ = [
     "find_joint_barrier",
     "make_scene",
     "most_obstructive",
+    "narrowest",
     "remove_planner",
     "search_batch",
+    "short_of",
 ]

@@ -8,10 +8,11 @@ The ranges are cut into cells. A motion of joints ``(dy, dp)`` turns nothing by 
 so a margin changes by no more, and a cell whose centre is deeper inside than half a diagonal has no free
 point. Of a row of joints with weights ``f`` that is the sum of ``|f|`` times half the edges. A path visits
 cells that touch, none of which is such a one: where no chain of the others leads from the cell of the start
-to that of the goal, that is a proof. What is thinner than a cell proves nothing.
+to that of the goal, that is a proof. What is thinner than a cell proves nothing. A device that is free may
+end on this side of what is in its way (`short_of`).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,6 +33,9 @@ CELLS = (1440, (240, 120))
 """Number of cells of a drive's range, and of those of yaw and pitch."""
 TOLERANCE = 4e-9
 """rad by which a cell without free points is deeper than it must be: more than a certificate lets pass."""
+_SPARE = 2e-5  # rad by which all is kept where a device ends short of its goal
+_WIDER = tuple(np.deg2rad(0.25) * 1.25 ** np.arange(14))  # rad, half widths of gaps that are looked for
+_WAY = 1001  # places on the straight way there
 
 
 @shown("device", "zones")
@@ -60,32 +64,58 @@ def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> Jo
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
     """
+    return next((found for found, _ in _barriers(scene, devices, (0.0,))), None)
+
+
+def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
+    """Look for the device that passes by the narrowest gap of what is a matter of its own joints.
+
+    Returns:
+        What would part its joints if it were wider by so many rad to each side; None where nothing would
+        that leaves start and goal open.
+    """
+    return min(_barriers(scene, None, _WIDER), key=lambda found: found[1], default=None)
+
+
+def _barriers(
+    scene: Scene, devices: Iterable[int] | None, wider: Sequence[float]
+) -> Iterator[tuple[JointBarrier, float]]:
+    """What parts a device if it is wider by the first possible of some angles, rad; for each such device."""
     if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
-        return None
+        return
     for device in range(scene.gimbals.count) if devices is None else devices:
         tables = [_own(rows, scene, device) for rows in scene.tables]
         if not any(np.any(rows.bound) for rows in tables):
             continue
-        joints = _joints_of(scene, device)
-        way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], 201)
+        joints = scene.gimbals.joints_of(device)
+        ends = scene.start_joints[joints], scene.goal_joints[joints]
+        way = np.linspace(*ends, 201)
         if all(np.all(depth <= 0) for _, depth in _depths(tables, scene, joints, way)):
             continue
         grid = _Grid.of(scene.joint_ranges[joints])
-        cells = _depths(tables, scene, joints, grid.centres, grid.sizes / 2)
-        closed = [(zones, depth > TOLERANCE) for zones, depth in cells]
-        ends = scene.start_joints[joints], scene.goal_joints[joints]
-        shut = np.any([cells for _, cells in closed], axis=0)
-        if grid.parts(shut, *ends):
-            alone = [zones for zones, cells in closed if grid.parts(cells, *ends)]
-            found = alone[0] if alone else {zone for zones, _ in closed for zone in zones}
-            reach = grid.around(shut, ends[0])
-            return JointBarrier(device=device, zones=tuple(sorted(found)), reach=reach)
-    return None
+        cells = list(_depths(tables, scene, joints, grid.centres, grid.sizes / 2))
+        for by in wider:
+            closed = [(zones, depth > TOLERANCE - by) for zones, depth in cells]
+            shut = np.any([cells for _, cells in closed], axis=0)
+            if grid.parts(shut, *ends):
+                alone = [zones for zones, cells in closed if grid.parts(cells, *ends)]
+                found = alone[0] if alone else {zone for zones, _ in closed for zone in zones}
+                reach = grid.around(shut, ends[0])
+                yield JointBarrier(device=device, zones=tuple(sorted(found)), reach=reach), by
+                break
 
 
-def _joints_of(scene: Scene, device: int) -> np.ndarray:
-    """Numbers of a gimbal's one or two joints."""
-    return np.array([scene.gimbals.yaws[device], *scene.gimbals.pitches[device : device + 1]])
+def short_of(scene: Scene, device: int) -> np.ndarray:
+    """Joints (o,) of a device that go straight toward its goal as far as it breaks nothing by itself.
+
+    Args:
+        scene: a search problem.
+        device: number of a gimbal that cannot get there.
+    """
+    tables, joints = [_own(rows, scene, device) for rows in scene.tables], scene.gimbals.joints_of(device)
+    way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], _WAY)
+    broken = np.any([depth > -_SPARE for _, depth in _depths(tables, scene, joints, way)], axis=0)
+    return np.asarray(way[max(int(np.argmax(broken)) - 1, 0)])
 
 
 def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:

@@ -222,10 +222,12 @@ class Basis:
         return np.swapaxes(rows, 1, 2) @ ((half * weights).reshape(-1, 1) * rows)
 
     @cached_property
-    def _at_nodes(self) -> np.ndarray:
-        """Rows (6 K, n) of the curve at the nodes of a Legendre fit on each interval."""
-        half = np.diff(self.breaks)[:, None] / 2
-        return self.rows((self.breaks[:-1, None] + half * (_legendre_fit()[0] + 1)).ravel(), 1)[0]
+    def _on_intervals(self) -> list[np.ndarray]:
+        """By derivative, the B-splines (K, 3, 6 - d) of each interval at its ends and its middle."""
+        intervals = len(self.breaks) - 1
+        places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
+        by_degree = _local_values(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
+        return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVES)]
 
     def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
         """What given values and rates at both ends leave free, and what they make of the coefficients.
@@ -259,13 +261,28 @@ class Basis:
         Returns:
             (K, 6, d) in the basis of `jaxplan.trajectory.splines`.
         """
-        # The splines sum to one, so a constant may go by itself: in a short time its rounding would be a jump
-        # of the derivatives.
+        # The splines sum to one, so a constant goes by itself and what stands still does so to the last bit.
         base = coefficients[:1]
-        values = self._at_nodes @ (coefficients - base)
-        found: np.ndarray = _legendre_fit()[1] @ values.reshape(len(self.breaks) - 1, DEGREE + 1, -1)
+        moved = coefficients - base
+        half = np.diff(self.breaks)[:, None, None] / 2
+        interval = np.arange(len(self.breaks) - 1)[:, None]
+
+        def values(derivative: int) -> np.ndarray:
+            control = self.differences[derivative] @ moved
+            return self._on_intervals[derivative] @ control[interval + np.arange(DEGREE + 1 - derivative)]
+
+        # Neighbours share the coefficients of derivatives, so that none jumps by more than its own rounding.
+        # From values of the curve alone, the third derivative would lose twelve digits on short intervals.
+        found: np.ndarray = _PARABOLA @ values(_DERIVATIVES - 1)
+        for derivative in reversed(range(_DERIVATIVES - 1)):
+            found = np.polynomial.legendre.legint(found * half, axis=1, lbnd=0)
+            found[:, 0] += values(derivative)[:, 1]
         found[:, 0] += base
         return found
+
+
+# Legendre coefficients from the values at -1, 0, and 1.
+_PARABOLA = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3, 1 / 3]])
 
 
 def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
@@ -290,13 +307,6 @@ def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> l
 
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
     return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
-
-
-@cache
-def _legendre_fit() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes in [-1, 1], both ends among them, and the matrix from values there to Legendre coefficients."""
-    nodes = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
-    return nodes, np.linalg.inv(np.polynomial.legendre.legvander(nodes, DEGREE))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -300,14 +300,14 @@ def bumped(trajectory, field, order, size):
 @pytest.mark.parametrize(
     ("field", "order", "words"),
     [
-        ("coefficients", 0, "rad in attitude"),
-        ("coefficients", 1, "rad/s in angular velocity"),
-        ("coefficients", 2, "rad/s^2 in angular acceleration"),
-        ("coefficients", 3, "rad/s^3 in angular jerk"),
-        ("joint_coefficients", 0, "rad in joints"),
-        ("joint_coefficients", 1, "rad/s in joint rates"),
-        ("joint_coefficients", 2, "rad/s^2 in joint accelerations"),
-        ("joint_coefficients", 3, "rad/s^3 in joint jerks"),
+        ("coefficients", 0, "rad in attitude of the platform"),
+        ("coefficients", 1, "rad/s in angular velocity of the platform"),
+        ("coefficients", 2, "rad/s^2 in angular acceleration of the platform"),
+        ("coefficients", 3, "rad/s^3 in angular jerk of the platform"),
+        ("joint_coefficients", 0, "rad in t pitch"),
+        ("joint_coefficients", 1, "rad/s in the rate of t pitch"),
+        ("joint_coefficients", 2, "rad/s^2 in the acceleration of t pitch"),
+        ("joint_coefficients", 3, "rad/s^3 in the jerk of t pitch"),
     ],
 )
 def test_a_jump_of_a_derivative_that_ought_to_be_continuous_is_refused(field, order, words):

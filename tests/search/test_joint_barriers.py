@@ -12,7 +12,7 @@ from jaxplan.model.scenario import GivenState, Scenario
 from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import make_scene
-from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier
+from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest
 
 deg = np.deg2rad
 LIMITS = {"rate_limit": deg(3.0), "acceleration_limit": deg(2.0)}
@@ -125,6 +125,38 @@ def test_a_proof_is_a_status_that_names_device_and_constraint():
     plan = jp.plan(scenario_of(antenna(WALL), [0, 0], [90, 0]), throw=False)
     assert "antenna cannot get from its yaw and pitch at the start" in plan.message
     assert "mask 1 of antenna lies between the two" in plan.message
+
+
+def test_a_device_that_is_free_ends_beside_what_is_in_its_way():
+    scenario = scenario_of(array(-100, 180), [10], [150], beam(5), aimed=True)
+    camera, wished = ([0.0, 1.0, 0.0], [np.cos(deg(150)), np.sin(deg(150)), 0.0])
+    wish = jp.Wish(device="array", direction=wished)
+    targets = jp.Targets.of({"camera": camera}, prefer=(wish,), **_rest(1))
+    plan = jp.plan(replace(scenario, goal=targets, search=replace(scenario.search, max_goals=1)))
+    assert plan.ok
+    assert 84.5 < np.rad2deg(plan.goal.joints[0]) < 85
+    assert "array cannot get from its angle at the start" in plan.message
+    # where more goals are tried there is one that meets the wish, from the other side of the camera
+    plan = jp.plan(replace(scenario, goal=targets))
+    np.testing.assert_allclose(np.rad2deg([plan.goal.slew_angle, *plan.goal.joints]), [180, 30], atol=1e-3)
+
+
+def test_what_leaves_a_narrow_gap_is_named_where_no_path_is_found():
+    gap = [[40, -40.5], [60, -40.5], [60, 39.3], [40, 39.3]]
+    scenario = scenario_of(antenna(gap), [0, 0], [90, 0])
+    scene = make_scene(scenario, Goal(attitude=np.eye(3), joints=scenario.goal.joints, slew_angle=0.0))
+    barrier, by = narrowest(scene)
+    assert barrier == JointBarrier(device=0, zones=(0,))
+    assert 0.7 < np.rad2deg(by) < 2.5
+    plan = jp.plan(replace(scenario, search=replace(scenario.search, max_expansions=1)), throw=False)
+    assert plan.status is jp.Status.NODE_LIMIT
+    assert "the joints of antenna get past mask 1 of antenna by a gap of" in plan.message
+    wide = [[40, -40.5], [60, -40.5], [60, -10], [40, -10]]
+    scenario = scenario_of(antenna(wide), [0, -20], [90, -20])
+    assert (
+        narrowest(make_scene(scenario, Goal(attitude=np.eye(3), joints=scenario.goal.joints, slew_angle=0.0)))
+        is None
+    )
 
 
 def test_where_a_cone_is_in_the_way_the_device_goes_round_by_another_turn():

@@ -86,6 +86,24 @@ def test_pieces_are_the_spline_and_hulls_hold_its_derivatives(breaks):
         assert_each(values, ">=", hull.min(axis=0) - room)
 
 
+def test_pieces_join_smoothly_however_short_some_of_them_are():
+    # as of a minute's turn whose limits of jerk and acceleration bind for a hundredth of a second at its ends
+    short = 1.5e-4 * np.arange(9)
+    basis = Basis.on(
+        np.concatenate([short, np.linspace(short[-1], 1 - short[-1], 16)[1:-1], 1 - short[::-1]])
+    )
+    knots = np.concatenate([np.zeros(DEGREE), basis.breaks, np.ones(DEGREE)])
+    middles = np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE).mean(axis=1)
+    pieces = basis.pieces(np.stack([1.0 + np.sin(2.0 * middles), np.full(basis.size, 0.7)], axis=1))
+    half = np.diff(basis.breaks)[:, None] / 2
+    for d, allowed in enumerate((1e-15, 1e-11, 1e-6, 1e-12)):
+        own = np.polynomial.legendre.legder(pieces, d, axis=1) if d else pieces
+        begin, end = (np.polynomial.legendre.legval(x, own.swapaxes(0, 1)) / half**d for x in (-1, 1))
+        moving, still = np.abs(end[:-1] - begin[1:]).T
+        assert_each(moving, "<=", allowed * np.abs(begin).max())
+        assert_each(still, "==", 0)
+
+
 @BREAKS
 def test_places_within_are_evenly_spread_on_each_interval(breaks):
     basis = Basis.on(breaks)
