@@ -99,7 +99,9 @@ def run(root: Path, home: str, program: str, folder: str) -> tuple[list[float], 
         program: in Python.
         folder: that the program calls DIR.
     """
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XDG_"))}
+    # With PYTHONDONTWRITEBYTECODE every process would compile the sources of this package anew.
+    left_out = ("JAX_", "XDG_", "PYTHONDONTWRITEBYTECODE")
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(left_out)}
     with tempfile.TemporaryFile("w+") as printed, tempfile.TemporaryFile("w+") as said:
         begin = perf_counter()
         process = subprocess.Popen(

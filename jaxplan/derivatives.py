@@ -1,14 +1,16 @@
 """A plan as a function of its scenario, and what is held fixed of it.
 
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
-1 and the limits and zones it leans on, the interior nodes of the path, and which limits, zones and nodes bind
-in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, in the
-global method nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3.
-Where targets or zones move, in a given duration, the goal is where they are then, and so are its rates. Where
-a choice is about to change, the derivative is that of the side that is held. After tuning, plan again:
-another path may have become better.
+1 and the limits and zones it leans on, the corners of the path, and which limits, zones and nodes bind in
+step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, nodes on
+straight motions next to these go along with them (`jaxplan.model.leads`), in the global method nodes are
+passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones
+move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is about to
+change, the derivative is that of the side that is held. After tuning, plan again: another path may have
+become better.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any
 
@@ -17,27 +19,31 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal.problem import GoalProblem, leaves_open
+from jaxplan.goal.free import MadeWay, settled
+from jaxplan.goal.pairs import cleared
+from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
+from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
 from jaxplan.planner.proof import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
-from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit
-from jaxplan.runtime.arguments import expect
+from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit, wanted_fit
+from jaxplan.runtime.arguments import expect, show
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import clear_if_full
+from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.workers import one_thread
-from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name
+from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
 _A_PLAN = "jp.plan makes one of a scenario"
+_optimum_near = quick_jit(differentiable_goal)
 
 
 @shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
@@ -48,47 +54,70 @@ class Held:
 
     Attributes:
         goal: where the manoeuvre ends.
+        moves: how devices without a target make way there.
         attitudes: (m + 1, 3, 3) nodes, padded with the last one.
         joints: (m + 1, 2n) likewise.
         last: which node is the last.
+        leads: of the nodes, which of them go along with the ends.
         fit: of step 3.
         trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
         turns: whole turns of the yaw after which each mask of the spacecraft is met again.
     """
 
     goal: Goal
+    moves: tuple[MadeWay, ...]
     attitudes: np.ndarray
     joints: np.ndarray
     last: np.ndarray
+    leads: Leads
     fit: Any
     trajectory: Trajectory
     turns: Turns = field(default=(), metadata={"static": True})
 
 
-@one_thread()
-def hold(plan: Plan) -> Held:
+def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
     """What is held fixed of a plan while its scenario changes.
 
     Args:
         plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
             time was stretched to the limits.
+        nodes: the smallest number that those of the path are padded to. A power of two that has room for the
+            longest of several paths gives all of them the same shapes, so that they compile once.
 
     Raises:
         TypeError: if it is no plan.
         ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
             shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
-            another limit is about to bind, or its goal leans on what step 1 leaves open
-            (`jaxplan.goal.problem.leaves_open`).
+            another limit is about to bind, its goal leans on what a device prefers or on what step 1 leaves
+            open (`jaxplan.goal.problem.leaves_open`), or a device without a target makes way for two things
+            at once.
     """
-    clear_if_full()
     expect("plan", plan, Plan, _A_PLAN)
+    if type(nodes) is not int or nodes < 1:
+        raise ValueError(f"nodes = {show(nodes)}: must be a whole number of at least 1")
+    return next(hold_each([plan], nodes=nodes))
+
+
+def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
+    """What is held fixed of plans, one after the other as of `hold`; their fits are made together."""
+    clear_if_full()
+    ways = [_followable(plan) for plan in plans]
+    with one_thread():
+        fits = fit_batch([wanted_fit(plan.scenario, path, goal) for plan, path, goal in ways])
+    for way, fitted in zip(ways, fits, strict=True):
+        with one_thread():
+            held = _held(*way, fitted, nodes)
+        yield held
+
+
+def _followable(plan: Plan) -> tuple[Plan, Path, Goal]:
+    """A plan with arrays of its own, its path and its goal; a ValueError if it cannot be followed."""
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
         )
     expect_known_time(plan.scenario)
-    scenario, path, goal = own_arrays(plan.scenario), plan.path, plan.goal
-    return _held(replace(plan, scenario=scenario), path, goal, fit(scenario, path, goal))
+    return replace(plan, scenario=own_arrays(plan.scenario)), plan.path, plan.goal
 
 
 def own_arrays(scenario: Scenario) -> Scenario:
@@ -103,56 +132,62 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
-    """What is held fixed of an OK plan with the given path, goal and fit."""
+def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
+    """What is held fixed of an OK plan with the given path, goal and fit, of so many nodes at least."""
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
-    if not _goal_is_optimal(plan.scenario, goal):
-        raise ValueError(
-            f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that "
-            "these turn, on what a device prefers, or on where a device without a target makes way, and how "
-            "it moves with that is not known"
-        )
+    moves = _moves_of(plan.scenario, goal)
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
+    attitudes, joints = padded(path.attitudes, nodes), padded(path.joints, nodes)
     return Held(
         goal=goal,
-        attitudes=padded(path.attitudes, FEWEST_NODES),
-        joints=padded(path.joints, FEWEST_NODES),
+        moves=moves,
+        attitudes=attitudes,
+        joints=joints,
         last=np.array(len(path.attitudes) - 1),
-        fit=origin.hold(),
+        leads=leads_of(attitudes, joints, len(path.attitudes)),
+        fit=origin.hold(nodes),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
-        trajectory=replace(curve, node_times=padded(curve.node_times, FEWEST_NODES)),
+        trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
 
 
-def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
-    """Whether a goal is the optimum that `differentiable_goal` takes it for, or given as it is."""
+def _moves_of(scenario: Scenario, goal: Goal) -> tuple[MadeWay, ...]:
+    """How devices without a target made way at a goal.
+
+    Raises:
+        ValueError: if it is not the optimum that `differentiable_goal` takes it for, nor given as it is.
+    """
     asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
-        return True
-    targets = asked.at(goal.time)
-    if targets.prefer or _has_moved(scenario, asked, goal):
-        return False
-    start = scenario.start
-    if not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
-        return True
-    with jax.enable_x64(True):
-        optimum = differentiable_goal(
-            _place(goal), craft, start.attitude, targets, rows, start_joints=start.joints
+        return ()
+    targets, start = asked.at(goal.time), scenario.start
+    problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
+    if targets.clearance:
+        problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
+    problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
+    joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
+    joints, moves = settled(problem, goal.attitude, joints)
+    refused = f"the goal of the plan of {scenario.name} has no derivative that is known: "
+    if any(move.ties for move in moves):
+        raise ValueError(
+            refused
+            + "where a device without a target makes way several things are as near, and which of them "
+            "it will lean on depends on the way the scenario changes"
         )
-    return float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL
-
-
-def _has_moved(scenario: Scenario, targets: Targets, goal: Goal) -> bool:
-    """Whether a device without a target has left its place at the start, and not by a range alone."""
-    craft = scenario.spacecraft
-    aimed, gimbals = targets.numbers(craft), craft.gimbals
-    free = [number for number in range(gimbals.count) if number not in aimed]
-    own = [*gimbals.yaws[free], *gimbals.pitches[[number for number in free if number < gimbals.terminals]]]
-    return bool(np.any(np.asarray(goal.joints)[own] != np.asarray(scenario.start.joints)[own]))
+    if np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
+        raise ValueError(refused + "it leans on a bound of joints or a vector that these turn")
+    if not targets.prefer and not leaves_open(problem):
+        return moves
+    with jax.enable_x64(True):
+        optimum = _optimum_near(_place(goal), craft, start.attitude, targets, rows, start_joints=start.joints)
+    if not float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
+        what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
+        raise ValueError(f"{refused}it leans on {what}")
+    return moves
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -185,11 +220,11 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         shape = (-1, *[1] * (between.ndim - 1))
         return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
 
-    path = Path(
-        attitudes=nodes(start, held.attitudes, attitude),
-        joints=nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
-        edge_costs=np.zeros(0),
+    attitudes, angles = held.leads.nodes(
+        nodes(start, held.attitudes, attitude),
+        nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
     )
+    path = Path(attitudes=attitudes, joints=angles, edge_costs=np.zeros(0))
     rates = [
         jnp.concatenate([jnp.asarray(rate) for rate in end])
         for end in (_rates(scenario, scenario.start), at_goal)
@@ -210,9 +245,11 @@ def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, An
     place = _place(held.goal)
     if not asked.moves:
         craft, start, then = scenario.spacecraft, scenario.start, rows.at(time)
-        goal: Any = differentiable_goal(place, craft, start.attitude, asked, then, start_joints=start.joints)
+        goal: Any = differentiable_goal(
+            place, craft, start.attitude, asked, then, start_joints=start.joints, moves=held.moves
+        )
         return goal.attitude, goal.joints, rates
-    goal = goal_in_time(place, **pursuit(scenario, asked, time))
+    goal = goal_in_time(place, **pursuit(scenario, asked, time), moves=held.moves)
     return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
 
 
@@ -223,7 +260,7 @@ def _place(goal: Goal) -> Goal:
 
 @one_thread()
 def follow(plan: Plan, scenario: Scenario) -> Plan:
-    """The plan of a scenario near that of another plan: without a search, between the same interior nodes.
+    """The plan of a scenario near that of another plan: without a search, by the same corners.
 
     Args:
         plan: with a path.
@@ -247,14 +284,14 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
 
 @one_thread()
-def follow_and_hold(plan: Plan, scenario: Scenario) -> tuple[Plan, Held | None]:
-    """Follow a plan and hold the result, with one fit; None for what is held where `hold` raises."""
+def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES) -> tuple[Plan, Held | None]:
+    """Follow a plan and `hold` the result, with one fit; None for what is held where that raises."""
     followed, fitted = _followed(plan, scenario)
     path, goal = followed.path, followed.goal
     if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, _held(followed, path, goal, fitted)
+        return followed, _held(followed, path, goal, fitted, nodes)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 
@@ -275,6 +312,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     attitudes, joints = plan.path.attitudes.copy(), plan.path.joints.copy()
     attitudes[0], attitudes[-1] = scenario.start.attitude, goal.attitude
     joints[0], joints[-1] = scenario.start.joints, goal.joints
+    attitudes, joints = leads_of(plan.path.attitudes, plan.path.joints).nodes(attitudes, joints)
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     with clock.step("trajectory"):
         fitted = fit(scenario, path, goal)

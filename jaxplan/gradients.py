@@ -110,7 +110,7 @@ def differentiable(plan: Plan) -> "Differentiable":
     """The trajectory of a plan as a function of its scenario.
 
     What a planner chooses has no derivative and is held fixed, see `jaxplan.derivatives`: the goal among the
-    local minima of step 1, the interior nodes of the path and when each is passed, and which limits, zones
+    local minima of step 1, the corners of the path and when each is passed, and which limits, zones
     and nodes bind. A plan that is made anew chooses all of these again.
 
     Args:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trust import dips, golden, graphs, lanes, long_run, programs, symmetry, verdicts
+from trust import any_spacecraft, dips, golden, graphs, lanes, long_run, programs, symmetry, verdicts
 from trust.mixed import mixed_scenario
 from trust.tally import Tally, table, tally
 
@@ -83,6 +83,10 @@ def test_the_golden_set_has_every_kind_and_what_differs_is_said():
 def test_a_scene_of_any_sort_is_certified_or_answered_with_a_status():
     plan = jp.plan(mixed_scenario(1, (3, 0), 8), throw=False, progress=False)
     long_run.examine(plan)
+
+
+def test_a_random_spacecraft_is_certified_and_kept_in_files():
+    assert any_spacecraft.attempt(52) == "OK"
 
 
 def test_attempts_that_fail_or_hang_are_counted_with_their_seeds(capsys):

@@ -252,7 +252,7 @@ def jump_faults(
         order = (_PLATFORM if of_platform else _JOINTS).index(name)
         needed = max(smoothness, 2 if jerk_limited and of_platform else 1)
         if order <= needed and not (steps <= TOLERANCE).all():
-            worst, component = np.unravel_index(np.argmax(steps), steps.shape)
+            worst, component = divmod(int(np.argmax(steps)), steps.shape[1])
             size = f"{steps[worst, component]:.3g} {_UNITS[order]}"
             if of_platform:
                 where = f"{_words(name)} of the platform"

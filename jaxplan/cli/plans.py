@@ -39,6 +39,7 @@ from jaxplan.schema.text import template
 
 _COUNTED = {  # what a scene and its spacecraft have several of, and what one of them is called
     "terminals": "terminal",
+    "drives": "drive",
     "instruments": "instrument",
     "keep_out": "keep-out zone",
     "keep_in": "keep-in zone",

@@ -12,7 +12,7 @@ ones; `beside` finds goals beside what the attitude does not decide on. `sensiti
 derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
@@ -65,6 +65,7 @@ class Decomposition:
             what has none off it; -inf where nothing has a target.
         worst_aim: the device's number among those with targets, and 0 for its azimuth or 1 for its elevation;
             None likewise.
+        aim_excesses: (n, 2) rad, the same of the azimuth and elevation of each device with a target.
         zone_excess: rad, how deep the worst sight is in a zone; -inf where no zone matters.
         worst_zone: row of that zone among the cones; None where no zone matters.
         worst_device: number of that sight: of a device, or beyond these of an axis of the body, likewise.
@@ -77,6 +78,7 @@ class Decomposition:
     zone_excess: float
     worst_zone: int | None
     worst_device: int | None
+    aim_excesses: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def decompose(
@@ -123,7 +125,7 @@ def decompose(
         best = solutions if len(solutions) else _least_broken(problem, seed)
     attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
-    joints = np.stack([settled(problem, *state) for state in zip(attitudes, joints, strict=True)])
+    joints = np.stack([settled(problem, *state)[0] for state in zip(attitudes, joints, strict=True)])
     goals = [
         Goal(attitude=attitude, joints=angles, slew_angle=slew)
         for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
@@ -142,6 +144,7 @@ def decompose(
         zone_excess=zone_excess,
         worst_zone=worst_zone,
         worst_device=worst_device,
+        aim_excesses=excess,
     )
 
 

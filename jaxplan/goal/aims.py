@@ -54,6 +54,10 @@ class Aims:
         """Whether any device asks for more than a range."""
         return any(any(own) for own in self.equations)
 
+    def free(self, gimbals: Gimbals) -> list[int]:
+        """Numbers of the gimbals that have no target and are not held."""
+        return [number for number in range(gimbals.count) if number not in (*self.devices, *self.held)]
+
     def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
         """Azimuth and elevation (..., k) of the targets at attitudes (..., 3, 3)."""
         _, turn, directions, frames, ranges = arrays(attitude, self.directions, self.frames, self.ranges)

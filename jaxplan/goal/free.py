@@ -2,26 +2,64 @@
 
 A device with a wish points as near to it as its range lets it. Any other stays as it is at the start, within
 its range at the goal. Where that breaks a zone, such as the beam of a device that has a target, or a cone of
-the sky that it must look into, the device moves: its joints are laid out on a grid, of the clear ones those
-are taken that are reached in the least time, and brought back toward where it would rather be as far as
+the sky that it must look into, the device makes way: its joints are laid out on a grid, of the clear ones
+those are taken that are reached in the least time, and brought back toward where it would rather be as far as
 everything stays clear. Devices take their turns in the order of their numbers, twice where two are free,
 since each may be in the other's way.
+
+So a device that makes way ends on a line of its joints, where one pair has a margin of `SPARE`. With line and
+pair held that is a function of all that a goal depends on (`places`).
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.goal.problem import GoalProblem
-from jaxplan.model.constraints import SIGHT, constraint_margins
-from jaxplan.model.gimbals import angles_along, in_range
+from jaxplan.model.constraints import SIGHT, Constraints, constraint_margins, state_margins
+from jaxplan.model.directions import Sights
+from jaxplan.model.gimbals import Gimbals, angles_along, in_range
+from jaxplan.runtime.display import shown
 
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
 _GRIDS = (121, 41)  # places of a drive's angle, and of each of a terminal's
 _HALVINGS = 40  # of the way back
 _CLOSER = 3  # grids, each a few spacings of the one before wide
+_TIE = 1e-8  # rad; pairs whose margins differ by less are as near
 
 
-def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> np.ndarray:
+@shown("joints", "share", "row", "sight", "ties")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MadeWay:
+    """How a device made way.
+
+    Attributes:
+        joints: numbers of its joints.
+        toward: (o,) the place toward which it moved, as shares of the joints' ranges.
+        share: () of the way there from where it would rather be.
+        row: () int, of the constraints, which it keeps with `sight` by just `SPARE`.
+        sight: () int.
+        ties: whether other pairs are as near, so that nobody can tell which of them it will lean on.
+    """
+
+    joints: tuple[int, ...] = field(metadata={"static": True})
+    toward: np.ndarray
+    share: np.ndarray
+    row: np.ndarray
+    sight: np.ndarray
+    ties: bool = field(metadata={"static": True})
+
+
+def settled(
+    problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
+) -> tuple[np.ndarray, tuple[MadeWay, ...]]:
     """Joints at a goal, those of free devices where they are best.
 
     Args:
@@ -30,47 +68,115 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
         joints: (J,) rad, those of devices with targets and held ones as they are to be.
 
     Returns:
-        (J,) rad. Where no place of a device is clear it is left where it would rather be.
+        (J,) rad, and how devices made way, in the order in which they did. Where no place of a device is
+        clear it is left where it would rather be.
     """
-    gimbals, aims = problem.spacecraft.gimbals, problem.aims
-    free = [number for number in range(gimbals.count) if number not in (*aims.devices, *aims.held)]
-    joints = np.array(joints)
-    for number in free:
-        own = problem.spacecraft.gimbals.joints_of(number)
-        joints[own] = _wanted(problem, number, attitude, joints[own])
+    gimbals = problem.spacecraft.gimbals
+    free = problem.aims.free(gimbals)
+    wishes = [(wish.device, wish.direction) for wish in problem.wishes]
+    joints = preferred(gimbals, problem.ranges, free, wishes, attitude, joints)
+    moves: list[MadeWay] = []
     for _ in range(2 if len(free) > 1 else 1):
         for number in free:
             if _least(problem, attitude, joints, number) < 0:
-                joints = _moved(problem, attitude, joints, number)
+                moved = _moved(problem, attitude, joints, number)
+                if moved is not None:
+                    joints = _put(joints, moved.joints, _place(moved, joints, problem.ranges, moved.share))
+                    moves.append(moved)
+    return joints, tuple(moves)
+
+
+def preferred(
+    gimbals: Gimbals,
+    ranges: AnyArray,
+    free: Sequence[int],
+    wishes: Sequence[tuple[int, AnyArray]],
+    attitude: AnyArray,
+    joints: AnyArray,
+) -> AnyArray:
+    """Joints (J,) with free devices where they would be without zones: as they are, or nearest to wishes.
+
+    Args:
+        gimbals: of the spacecraft.
+        ranges: (J, 2) rad, at the goal.
+        free: numbers of the devices.
+        wishes: number of a device and inertial direction (3,), the first ones first.
+        attitude: (3, 3) of the goal.
+        joints: (J,) rad.
+    """
+    for number in free:
+        own = gimbals.joints_of(number)
+        place, (low, high) = joints[own], ranges[own].T
+        wish = next((direction for device, direction in wishes if device == number), None)
+        if wish is not None:
+            frame = gimbals.frames[number : number + 1]
+            azimuth, elevation = angles_along(frame, (wish @ attitude)[None])
+            yaw = in_range(azimuth, ranges[own[:1]], place[:1])
+            place = array_module(yaw, elevation).concatenate([yaw, elevation])[: len(own)]
+        xp = array_module(place, low)
+        # a comparison leaves the joint's own where it is at an end of its range, and with it the derivative
+        joints = _put(joints, own, xp.where(place < low, low, xp.where(place > high, high, place)))
     return joints
 
 
-def _wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Where a device would be without zones: as it is, or nearest to its wish; its joints."""
-    own = problem.spacecraft.gimbals.joints_of(number)
-    low, high = problem.ranges[own].T
-    wish = next((wish for wish in problem.wishes if wish.device == number), None)
-    if wish is None:
-        return np.clip(rest, low, high)
-    frame = problem.spacecraft.gimbals.frames[number : number + 1]
-    azimuth, elevation = angles_along(frame, (wish.direction @ attitude)[None])
-    yaw = in_range(azimuth, problem.ranges[own[:1]], rest[:1])
-    return np.clip(np.concatenate([yaw, elevation])[: len(own)], low, high)
+def places(
+    moves: Sequence[MadeWay],
+    ranges: AnyArray,
+    rows: Constraints,
+    sights: Sights,
+    attitude: AnyArray,
+    joints: AnyArray,
+) -> AnyArray:
+    """Joints (J,) with those of devices that make way where they are just clear of what was in their way.
+
+    One step of Newton's method along each device's line: at what was found it changes nothing, and its
+    first derivatives are those of the place.
+
+    Args:
+        moves: in their order.
+        ranges: (J, 2) rad, at the goal.
+        rows: all constraints.
+        sights: that they bind.
+        attitude: (3, 3) of the goal.
+        joints: (J,) rad, of free devices as `preferred` has them.
+    """
+    for move in moves:
+
+        def margin(share: Any, move: MadeWay = move, joints: Any = joints) -> Any:
+            place = _put(joints, move.joints, _place(move, joints, ranges, share))
+            return state_margins(rows, sights, attitude, place)[move.row, move.sight]
+
+        share = jnp.asarray(move.share, jnp.asarray(joints).dtype)
+        least, slope = jax.jvp(margin, (share,), (jnp.ones_like(share),))
+        share = share - (least - SPARE) / slope
+        joints = _put(joints, move.joints, _place(move, joints, ranges, share))
+    return joints
+
+
+def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
+    """(o,) rad, joints of a device after some share of its way."""
+    own = np.array(move.joints)
+    low, high = ranges[own].T
+    return joints[own] + share * (low + move.toward * (high - low) - joints[own])
+
+
+def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
+    """(Z,) bool, the rows of all constraints in which a device takes part."""
+    rows = problem.rows
+    takes_part = problem.sights.carriers == number
+    concerned = np.any(rows.bound[:, takes_part], axis=1) | ((rows.frame == SIGHT) & takes_part[rows.partner])
+    return np.isin(rows.group, rows.group[concerned])
 
 
 def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
     """(...) least margin of a device's constraints, at joints (..., J), less the spare; rad."""
-    rows = problem.rows
     attitudes = np.broadcast_to(attitude, (*joints.shape[:-1], 3, 3))
-    margins = constraint_margins(rows, problem.margins(attitudes, joints))
-    takes_part = problem.sights.carriers == number
-    concerned = np.any(rows.bound[:, takes_part], axis=1) | ((rows.frame == SIGHT) & takes_part[rows.partner])
-    of_constraint = np.isin(rows.group, rows.group[concerned])
-    return np.min(np.where(of_constraint, margins, np.inf), axis=-1, initial=np.inf) - SPARE
+    margins = constraint_margins(problem.rows, problem.margins(attitudes, joints))
+    return np.min(np.where(_concerned(problem, number), margins, np.inf), axis=-1, initial=np.inf) - SPARE
 
 
-def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
-    """Joints with those of a device where all is clear that it takes part in; as they are if nowhere is."""
+def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
+    """How a device makes way to where all is clear that it takes part in; None if nowhere is."""
     own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
@@ -79,7 +185,7 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
     for _ in range(1 + _CLOSER):
         axes = [np.linspace(ends[0], ends[1], _GRIDS[len(own) - 1]) for ends in window]
         places = np.stack([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=-1)
-        clear = places[_least(problem, attitude, _put(joints, own, places), number) >= 0]
+        clear = places[_least(problem, attitude, _each(joints, own, places), number) >= 0]
         if not len(clear):
             break
         cost = np.max(np.abs(clear - wanted) / rates, axis=-1)
@@ -89,18 +195,57 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
         around = 2 * np.array([axis[1] - axis[0] for axis in axes])
         window = np.clip(np.stack([best - around, best + around], axis=-1), ranges[:, :1], ranges[:, 1:])
     if best is None:
-        return joints
+        return None
     share, step = 1.0, 0.5  # of the way from where it would rather be
     for _ in range(_HALVINGS):
         tried = share - step
         place = wanted + tried * (best - wanted)
-        if _least(problem, attitude, _put(joints, own, place[None]), number)[0] >= 0:
+        if _least(problem, attitude, _each(joints, own, place[None]), number)[0] >= 0:
             share = tried
         step /= 2
-    return _put(joints, own, (wanted + share * (best - wanted))[None])[0]
+    low, high = ranges.T
+    toward = np.where(high > low, (best - low) / np.where(high > low, high - low, 1), 0)
+    return _leant(
+        problem, attitude, _put(joints, own, wanted + share * (best - wanted)), number, toward, share
+    )
 
 
-def _put(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _leant(
+    problem: GoalProblem,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    number: int,
+    toward: np.ndarray,
+    share: float,
+) -> MadeWay:
+    """How a device made way, with the pair that it is nearest to at joints (J,)."""
+    margins = problem.margins(attitude, joints)
+    least = float(_least(problem, attitude, joints, number)) + SPARE
+    counts = problem.rows.bound & _concerned(problem, number)[:, None]
+    off = np.where(counts, np.abs(margins - least), np.inf)
+    row, sight = np.unravel_index(np.argmin(off), off.shape)
+    own = tuple(problem.spacecraft.gimbals.joints_of(number).tolist())
+    return MadeWay(
+        joints=own,
+        toward=toward,
+        share=np.array(share),
+        row=np.array(row),
+        sight=np.array(sight),
+        ties=bool(np.sum(off <= _TIE) > 1),
+    )
+
+
+def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
+    """Joints (J,) with others in the place of some."""
+    which = np.asarray(own)
+    if array_module(joints, values) is jnp:
+        return jnp.asarray(joints).at[which].set(values)
+    found = np.array(joints)
+    found[which] = values
+    return found
+
+
+def _each(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Joints (k, J) with some of them at each of some places (k, o)."""
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places

@@ -14,6 +14,7 @@ are derivatives already, and have first ones themselves.
 Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,9 +30,10 @@ from jaxplan.geometry.vectors import length
 from jaxplan.goal import descent
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
+from jaxplan.goal.free import MadeWay, places, preferred
 from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
-from jaxplan.model.directions import Sights
+from jaxplan.model.directions import Sights, as_path
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Targets
@@ -47,6 +49,7 @@ def differentiable_goal(
     cones: Constraints,
     *,
     start_joints: ArrayLike | None = None,
+    moves: Sequence[MadeWay] | None = None,
 ) -> Goal:
     """A goal of step 1 as a function of the problem that it solves.
 
@@ -66,6 +69,8 @@ def differentiable_goal(
             targets exactly here.
         cones: all constraints, for the devices of the spacecraft; axes of any length.
         start_joints: (J,) rad, that devices without a target have; those of the goal unless told.
+        moves: how devices without a target make way, of `free.settled`, so that they follow what they prefer
+            and what is in their way; None where they stay as they are at the goal.
 
     Returns:
         The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
@@ -80,7 +85,7 @@ def differentiable_goal(
         ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
         >>> jax.grad(slew)(cones.half_angle)
     """
-    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints)
+    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints, moves)
 
 
 def goal_in_time(
@@ -91,6 +96,7 @@ def goal_in_time(
     cones: Constraints,
     *,
     start_joints: ArrayLike | None = None,
+    moves: Sequence[MadeWay] | None = None,
     target_rates: ArrayLike,
     axis_rates: ArrayLike,
 ) -> Goal:
@@ -103,25 +109,29 @@ def goal_in_time(
         targets: where they are when the manoeuvre ends, with limits.
         cones: all constraints as they are then.
         start_joints: (J,) rad, that devices without a target have.
+        moves: as of `differentiable_goal`.
         target_rates: (k, 3) 1/s, derivatives of the targets' directions.
         axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
 
     Returns:
         The goal as of `differentiable_goal`, with the platform's angular velocity and the joints' rates that
-        keep every device on its target; these have first derivatives, too.
+        keep every device on its target, others at rest; these have first derivatives, too.
     """
 
     def at(directions: Array, axes: Array) -> Goal:
         moved: Targets = replace(targets, directions=directions)
         zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
-        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones, start_joints)
+        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones, start_joints, moves)
 
     directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
     rates = jnp.asarray(target_rates, directions.dtype), jnp.asarray(axis_rates, axes.dtype)
     found, rate = jax.jvp(at, (directions, axes), rates)
     attitude: Any = found.attitude
     spin = so3.vee(attitude.T @ jnp.asarray(rate.attitude))
-    return replace(found, angular_velocity=spin, joint_rates=rate.joints)
+    aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
+    numbers, gimbals = aims.free(spacecraft.gimbals), spacecraft.gimbals
+    resting = np.concatenate([gimbals.joints_of(number) for number in numbers] or [np.zeros(0, int)])
+    return replace(found, angular_velocity=spin, joint_rates=jnp.asarray(rate.joints).at[resting].set(0))
 
 
 def _optimum(
@@ -132,6 +142,7 @@ def _optimum(
     targets: Targets,
     cones: Constraints,
     start_joints: ArrayLike | None,
+    moves: Sequence[MadeWay] | None,
 ) -> Goal:
     """The goal as `differentiable_goal` describes it, differentiable once or again as the equations are."""
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
@@ -150,8 +161,34 @@ def _optimum(
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
     joints = pointed(state.sights.gimbals, state.aims, attitude, rest)
+    if moves is not None:
+        joints = _made_way(state, spacecraft, targets, moves, attitude, joints, start_joints)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
     return Goal(**arrays)  # for once of jax's arrays
+
+
+def _made_way(
+    state: "_State",
+    spacecraft: Spacecraft,
+    targets: Targets,
+    moves: Sequence[MadeWay],
+    attitude: Array,
+    joints: Array,
+    start_joints: ArrayLike | None,
+) -> Array:
+    """The joints (J,) with those of free devices near what they prefer, and out of the way."""
+    gimbals, dtype = state.sights.gimbals, joints.dtype
+    free, ranges = state.aims.free(gimbals), jnp.asarray(goal_ranges(spacecraft, targets), dtype)
+    for number in free if start_joints is not None else []:
+        own = gimbals.joints_of(number)
+        joints = joints.at[own].set(jnp.asarray(start_joints, dtype)[own])
+    names = spacecraft.device_names
+    wishes = [
+        (names.index(wish.device), _unit(jnp.asarray(as_path(wish.direction).at(0.0), dtype)))
+        for wish in targets.prefer
+    ]
+    joints = preferred(gimbals, ranges, free, wishes, attitude, joints)
+    return places(moves, ranges, state.rows, state.sights, attitude, joints)
 
 
 def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:

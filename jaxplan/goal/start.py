@@ -14,9 +14,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.goal import decompose
+from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
-from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.goal.reasons import apart, off
+from jaxplan.model.breaches import ROUNDING, constraint_breaches
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import GivenState, Scenario, Targets, Wish
 from jaxplan.model.spacecraft import Spacecraft
@@ -48,7 +50,8 @@ def point(
         targets: by names of devices inertial unit vectors (3,), or paths of what moves; or `Targets`.
         prefer: what devices without a target shall come near to, in order.
         attitude: (3, 3) body to inertial, from which the platform is turned least; the identity unless told.
-        joints: (2n + d,) rad, of devices without a target; zero, or what is nearest in range, unless told.
+        joints: (2n + d,) rad, which devices without a target or a wish have then; unless told zero, or the
+            nearest that is in range and clear of zones.
         keep_out: zones that hold at the start, likewise the next two.
         keep_in: zones to stay in.
         joint_bounds: bounds of joint angles.
@@ -80,31 +83,34 @@ def point(
     )
     craft, goal = scenario.spacecraft, scenario.goal
     assert isinstance(goal, Targets)
-    given = scenario.start.joints
-    return pointing_state(craft, goal, scenario.constraints, attitude=attitude, joints=given)
+    if joints is None:
+        return pointing_state(scenario, goal, attitude=attitude)
+    # Devices whose angles are told have these, whatever stands in the way.
+    asked_for = (*goal.names(craft), *(wish.device for wish in goal.prefer))
+    told = tuple(name for name in craft.device_names[: craft.gimbals.count] if name not in asked_for)
+    return pointing_state(scenario, replace(goal, hold=told), attitude=attitude, joints=scenario.start.joints)
 
 
 def pointing_state(
-    spacecraft: Spacecraft,
-    asked: Targets,
-    rows: Any,
-    *,
-    attitude: ArrayLike | None = None,
-    joints: ArrayLike | None = None,
+    scenario: Scenario, asked: Targets, *, attitude: ArrayLike | None = None, joints: ArrayLike | None = None
 ) -> GivenState:
-    """The state of `point`, with all constraints as rows."""
+    """The state of `point`, for spacecraft and zones of a scenario; devices on hold have the given joints."""
+    spacecraft, rows = scenario.spacecraft, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
-    rest = np.clip(0.0 if joints is None else np.asarray(joints, float), *spacecraft.joint_ranges.T)
+    given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
+    rest = np.clip(given, *spacecraft.joint_ranges.T)
+    _check_range(spacecraft, asked.hold, given, rest)
     now, then = asked.at(0.0), rows.at(0.0)
     found = decompose(spacecraft, near, now, then, start_joints=rest, max_goals=_GOALS)
-    clear = [goal for goal in found.goals if _is_clear(spacecraft, then, goal)]
-    if not clear:
+    if not found.goals:
+        raise NotPointingError(_unreachable(spacecraft, now, found))
+    broken = [_broken(scenario, then, goal) for goal in found.goals]
+    if all(broken):
         raise NotPointingError(
-            "no attitude lets all devices point at their targets at the start"
-            if not found.goals
-            else "every attitude from which all devices point at their targets at the start breaks a zone"
+            "every attitude from which all devices point at their targets at the start breaks a zone; "
+            f"at one of them {'; '.join(broken[0])}"
         )
-    goal = clear[0]
+    goal = found.goals[broken.index([])]
     spin, rates = np.zeros(3), np.zeros(len(goal.joints))
     if asked.moves:
         spin, rates = least_rates(spacecraft, asked, goal, asked.rates(0.0))
@@ -116,7 +122,25 @@ def pointing_state(
     )
 
 
-def _is_clear(spacecraft: Spacecraft, rows: Any, goal: Goal) -> bool:
-    sights = rows.sights(spacecraft.gimbals, spacecraft.fixed_boresights)
-    margins = constraint_margins(rows, state_margins(rows, sights, goal.attitude, goal.joints))
-    return bool(np.all(margins >= 0))
+def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near: np.ndarray) -> None:
+    """Refuse angles that are told of devices, and out of the ranges of these."""
+    for number, name in enumerate(craft.device_names[: craft.gimbals.count]):
+        for joint in (craft.gimbals.yaws[number], *craft.gimbals.pitches[number : number + 1]):
+            if name in held and abs(given[joint] - near[joint]) > ROUNDING:
+                angle, end = np.rad2deg([given[joint], near[joint]])
+                what = f"{craft.joint_names[joint]} is {angle:.6g} deg at the start"
+                raise NotPointingError(f"{what}, beyond its limit of {end:.6g} deg")
+
+
+def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
+    words = "no attitude lets all devices point at their targets at the start"
+    if not found.aim_excess > 0:
+        return words
+    return f"{words}: {apart(craft, asked) or 'at best ' + off(craft, asked, found.aim_excesses)}"
+
+
+def _broken(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:
+    """What a goal breaks of the rows at the start."""
+    zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
+    state = scenario.spacecraft, goal.attitude, goal.joints
+    return list(constraint_breaches(rows, *state, zones, scenario.sight_names))

@@ -114,7 +114,10 @@ def fault(corners: np.ndarray) -> str | None:
     edge = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(edge, axis=-1)
     if np.min(lengths) < _FLAT:
-        return f"have corners apart from each other, corner {int(np.argmin(lengths))} is at the next one"
+        corner = int(np.argmin(lengths))
+        if corner == len(corners) - 1:
+            return "have each corner once, the last is the first again"
+        return f"have corners apart from each other, corner [{corner}] is at the next one"
     following = np.roll(edge, -1, axis=0)
     bend = edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]
     ahead = np.sum(edge * following, axis=-1)
@@ -127,5 +130,5 @@ def fault(corners: np.ndarray) -> str | None:
     inward = np.flatnonzero(np.sign(around) * turned < -_FLAT)
     if len(inward):
         corner = (int(inward[0]) + 1) % len(corners)
-        return f"be convex, it bends inward at corner {corner}: cut it there into convex ones, each a mask"
+        return f"be convex, it bends inward at corner [{corner}]: cut it there into convex ones, each a mask"
     return None

@@ -353,6 +353,7 @@ class TrajectorySettings:
 
 @shown(
     "spacecraft.terminals",
+    "spacecraft.drives",
     "spacecraft.instruments",
     "keep_out",
     "keep_in",

@@ -9,9 +9,7 @@ class Status(Enum):
     OK = "a certified plan"
     INVALID_START = "the start breaks a constraint"
     INVALID_GOAL = "the goal breaks a constraint"
-    GOAL_UNREACHABLE = (
-        "no attitude within reach lets all terminals point at their targets within their limits"
-    )
+    GOAL_UNREACHABLE = "no attitude within reach lets all devices point at their targets within their limits"
     NO_PATH = "it is proved that no path exists"
     NODE_LIMIT = "no path was found within search.max_expansions"
     TIME_LIMIT = "no path was found within search.time_limit_s"
@@ -82,7 +80,8 @@ _ADVICE = {
         "with narrow joint ranges, keep start and goal farther inside."
     ),
     Status.UNCERTIFIED: (
-        "The message says what could not be proved. A larger search.clearance_deg or smaller search steps "
-        "help with margins, a longer trajectory.duration_s with limits."
+        "The message says what could not be proved. A larger search.clearance_deg, smaller search steps, or "
+        "for a goal on the edge of a zone some goal.clearance_deg help with margins, a longer "
+        "trajectory.duration_s with limits."
     ),
 }

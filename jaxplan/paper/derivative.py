@@ -194,7 +194,10 @@ def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array
 
 
 def held_of(
-    nodes: PathNodes, curve: Trajectory, limits: tuple[np.ndarray, np.ndarray] | None
+    nodes: PathNodes,
+    curve: Trajectory,
+    limits: tuple[np.ndarray, np.ndarray] | None,
+    count: int = FEWEST_NODES,
 ) -> PaperActiveSet:
     """What is held of a fit; where a limit is just met at a join it counts as binding.
 
@@ -203,12 +206,13 @@ def held_of(
         curve: before its time was stretched.
         limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
             where the time was stretched to the limits.
+        count: the smallest number that nodes are padded to.
     """
     order = curve.coefficients.shape[1] - 1
     ends = split(len(nodes.turns), len(curve.coefficients), order)
     platform, joints = (None, None) if limits is None else limits
     return PaperActiveSet(
-        fractions=padded(nodes.fractions, FEWEST_NODES),
+        fractions=padded(nodes.fractions, count),
         joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
         platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
         order=order,

@@ -37,6 +37,7 @@ from jaxplan.trajectory.fit import (
     within_limits,
 )
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
+from jaxplan.trajectory.schedule import FEWEST_NODES
 
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
@@ -176,9 +177,9 @@ class PaperAttempt:
     nodes: PathNodes
     limits: tuple[np.ndarray, np.ndarray] | None
 
-    def hold(self) -> PaperActiveSet:
-        """What derivatives of the fit hold fixed."""
-        return held_of(self.nodes, self.trajectory, self.limits)
+    def hold(self, nodes: int = FEWEST_NODES) -> PaperActiveSet:
+        """What derivatives of the fit hold fixed; `nodes` is the smallest number that they are padded to."""
+        return held_of(self.nodes, self.trajectory, self.limits, nodes)
 
     @property
     def kept(self) -> bool:

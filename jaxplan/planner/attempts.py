@@ -3,8 +3,10 @@
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
-Where a device's own joints cannot get there, other whole turns of them are tried next, and of one that may
-end elsewhere, how far they get.
+Where a device's own joints cannot get there, other whole turns of them are tried next, then goals to which
+they can, and of one that may end elsewhere, how far they get. Where zones part a device from where it is by a
+wish, goals without that are tried last.
+Where a motion to a goal on the edge of a zone swings over it, goals are looked for once more a little off it.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
@@ -21,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.certificate import Certificate
+from jaxplan.certificate import MARGIN_ALLOWANCE, Certificate
 from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
@@ -34,6 +36,8 @@ from jaxplan.planner.steps import (
     GoalQuery,
     SearchQuery,
     fitted_plan,
+    goals_unwished,
+    goals_within,
     judged,
     other_ends,
     other_turns,
@@ -55,6 +59,8 @@ from jaxplan.trajectory import Fit, FitQuery
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
 # often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
+# rad by which goals are kept off the edges of zones, once motions to some that lie there swung over these.
+EDGE = 1e-6
 # Where no path is found with the wanted clearance, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
 
@@ -134,11 +140,14 @@ class Attempts:
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
         self.scenario, self.clock = scenario, clock
+        self._asked = scenario  # with the clearance that goals are to have
         self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
         self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
-        self._turned: set[bytes] = set()  # joints of goals that are whole turns away from others
+        self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
+        self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
+        self._unwished = False  # whether goals were looked for that are not as devices wish
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
@@ -223,18 +232,33 @@ class Attempts:
 
     def _next_time(self) -> None:
         """Ask for the goals at the next time at which the manoeuvre may end; without one it is over."""
-        self.need = GoalQuery(self.scenario, self._times.pop(0)) if self._times else None
+        self.need = GoalQuery(self._asked, self._times.pop(0)) if self._times else None
 
     def _next_way(self) -> None:
         """Begin with the next goal, or with another view of the same; without one it is over."""
         self.need = None
         if not self._ways or self._over:
+            again = self._off_the_edges()
+            if again is not None:
+                self._asked, self._over = again, False
+                self._times = list(duration_guesses(again))
+                self._next_time()
             return
         goal, share = self._ways.pop(0)
         if self._way is not None and goal is not self._way.goal and self._nearest is None:
             self._nearest = self.plan
         self._way = self._begun(goal, share)
         self._next_rung(self._way)
+
+    def _off_the_edges(self) -> Scenario | None:
+        """The scenario with goals just off the edges of zones, if ways to some there swung over them."""
+        asked, plan = self._asked.goal, self.plan
+        if plan is None or plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
+            return None
+        margin = None if plan.certificate is None else plan.certificate.min_margin
+        if asked.clearance >= EDGE or margin is None or not -EDGE < margin < -MARGIN_ALLOWANCE:
+            return None
+        return replace(self.scenario, goal=replace(asked, clearance=EDGE))
 
     def _begun(self, goal: Goal, share: float) -> "_Way":
         """The ladder of attempts at a goal, empty where it is proved that there is no path."""
@@ -250,9 +274,19 @@ class Attempts:
             parted = None if barrier or closed else find_joint_barrier(scene, sorted(free))
         if barrier is not None:
             message = messages.parted(scenario, forbidden, barrier)
+            if not self._unwished:
+                self._unwished = True
+                with self.clock.step("decompose"):
+                    found = goals_unwished(scenario, barrier.device)
+                self._ways += self._ways_to(found, share)
         elif closed is not None:
             message = messages.closed(scenario, closed)
-            self._ways[:0] = self._ways_to(other_turns(scenario, goal, closed.device), share)
+            with self.clock.step("decompose"):
+                others = other_turns(scenario, goal, closed.device)
+                if closed.device not in self._reach:
+                    self._reach[closed.device] = closed.reach
+                    others += goals_within(scenario, self._reach)
+            self._ways[:0] = self._ways_to(others, share)
         elif parted is not None:
             # No proof, as the device may end elsewhere: beside what is in its way, where no goal is better.
             turned = self._ways_to(other_turns(scenario, goal, parted.device), share)
@@ -284,10 +318,10 @@ class Attempts:
         return [number for number in every if craft.device_names[number] in kept]
 
     def _is_new(self, goal: Goal) -> bool:
-        """Whether a goal whose joints are whole turns away from another's was not tried before."""
-        own = np.round(goal.joints, 6).tobytes()
-        new = own not in self._turned
-        self._turned.add(own)
+        """Whether a goal that is tried instead of another was not tried before."""
+        own = np.round([*goal.attitude.ravel(), *goal.joints], 6).tobytes()
+        new = own not in self._instead
+        self._instead.add(own)
         return new
 
     def _next_rung(self, way: "_Way") -> None:
@@ -324,7 +358,7 @@ class Attempts:
             path = halve(path)
         way.so_far = replace(so_far, path=path)
         if moves(self.scenario):
-            self._meeting = Meeting(self.scenario, way.goal, path)
+            self._meeting = Meeting(self._asked, way.goal, path)
             self._meet(self._meeting)
         else:
             self.need = wanted_fit(self.scenario, path, way.goal)

@@ -2,18 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
-from jaxplan.geometry.vectors import separation
 from jaxplan.goal import Decomposition
-from jaxplan.goal.aims import AZIMUTH
+from jaxplan.goal.reasons import apart, off
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import longest
 from jaxplan.model.scenario import Scenario, Targets, known_until, moves, seen_from
-from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
@@ -39,20 +36,13 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
     """Why no attitude reaches the targets beside the rows of the scenario's constraints."""
     craft = scenario.spacecraft
     asked = scenario.goal
-    if found.worst_aim is not None and found.aim_excess > 0 and isinstance(asked, Targets):
-        apart = _apart(craft, asked)
-        if apart is not None:
-            return apart
-        number, angle = found.worst_aim
-        device = asked.numbers(craft)[number]
-        name, off = craft.device_names[device], f"{np.rad2deg(found.aim_excess):.4g} deg"
-        terminals, gimbals = len(craft.terminals), craft.gimbals.count
-        if device < terminals or (device < gimbals and angle == AZIMUTH):
-            joint = (craft.gimbals.yaws if angle == AZIMUTH else craft.gimbals.pitches)[device]
-            what = f"{craft.joint_names[joint]} is {off} beyond its limit at the goal"
-        else:
-            what = f"{name} is {off} off its target at the goal"
-        return f"at best {what}: change goal.targets or the limits"
+    if found.aim_excess > 0 and isinstance(asked, Targets):
+        contrary = apart(craft, asked)
+        if contrary is not None:
+            return f"{contrary}: change one of goal.targets, or raise goal.tolerance_deg"
+        return (
+            f"at best {off(craft, asked, found.aim_excesses)} at the goal: change goal.targets or the limits"
+        )
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]
@@ -73,21 +63,6 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
         f"which takes {least:.4g} s or more within spacecraft.{limit}: raise that, or "
         f"trajectory.duration_s (now {scenario.trajectory.duration}){otherwise}"
     )
-
-
-def _apart(craft: Spacecraft, asked: Targets) -> str | None:
-    """A sentence on two instruments that cannot both see their targets; None where no two are so."""
-    first, names = craft.gimbals.count, craft.device_names
-    fixed = [(place, number) for place, number in enumerate(asked.numbers(craft)) if number >= first]
-    for (i, one), (j, other) in combinations(fixed, 2):
-        boresights = craft.fixed_boresights[[one - first, other - first]]
-        between, targets = separation(*boresights), separation(asked.directions[i], asked.directions[j])
-        if abs(between - targets) > 2 * asked.tolerance:
-            return (
-                f"{names[one]} and {names[other]} are {np.rad2deg(between):.6g} deg apart, their targets "
-                f"{np.rad2deg(targets):.6g} deg: change one of goal.targets, or raise goal.tolerance_deg"
-            )
-    return None
 
 
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
@@ -166,7 +141,8 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 def farther(nearest: Plan, plan: Plan) -> str:
     """Why a plan goes to another goal than the nearest one, which failed."""
     away = "" if nearest.goal is None else f", {np.rad2deg(nearest.goal.slew_angle):.4g} deg away,"
-    failed = f"this is not the nearest goal: that{away} ended as {nearest.status.name}"
+    which = "goal nearest to the wishes" if getattr(plan.scenario.goal, "prefer", ()) else "nearest goal"
+    failed = f"this is not the {which}: that{away} ended as {nearest.status.name}"
     return "; ".join(filter(None, (plan.message, failed, nearest.message)))
 
 
@@ -182,7 +158,10 @@ def uncertified(certificate: Certificate) -> str:
     if beyond - {"yaw", "pitch"}:
         advice.append("set a longer trajectory.duration_s")
     if certificate.min_margin is not None and not certificate.min_margin >= -MARGIN_ALLOWANCE:
-        advice.append("try a larger search.clearance_deg or smaller search steps")
+        advice.append(
+            "try a larger search.clearance_deg, smaller search steps, or for a goal on the edge of a zone "
+            "some goal.clearance_deg"
+        )
     return (
         "; ".join(certificate.faults)
         + ": "

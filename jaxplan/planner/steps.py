@@ -4,6 +4,7 @@ Step 1 has the goal that is given, or those that are found; where something move
 the end of the manoeuvre. Step 3 has the trajectory along a path. A certificate settles the plan.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -113,6 +114,44 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
         if turns and not _broken(scenario, other, 0.0):
             found.append(other)
     return sorted(found, key=lambda one: abs(one.joints[joint] - scenario.start.joints[joint]))
+
+
+def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Goal]:
+    """Goals at which the joints of devices are within narrower ranges, nearest first.
+
+    Args:
+        scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
+        reach: by numbers of gimbals (o, 2) rad, ranges of the joints.
+    """
+    if isinstance(scenario.goal, GivenState) or moves(scenario):
+        return []
+    terminals, drives = list(scenario.spacecraft.terminals), list(scenario.spacecraft.drives)
+    for device, ranges in reach.items():
+        if device < len(terminals):
+            yaw, pitch = ranges
+            own: dict[str, Any] = {"yaw_limit": None, "yaw_range": yaw, "pitch_limit": None}
+            terminals[device] = replace(terminals[device], **own, pitch_range=pitch)
+        else:
+            drives[device - len(terminals)] = replace(drives[device - len(terminals)], range=ranges[0])
+    craft = replace(scenario.spacecraft, terminals=tuple(terminals), drives=tuple(drives))
+    found = find_goals(replace(scenario, spacecraft=craft))
+    return [] if isinstance(found, Plan) else list(found)
+
+
+def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
+    """Goals without the wishes of a device, or without any where it has none, nearest first.
+
+    Args:
+        scenario: whose goal has wishes; of any other goal, and of one that moves, there are none.
+        device: number of a sight.
+    """
+    asked, names = scenario.goal, scenario.spacecraft.device_names
+    if isinstance(asked, GivenState) or moves(scenario) or not asked.prefer:
+        return []
+    others = tuple(wish for wish in asked.prefer if wish.device not in names[device : device + 1])
+    left = others if len(others) < len(asked.prefer) else ()
+    found = find_goals(replace(scenario, goal=replace(asked, prefer=left)))
+    return [] if isinstance(found, Plan) else list(found)
 
 
 def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) -> list[Goal]:

@@ -48,7 +48,7 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE = np.linspace(0, 1, 9)[:-1, None]  # shares of an edge of a field, at which its outline has points
+_EDGE = np.linspace(0, 1, 33)[:-1, None]  # shares of an edge of a field, at which its outline has points
 
 
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:

@@ -157,7 +157,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
     """Draw the empty globe with a grid, and a caption that says from where it is seen."""
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
     axes.add_artist(Circle((0, 0), 1, facecolor="white", edgecolor="0.6", linewidth=1, zorder=0.5))

@@ -4,7 +4,9 @@ JAX's own cache of compiled code saves XLA's part, but to find an entry there a 
 lowered again, which takes longer than reading what was compiled. So executables are kept, too, by what they
 follow from: the function, the kinds of its arguments, all sources of this package, and the versions and flags
 of Python, numpy and JAX. They lie in the folder of compiled code (`jaxplan.runtime.cache`), those of other
-sources in parts of their own. Whatever cannot be kept or read is compiled as ever.
+sources in parts of their own. Most changes of sources leave most programs as they are: each has another name
+in the folder of programs, by which other sources find it once they have lowered it, too. Whatever cannot be
+kept or read is compiled as ever.
 """
 
 import hashlib
@@ -33,6 +35,8 @@ _PATIENCE = 30.0  # s; then a kernel is compiled though another process, perhaps
 _LOOK = 0.02  # s, between two looks whether it is done
 _PARTS = 3  # folders of other sources or versions that are left, the newest ones
 
+_PROGRAMS = "programs"  # folder of further names of executables, by what JAX has lowered
+
 _refused = 0
 
 
@@ -52,13 +56,20 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
     place = _place(name, kinds)
     if place is None or not place.is_file():
         return None
+    found = _read(place)
+    if found is None:
+        _refused += 1
+    return found
+
+
+def _read(place: Path) -> Callable[..., Any] | None:
+    """The executable in a file; None, and no file any more, if it is damaged or of another processor."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
     _prepare_lapack()
     try:
         found: Callable[..., Any] = deserialize_and_load(*pickle.loads(place.read_bytes()))
-    except Exception:  # damaged, or made for another processor
-        _refused += 1
+    except Exception:
         _forget(place)
         return None
     return found
@@ -89,18 +100,33 @@ jax.monitoring.register_event_listener(_listen)
 def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
     """Compile what has been lowered, and keep the executable if there is a folder for it.
 
-    What JAX had in its own cache is not kept: XLA cannot write down again what it has read.
+    A program that was kept for other sources is read, and kept for these, too. What JAX had in its own cache
+    is not kept: XLA cannot write down again what it has read.
 
     Args:
         lowered: by JAX.
         name: as of `load`.
         kinds: as of `load`.
     """
+    place = _place(name, kinds)
+    if place is None:
+        return lowered.compile()
+    text = f"{_versions()}\n{kinds}\n{lowered.out_tree}\n{lowered.as_text()}"
+    program = place.parent.parent / _PROGRAMS / _short(text)
+    if program.is_file():
+        found = _read(program)
+        if found is not None:
+            with suppress(OSError):
+                _make_room(place.parent)
+                os.link(program, place)
+            return found
     hits = _hits.count
     compiled = lowered.compile()
-    place = _place(name, kinds)
-    if place is not None and _hits.count == hits:
+    if _hits.count == hits:
         _save(place, compiled)
+        with suppress(OSError):  # where files have one name only, it is for these sources alone
+            program.parent.mkdir(mode=0o700, exist_ok=True)
+            os.link(place, program)
     return compiled
 
 
@@ -180,28 +206,44 @@ def _place(name: str | None, kinds: str | None) -> Path | None:
     folder = trusted_folder()
     if name is None or kinds is None or folder is None or jax.default_backend() != "cpu":
         return None
-    key = hashlib.sha256(f"{name}\n{kinds}".encode()).hexdigest()[:32]
-    return folder / f"kernels-{_origin()}" / key
+    return folder / f"kernels-{_origin()}" / _short(f"{name}\n{kinds}")
+
+
+def _short(text: str) -> str:
+    """A file's name for a long text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@cache
+def _versions() -> str:
+    """What compiled code follows from besides the program."""
+    from jaxlib.version import __version__ as jaxlib_version
+
+    versions = sys.version, np.__version__, jax.__version__, jaxlib_version
+    return repr((versions, os.environ.get("XLA_FLAGS")))
 
 
 @cache
 def _origin() -> str:
     """A short name for what all executables follow from."""
-    from jaxlib.version import __version__ as jaxlib_version
-
-    found = hashlib.sha256()
-    versions = sys.version, np.__version__, jax.__version__, jaxlib_version
-    found.update(repr((versions, os.environ.get("XLA_FLAGS"))).encode())
+    found = hashlib.sha256(_versions().encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         found.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
     return found.hexdigest()[:12]
 
 
 def _make_room(part: Path) -> None:
-    """Make the folder of today's sources; of those of other sources only the newest are left."""
+    """Make the folder of today's sources; of those of other sources only the newest are left.
+
+    Programs that only these had go with them.
+    """
     if part.is_dir():
         return
     part.mkdir(mode=0o700, exist_ok=True)
     others = sorted(part.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime)
     for old in others[: -1 - _PARTS]:
         shutil.rmtree(old, ignore_errors=True)
+    for program in (part.parent / _PROGRAMS).glob("*"):
+        with suppress(OSError):
+            if program.stat().st_nlink == 1:
+                program.unlink()

@@ -245,6 +245,10 @@ class Polygons(Kind):
     def read(self, value: Any, place: Place) -> Any:
         if not isinstance(value, list | tuple):
             return place.refuse(f"must be {self.wanted}", value)
+        if len(value) >= 3 and all(_is_corner(one) for one in value):
+            return place.refuse(
+                f"must be {self.wanted}; of one polygon too, within brackets of its own", value
+            )
         read = tuple(self._polygon(polygon, place[i]) for i, polygon in enumerate(value))
         same = isinstance(value, tuple) and all(one is given for one, given in zip(read, value, strict=True))
         return WRONG if any(one is WRONG for one in read) else value if same else read
@@ -266,6 +270,13 @@ class Polygons(Kind):
 
     def write(self, value: Any) -> list[Any]:
         return [[Numbers(2, self.of).write(corner) for corner in polygon] for polygon in value]
+
+
+def _is_corner(value: Any) -> bool:
+    """Whether a value is two numbers, which stand where a polygon should."""
+    return (
+        isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(n, int | float) for n in value)
+    )
 
 
 _OR_THREE = ", or 3, one a body axis"

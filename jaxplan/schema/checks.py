@@ -86,7 +86,7 @@ def check_terminal(terminal: Any, place: Place) -> None:
     steepest = np.pi / 2 - NEAREST_TO_POLE
     if isinstance(pitch, np.ndarray) and not max(pitch[0], -steepest) < min(pitch[1], steepest):
         kept = f"must leave a range, of which {np.rad2deg(NEAREST_TO_POLE):g} deg are kept from 90"
-        place["pitch_range"].fault(kept, [shown(float(end), place) for end in pitch])
+        place["pitch_range_deg"].fault(kept, [shown(float(end), place) for end in pitch])
 
 
 def shown(angle: Any, place: Place) -> Any:

@@ -97,6 +97,8 @@ class TargetList(Kind):
     def _by_name(self, value: dict[str, Any], place: Place) -> Any:
         """The names and directions of a table of a file."""
         known = place.reading.names.get("device")
+        if not value:
+            return place.refuse("must name a device at least, and what it points at", value)
         for name in value:
             if known is not None and name not in known:
                 place[name].fault(f"no such device, {nearest(name, known, 'devices')}")

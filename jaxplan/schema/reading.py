@@ -144,7 +144,7 @@ def _with_start(scenario: Scenario, root: Place) -> Scenario:
         return scenario
     find: Any = resolve_name(_POINTING)
     try:
-        start = find(scenario.spacecraft, asked, scenario.constraints, joints=asked.joints)
+        start = find(scenario, asked, joints=asked.joints)
     except ValueError as error:
         root["start"]["targets"].fault(str(error))
         return scenario

@@ -169,7 +169,13 @@ class Pointing(Targets):
 def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
     by_name = parts.pop("joints_by_name", None)
     joints = None if by_name is None else _joints_by_name(by_name, place.reading)
-    return Pointing(**vars(_make_targets(parts, place)) | {"joints": joints})
+    targets = _make_targets(parts, place)
+    if isinstance(by_name, dict) and joints is not WRONG:
+        asked = targets.devices or place.reading.names["terminal"] or ()
+        wished = [wish.device for wish in targets.prefer or () if wish is not WRONG]
+        told = tuple(name for name in by_name if name not in (*asked, *wished))
+        targets = replace(targets, hold=told)
+    return Pointing(**vars(targets) | {"joints": joints})
 
 
 def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
@@ -201,7 +207,10 @@ POINTING = replace(
     TARGETS,
     fields=[
         *(entry for entry in TARGETS.fields if entry.attribute in ("directions", "prefer")),
-        replace(_JOINTS_BY_NAME, meaning="of devices without a target; zero, or the nearest in range"),
+        replace(
+            _JOINTS_BY_NAME,
+            meaning="of devices without a target or a wish; of others zero, or the nearest in range",
+        ),
     ],
     make=_make_pointing,
     refused=dict.fromkeys(

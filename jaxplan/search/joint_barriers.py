@@ -13,7 +13,7 @@ end on this side of what is in its way (`short_of`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,10 +46,12 @@ class JointBarrier:
     Attributes:
         device: its number.
         zones: numbers of the scenario's zones, ascending; where one is enough, that alone.
+        reach: (o, 2) rad, the least ranges of its joints that hold all places to which they can get.
     """
 
     device: int
     zones: tuple[int, ...]
+    reach: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), compare=False)
 
 
 def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> JointBarrier | None:
@@ -94,10 +96,12 @@ def _barriers(
         cells = list(_depths(tables, scene, joints, grid.centres, grid.sizes / 2))
         for by in wider:
             closed = [(zones, depth > TOLERANCE - by) for zones, depth in cells]
-            if grid.parts(np.any([cells for _, cells in closed], axis=0), *ends):
+            shut = np.any([cells for _, cells in closed], axis=0)
+            if grid.parts(shut, *ends):
                 alone = [zones for zones, cells in closed if grid.parts(cells, *ends)]
                 found = alone[0] if alone else {zone for zones, _ in closed for zone in zones}
-                yield JointBarrier(device=device, zones=tuple(sorted(found))), by
+                reach = grid.around(shut, ends[0])
+                yield JointBarrier(device=device, zones=tuple(sorted(found)), reach=reach), by
                 break
 
 
@@ -190,10 +194,23 @@ class _Grid:
 
     def parts(self, closed: np.ndarray, start: np.ndarray, goal: np.ndarray) -> bool:
         """Whether closed cells (cells,) part those of two places (o,), both of which are open."""
+        pieces = self._pieces(closed)
+        one, other = pieces[self._cell(start)], pieces[self._cell(goal)]
+        return bool(one and other and one != other)
+
+    def around(self, closed: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Ranges (o, 2) of the open cells that hang together with that of a place (o,)."""
+        pieces = self._pieces(closed)
+        cells = np.argwhere(pieces == pieces[self._cell(start)])
+        first, last = np.min(cells, axis=0), np.max(cells, axis=0) + 1
+        return self.ranges[:, :1] + np.stack([first, last], axis=1) * self.sizes[:, None]
+
+    def _pieces(self, closed: np.ndarray) -> np.ndarray:
+        """Cells, numbered by the piece of open ones that they are of; 0 where they are closed."""
         from scipy.ndimage import label  # slow to import, and seldom needed
 
-        pieces, _ = label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))
-        places = (np.stack([start, goal]) - self.ranges[:, 0]) // self.sizes
-        cells = np.clip(places, 0, np.array(self.counts) - 1).astype(int)
-        one, other = pieces[tuple(cells.T)]
-        return bool(one and other and one != other)
+        return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
+
+    def _cell(self, place: np.ndarray) -> tuple[int, ...]:
+        cell = (place - self.ranges[:, 0]) // self.sizes
+        return tuple(np.clip(cell, 0, np.array(self.counts) - 1).astype(int).tolist())

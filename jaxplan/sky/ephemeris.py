@@ -260,6 +260,9 @@ def _samples(
     p = floats("positions", positions, "an array of positions, km")
     v = None if velocities is None else floats("velocities", velocities, "an array of velocities, km/s")
     least = 4 if v is None else 2
+    if t.ndim == 1 and len(t) < least and p.shape == (len(t), 3) and (v is None or v.shape == p.shape):
+        beside = ", or 2 with velocities" if v is None else ""
+        raise EphemerisError(f"positions: must be at {least} times or more{beside}, not {len(t)}")
     if t.ndim != 1 or len(t) < least or p.shape != (len(t), 3) or (v is not None and v.shape != p.shape):
         raise EphemerisError(
             f"times, positions and velocities: must be (n,), (n, 3) and (n, 3) or None, n at least {least}, "

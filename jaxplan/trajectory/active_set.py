@@ -65,8 +65,11 @@ class FitRecord:
     attempt: Attempt
     stretched: bool
 
-    def hold(self) -> ActiveSet:
+    def hold(self, nodes: int = FEWEST_NODES) -> ActiveSet:
         """The optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
+
+        Args:
+            nodes: the smallest number that they are padded to.
 
         Raises:
             ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
@@ -96,13 +99,15 @@ class FitRecord:
             broken = {block.name: _broken(block) & ~near[block.name] for block in quadratic.blocks}
             if length <= _SETTLED and not any(map(np.any, broken.values())):
                 rows = _listed(quadratic.blocks, {name: own > 0 for name, own in multipliers.items()})
-                held = self._held(at, rows, multipliers, share)
+                held = self._held(at, rows, multipliers, share, nodes)
                 by_flank = self._by_flank(rows)
                 by_flank |= {name: by_flank[name] / share for name in by_flank if name == "energies"}
                 return replace(held, by_flank=by_flank)
             near = {name: own | broken[name] for name, own in near.items()}
             rows = _listed(quadratic.blocks, near)
-            coefficients, duration, pushes, length = self._step(self._held(at, rows, multipliers, share))
+            coefficients, duration, pushes, length = self._step(
+                self._held(at, rows, multipliers, share, nodes)
+            )
             if not np.isfinite(length):
                 break
             at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
@@ -148,8 +153,8 @@ class FitRecord:
         """
         problem, asked = self.problem, self.problem.settings.duration
         path = Path(
-            attitudes=padded(problem.attitudes, FEWEST_NODES),
-            joints=padded(problem.joints, FEWEST_NODES),
+            attitudes=padded(problem.attitudes, len(held.places)),
+            joints=padded(problem.joints, len(held.places)),
             edge_costs=np.zeros(0),
         )
         settings = replace(problem.settings, duration=0.0 if isinstance(asked, str) else asked)
@@ -234,8 +239,8 @@ class FitRecord:
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
-    def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float) -> ActiveSet:
-        """All that is held with some rows, their multipliers, and a curve."""
+    def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float, nodes: int) -> ActiveSet:
+        """All that is held with some rows, their multipliers, and a curve; nodes are padded to so many."""
         problem, discrete = self.problem, self.attempt.discrete
         chart, of_curves = discrete.chart, _of_curves(discrete.space)
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
@@ -246,12 +251,12 @@ class FitRecord:
         pushes[on] = np.concatenate([multipliers[name][0][index] for name, index in rows.items()])
         return ActiveSet(
             **(of_curves | {"energies": of_curves["energies"] / share}),
-            places=padded(mesh.places, FEWEST_NODES),
+            places=padded(mesh.places, nodes),
             flank=np.array(self._flank),
             least_length=np.array(problem.least_length),
             by_flank={},
             given=np.concatenate([[0, len(problem.attitudes) - 1], inner]),
-            windings=padded(_windings(chart, problem, mesh.places), FEWEST_NODES),
+            windings=padded(_windings(chart, problem, mesh.places), nodes),
             long_way=np.array(float(np.linalg.norm(chart.turn) > np.pi)),
             share=np.array(discrete.share),
             widened=np.array(self._widened()),

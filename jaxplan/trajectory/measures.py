@@ -4,6 +4,9 @@ Extremes are over continuous time: the highest of many samples is followed by ev
 time, as a share of the duration, is held, so derivatives are those of the quantity at that time (the envelope
 theorem); where two peaks are equally high it is that of one of them. A peak narrower than the samples may be
 missed: that a trajectory is safe is for the certificate to say, not for these numbers.
+
+Of a trajectory in arrays of numpy they are numbers of 64 bits, whatever JAX is set to; of arrays of JAX,
+traced or not, they are of their precision.
 """
 
 from collections.abc import Callable
@@ -16,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.geometry.vectors import arrays
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import time_factor, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
@@ -76,7 +80,10 @@ def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given
             bound.apply_defaults()
             given = dict(bound.arguments)
             chosen = tuple((choice, given.pop(choice)) for choice in choices)
-            return (_followed if is_traced(given) else _value)(name, chosen, given)
+            if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(given)):
+                return (_followed if is_traced(given) else _value)(name, chosen, given)
+            with jax.enable_x64(True):
+                return np.asarray(_value(name, chosen, given))[()]  # type: ignore[return-value]
 
         return at_once
 
@@ -222,7 +229,8 @@ def _squares(trajectory: Trajectory, *names: str) -> Array:
 
 def duration(trajectory: Trajectory) -> Array:
     """From start to goal, s."""
-    return jnp.asarray(trajectory.breaks)[-1]
+    last: Array = arrays(trajectory.breaks)[1][-1]
+    return last
 
 
 @_at_once()

@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxplan.derivatives import expect_known_time, follow_and_hold, hold
+from jaxplan.derivatives import expect_known_time, follow_and_hold, hold_each
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed
 from jaxplan.runtime.arguments import expect, several
+from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.progress import progress_bar
@@ -263,7 +264,10 @@ class _Descent:
         self._moved = np.zeros(len(tuned), dtype=bool)
         first = state.first or self._plans_to_begin_with(state.free)
         self._state = replace(state, first=first, plans=state.plans or first)
-        pairs = ((hold(plan), plan.scenario) for plan in self._state.plans)
+        longest = max(len(plan.path.attitudes) for plan in self._state.plans if plan.path is not None)
+        self._nodes = padded_count(longest, FEWEST_NODES)  # of all plans, so that kernels compile once
+        held = hold_each(self._state.plans, nodes=self._nodes)
+        pairs = zip(held, (plan.scenario for plan in self._state.plans), strict=True)
         self._often = steps * len(given) > _OFTEN
         self._slope = mean_slope(pairs, aim, tuned, often=self._often)
         seen = self._look(self._state)
@@ -369,7 +373,7 @@ class _Descent:
         """Make the plans anew; where one fails or cannot be held, the descent goes on with those it has."""
         state, plans, pairs = self._state, [], []
         for plan, scenario in zip(state.plans, self._at(state.free), strict=True):
-            now, held = follow_and_hold(plan, scenario)
+            now, held = follow_and_hold(plan, scenario, nodes=self._nodes)
             if held is None:
                 return
             plans.append(now)
@@ -413,7 +417,7 @@ class _Descent:
         values = []
         for plan in plans:
             assert plan.trajectory is not None  # it is OK
-            times = padded(plan.trajectory.node_times, FEWEST_NODES)  # as `replan` gives them
+            times = padded(plan.trajectory.node_times, self._nodes)  # as `replan` gives them
             inputs = replace(plan.trajectory, node_times=times), bare(plan.scenario)
             values.append(float(_valued(*jax.tree.map(np.asarray, inputs), self._aim)))
         return float(np.mean(values))

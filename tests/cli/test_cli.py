@@ -200,8 +200,10 @@ def test_a_new_file_is_valid_and_replaces_another_only_if_it_is_told_to(capsys, 
     assert err == f"wrote {file}; plan it with: jaxplan plan '{file}' -o out\n"
     written = file.read_text()
     assert run(capsys, "new", "-") == (0, written, "")
-    code, out, _ = run(capsys, "validate", file, "case-4")
+    observer = Path(__file__).parents[1] / "scenarios" / "earth_observer.toml"
+    code, out, _ = run(capsys, "validate", file, "case-4", observer)
     assert code == 0
+    assert ": ok: 1 terminal, 1 drive, 3 instruments, " in out.splitlines()[2]
     assert out.splitlines()[0] == (
         f"{file}: ok: 3 terminals, 2 instruments, 1 keep-out zone, 1 keep-in zone; "
         "the start keeps all limits and zones"
@@ -265,8 +267,8 @@ def test_validating_tells_faults_apart_from_a_start_or_goal_that_breaks_somethin
     assert [bool(one["start"]) for one in found] == [False, True, False, False, False, False]
     assert [bool(one["goal"]) for one in found] == [False, False, True, False, False, False]
     assert found[5]["holds"] == {
-        "name": "case 4", "terminals": 3, "instruments": 0, "keep_out": 3, "keep_in": 1, "joint_bounds": 0,
-        "masks": 0
+        "name": "case 4", "terminals": 3, "drives": 0, "instruments": 0, "keep_out": 3, "keep_in": 1,
+        "joint_bounds": 0, "masks": 0
     }  # fmt: skip
 
 

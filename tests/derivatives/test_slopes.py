@@ -101,3 +101,16 @@ def test_slopes_are_those_of_plans_made_anew(name):
         )
         assert expected == pytest.approx(found[own], rel=1e-3, abs=1e-5 * value), own
     assert max(map(abs, found.values())) > 0.1 * value  # what is asked about matters
+
+
+@pytest.mark.parametrize("scenario", [jp.paper_case(2), SCENES["joints alone, through nodes"]()])
+def test_what_is_held_with_room_for_more_nodes_repeats_the_last_one(scenario):
+    plan = jp.plan(scenario, progress=False)
+    few, many = jp.hold(plan), jp.hold(plan, nodes=64)
+    assert (len(few.attitudes), len(many.attitudes)) == (32, 64)
+    ways = jax.tree_util.tree_leaves_with_path(jax.tree.map(np.asarray, few))
+    for (way, own), other in zip(ways, jax.tree.leaves(jax.tree.map(np.asarray, many)), strict=True):
+        if own.shape != other.shape:
+            assert (len(own), len(other)) == (32, 64), jax.tree_util.keystr(way)
+            np.testing.assert_array_equal(other[32:], np.broadcast_to(own[-1:], own.shape))
+        np.testing.assert_allclose(other[: len(own)] if own.ndim else other, own, rtol=1e-9, atol=1e-12)

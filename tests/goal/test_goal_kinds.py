@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.goal import tracking_rates
 from jaxplan.goal.caps import GoalProblem, leaves_open
+from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import FixedVector, KeepIn, KeepOut
 from jaxplan.planner import messages
 from jaxplan.planner.steps import find_goals
-from jaxplan.planner.validity import constraint_breaches
 
 START = Rotation.from_rotvec([0.4, -0.2, 0.7]).as_matrix()
 BORESIGHT, AXIS = np.array([0.0, 0.6, 0.8]), np.array([[1.0, 0.0, 0.0]])

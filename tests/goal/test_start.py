@@ -1,5 +1,7 @@
 """States in which devices point along their targets at the start, at the rates at which these move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import make_observer
@@ -67,3 +69,31 @@ def test_zones_hold_at_the_start_or_it_is_refused():
 def test_a_device_that_there_is_not_is_named():
     with pytest.raises(jp.ScenarioError, match="telescop"):
         jp.point(make_observer(), {"telescop": [0.0, 0.0, 1.0]})
+
+
+def test_what_is_in_the_way_of_a_start_is_told_with_devices_and_angles():
+    craft, toward = make_observer(), unit([0.3, -0.2, 0.9])
+    one, other = craft.instruments[:2]
+    between = np.rad2deg(angle(one.boresight, other.boresight))
+    with pytest.raises(NotPointingError, match=f"{one.name} and {other.name} are {between:.6g} deg apart"):
+        jp.point(craft, {one.name: toward, other.name: toward})
+    inside = jp.KeepOut(name="sun", direction=toward, half_angle=0.3, devices=("telescope",))
+    with pytest.raises(NotPointingError, match=r"telescope is 17\.19 deg inside keep-out zone sun"):
+        jp.point(craft, {"telescope": toward}, keep_out=[inside])
+
+
+def test_a_device_has_the_angles_that_are_told_at_the_start_whatever_is_in_the_way():
+    craft = make_observer()
+    masked = replace(craft.terminals[0], mask=(np.deg2rad([[10, 0], [60, 0], [60, 40], [10, 40]]),))
+    craft, toward = replace(craft, terminals=(masked,)), {"telescope": unit([0.3, -0.2, 0.9])}
+    clear, within, beyond = np.deg2rad([[100, 20, 30], [30, 20, 30], [100, 20, 300]])
+    np.testing.assert_allclose(jp.point(craft, toward, joints=clear).joints, clear, rtol=0, atol=1e-12)
+    with pytest.raises(NotPointingError, match="antenna is 20 deg inside mask 1 of antenna"):
+        jp.point(craft, toward, joints=within)
+    with pytest.raises(
+        NotPointingError, match="array angle is 300 deg at the start, beyond its limit of 200 deg"
+    ):
+        jp.point(craft, toward, joints=beyond)
+    state = jp.point(craft, toward, prefer=[jp.Wish(device="antenna", direction=[0.0, 0, 1])], joints=within)
+    assert abs(state.joints[2] - within[2]) <= 1e-12
+    assert not np.allclose(state.joints[:2], within[:2])

@@ -134,10 +134,11 @@ def test_masks_are_repeated_as_far_as_the_yaw_reaches_and_no_farther():
     ("corners", "said"),
     [
         ([[0, 0], [1, 0]], "have 3 corners or more, not 2"),
-        ([[0, 0], [1, 0], [1, 0], [0, 1]], "corner 1 is at the next one"),
+        ([[0, 0], [1, 0], [1, 0], [0, 1]], "corner [1] is at the next one"),
+        ([[0, 0], [1, 0], [0, 1], [0, 0]], "the last is the first again"),
         ([[0, 0], [1, 1], [2, 2]], "have an area"),
         ([[0, 0], [1, 1], [1, 0], [0, 1]], "not cross itself"),
-        ([[0, 0], [2, 0], [0.5, 0.5], [0, 2]], "bends inward at corner 2: cut it there into convex ones"),
+        ([[0, 0], [2, 0], [0.5, 0.5], [0, 2]], "bends inward at corner [2]: cut it there into convex ones"),
         ([[np.cos(a), np.sin(a)] for a in 0.8 * np.pi * np.arange(5)], "not cross itself"),
     ],
 )

@@ -6,35 +6,17 @@ import jax
 import numpy as np
 import pytest
 from dense import breaches
-from reference import assert_each, least_margin, state_margins
+from reference import assert_each, state_margins
 from scipy.spatial.transform import Rotation
+from trust.any_spacecraft import examine, scene
 
 import jaxplan as jp
 from jaxplan.model.constraints import constraint_margins
 from jaxplan.model.constraints import state_margins as margins_of_rows
-from jaxplan.model.scenario import MINIMUM
 from jaxplan.model.zones import KeepOut
 
 FEW = (52, 33, 12, 43)  # of two builds
 MANY = 24
-
-
-def scene(seed):
-    """Every other one is to be flown as fast as may be."""
-    found = jp.random_scenario(seed, "any_spacecraft")
-    return replace(found, trajectory=replace(found.trajectory, duration=MINIMUM)) if seed % 2 else found
-
-
-def assert_right(plan):
-    """A plan that is certified breaks nothing; another names what is in its way."""
-    if plan.ok:
-        assert breaches(plan) == [], plan.scenario.name
-        margin = plan.certificate.min_margin
-        assert margin is None or least_margin(plan.scenario, plan.trajectory) >= margin - 1e-9
-    else:
-        assert plan.status in (jp.Status.NO_PATH, jp.Status.NODE_LIMIT), plan.message
-        names = {zone.any_of or zone.name for zone in plan.scenario.zones}
-        assert any(name in plan.message for name in names), plan.message
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +27,14 @@ def plans():
 def test_what_is_certified_keeps_all_that_is_stated(plans):
     assert all(plan.ok for plan in plans)
     for plan in plans:
-        assert_right(plan)
+        examine(plan)
 
 
 @pytest.mark.slow
 def test_many_are_certified_and_the_others_say_why():
     found = jp.plan_batch(map(scene, range(MANY)), progress=False)
     for plan in found:
-        assert_right(plan)
+        examine(plan)
     assert sum(plan.ok for plan in found) >= MANY - 2
 
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builders import make_scenario, with_search
+from builders import make_scenario, spacecraft_of, with_search
 from dense import instants, shares
 from reference import assert_each, attitudes_of, joints_of, sampled_margin
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Certificate
-from jaxplan.model.scenario import STRETCHED, Targets
+from jaxplan.model.scenario import STRETCHED, GivenState, Scenario, Targets
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
 from jaxplan.planner.attempts import LADDER, Attempts, Clock, SearchQuery
@@ -604,3 +604,31 @@ def test_a_plan_is_certified_anew_and_what_is_none_is_refused():
         jp.certify(plan.scenario)
     with pytest.raises(ValueError, match="has no trajectory"):
         jp.certify(replace(plan, trajectory=None))
+
+
+def test_a_wish_that_no_path_leads_to_is_left_aside():
+    along = {"tele": np.eye(3)[2], "star": np.eye(3)[0]}
+    craft = spacecraft_of([], along)
+    around = np.pi * np.arange(10) / 5
+    ring = [
+        KeepOut(
+            name=f"lamp {k}",
+            direction=np.array([-np.cos(0.6), np.sin(0.6) * np.cos(a), np.sin(0.6) * np.sin(a)]),
+            half_angle=0.23,
+            devices=("star",),
+        )
+        for k, a in enumerate(around)
+    ]
+    wish = jp.Wish(device="star", direction=-np.eye(3)[0])
+    target = np.array([0.0, 0.6, 0.8])
+    goal = Targets.of({"tele": target}, prefer=[wish])
+    start = GivenState(rotation_vector=np.zeros(3), joints=np.zeros(0))
+    scenario = Scenario(name="x", spacecraft=craft, start=start, goal=goal, keep_out=tuple(ring))
+    plan = jp.plan(scenario)
+    assert plan.ok
+    assert plan.message.startswith("this is not the goal nearest to the wishes: that, 180 deg away, ended as")
+    assert "star cannot get from its start direction to its goal direction" in plan.message
+    np.testing.assert_allclose(plan.goal.attitude[:, 2], target, rtol=0, atol=1e-7)
+    assert plan.goal.slew_angle == pytest.approx(np.arccos(0.8), abs=1e-6)
+    alone = jp.plan(replace(scenario, keep_out=()))
+    np.testing.assert_allclose(alone.goal.attitude[:, 0], wish.direction, rtol=0, atol=1e-6)

@@ -2,19 +2,28 @@
 
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from dense import assert_kept, breaches, instants, shares
-from reference import angle, attitudes_of, boresights_of, field_distance, in_body, joints_of, seen, unit
+from reference import (
+    angle,
+    attitudes_of,
+    boresights_of,
+    direction,
+    field_distance,
+    in_body,
+    joints_of,
+    seen,
+    unit,
+)
 from scipy.spatial.transform import Rotation
+from telescopes import hubble, load
 
 import jaxplan as jp
 from jaxplan import sky
 
 pytestmark = pytest.mark.slow
-FOLDER = Path(__file__).parents[1] / "scenarios"
 EPOCH = "2026-06-20T10:30:00"
 OBSERVER = sky.KeplerOrbit(
     semi_major_axis=6928.0,
@@ -27,11 +36,6 @@ OBSERVER = sky.KeplerOrbit(
 LISBON = sky.GroundPoint(latitude=np.deg2rad(38.72), longitude=np.deg2rad(-9.14), altitude=100.0)
 MASPALOMAS = sky.GroundPoint(latitude=np.deg2rad(27.763), longitude=np.deg2rad(-15.634), altitude=205.0)
 deg = np.deg2rad
-
-
-def load(name, **settings):
-    scenario = jp.load_scenario(FOLDER / f"{name}.toml")
-    return replace(scenario, trajectory=replace(scenario.trajectory, **settings))
 
 
 def needs_erfa():
@@ -99,17 +103,6 @@ def test_a_satellite_hands_one_laser_link_over_while_it_holds_three(duration):
     assert angle(beams[0, 3], beams[-1, 3]) > deg(40)
 
 
-def hubble(seed, **settings):
-    """The telescope between random attitudes that are clear of the Sun."""
-    rng, ends = np.random.default_rng(seed), []
-    scenario = load("hubble", **settings)
-    while len(ends) < 2:
-        turn = Rotation.random(rng=rng)
-        if turn.apply([1, 0, 0]) @ scenario.keep_out[0].direction < np.cos(deg(25)):
-            ends.append(replace(scenario.start, rotation_vector=turn.as_rotvec()))
-    return replace(scenario, start=ends[0], goal=ends[1])
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_hubble_slews_within_its_rates_and_torque_clear_of_the_sun(seed):
     scenario = hubble(seed, duration="minimum")
@@ -144,10 +137,7 @@ def test_a_survey_goes_from_field_to_field_with_its_square_away_from_sun_moon_an
     needs_erfa()
     scenario = load(name, duration=duration)
     for ascension, declination in FIELDS:
-        level = np.cos(deg(declination))
-        toward = np.array(
-            [level * np.cos(deg(ascension)), level * np.sin(deg(ascension)), np.sin(deg(declination))]
-        )
+        toward = direction(deg(ascension), deg(declination))
         plan = jp.plan(replace(scenario, goal=jp.Targets.of({"telescope": toward}, clearance=deg(0.1))))
         assert plan.ok, plan.message
         assert breaches(plan) == []
@@ -160,3 +150,20 @@ def test_a_survey_goes_from_field_to_field_with_its_square_away_from_sun_moon_an
         assert angle(beam, toward) <= 2e-8
         turn = Rotation.from_matrix(attitudes[-1]).as_rotvec()
         scenario = replace(scenario, start=replace(scenario.start, rotation_vector=turn))
+
+
+def test_a_field_that_is_reached_only_on_the_edge_of_a_zone_is_reached_just_off_it():
+    needs_erfa()
+    scenario = load("ultrasat", duration="minimum")
+    targets = jp.Targets.of({"telescope": direction(deg(160.0), deg(-20.0))})
+    plan = jp.plan(
+        replace(
+            scenario,
+            start=replace(scenario.start, rotation_vector=np.array([-0.08016306, -0.78453126, -0.30327364])),
+            goal=targets,
+            search=replace(scenario.search, max_goals=1),
+        )
+    )
+    assert breaches(plan) == []
+    assert 0 <= plan.certificate.min_margin < 1e-5  # the Sun on the panels, at the end
+    assert plan.certificate.worst_time == pytest.approx(plan.trajectory.duration, rel=1e-3)

@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import reference
+from builders import make_plan
 from drawn import filled
 from exports import flown_plan, truth
 from matplotlib import pyplot
@@ -272,3 +273,10 @@ def test_a_platform_without_devices_turns_too():
     film = jp.plot.animate(bare, frames=2)
     assert film.to_jshtml().count("data:image/png;base64") == 2
     assert jp.plot.globe(bare).get_title(loc="left").startswith("an odd slew")
+
+
+def test_the_legend_of_many_devices_is_within_the_picture():
+    axes = jp.plot.globe(make_plan(6, 6))
+    axes.figure.draw_without_rendering()
+    assert axes.get_legend()._ncols == 2
+    assert axes.get_legend().get_window_extent().x1 <= axes.figure.bbox.x1

@@ -75,5 +75,6 @@ def test_fields_are_drawn_at_start_and_goal_around_the_boresights(plan):
         away = angle(line, seen[number])
         assert away.max() == pytest.approx(corner)
         assert away.min() == pytest.approx(FIELD[1] / 2)
+        assert np.max(angle(line[1:], line[:-1])) <= np.max(FIELD) / 30  # else edges look bent beside a pole
     labels = [text.get_text() for text in jp.plot.sphere(plan).get_legend().get_texts()]
     assert "field of view" in labels

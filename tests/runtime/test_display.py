@@ -359,6 +359,10 @@ def test_the_results_looked_at_are_of_every_kind(results):
 
 
 def test_lines_say_what_a_thing_is(plan, scenario):
+    observed = replace(scenario, spacecraft=make_observer())
+    assert repr(observed).startswith(
+        "<Scenario case 2: terminals 1: antenna; drives 1: array; instruments 3: "
+    )
     assert repr(scenario.keep_in[0]) == (
         "<KeepIn link: half angle 171.887 deg; direction [0 0.6 0.8]; devices terminal-1>"
     )

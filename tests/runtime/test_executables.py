@@ -121,6 +121,38 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
     assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]
 
 
+KEEP = """
+import json
+import jax
+import jax.numpy as jnp
+from jaxplan.runtime import cache, executables
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
+)
+cache.keep_by_default()
+executables._origin = lambda: SOURCES
+known = executables.load("jaxplan.sine", "float") is not None
+compiled.clear()
+sine = executables.compile_and_keep(jax.jit(jnp.sin).lower(1.0), "jaxplan.sine", "float")
+programs = list((cache.trusted_folder() / "programs").glob("*"))
+print(json.dumps([known, len(compiled), float(sine(1.0)), len(programs)]))
+"""
+
+
+def test_what_other_sources_kept_of_the_same_program_is_kept_for_these_and_goes_with_the_last(tmp_path):
+    found = [fresh_python(f"SOURCES = '{name}'{KEEP}", tmp_path)[0] for name in ("old", "new", "new")]
+    assert [row[:2] for row in found] == [[False, 1], [False, 0], [True, 0]]
+    assert all(row[2:] == [pytest.approx(np.sin(1.0)), 1] for row in found)
+    parts = list(tmp_path.rglob("kernels-*"))
+    assert len(parts) == 2
+    for part in parts:
+        for file in part.iterdir():
+            file.unlink()
+    executables._make_room(parts[0].parent / "kernels-newer")
+    assert not list(parts[0].parent.glob("programs/*"))
+
+
 @pytest.mark.slow
 def test_processes_with_several_devices_take_no_executable_of_one(tmp_path):
     first = fresh_python(PLAN, tmp_path)[0][3:]

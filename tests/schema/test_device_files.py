@@ -138,7 +138,11 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
             [85, 5],
             "pitch_range_deg = [85, 5]: must be two numbers, the first below",
         ),
-        (TERMINAL + "pitch_range_deg", [89.95, 90], "must leave a range, of which 0.1 deg are kept from 90"),
+        (
+            TERMINAL + "pitch_range_deg",
+            [89.95, 90],
+            "pitch_range_deg = [89.95, 90.0]: must leave a range, of which 0.1 deg are kept from 90",
+        ),
         (
             TERMINAL + "yaw_rate_limit_deg_s",
             None,
@@ -192,6 +196,7 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
             {"telescope": [1, 1, 0]},
             "goal.targets.telescope = [1, 1, 0]: must be a unit vector",
         ),
+        ("goal.targets", {}, "goal.targets = (a table): must name a device at least, and what it points at"),
         ("goal.targets", {"telescope": 3}, "goal.targets.telescope = 3: must be"),
         ("goal.hold", ["antenna"], "has a target, so it cannot keep its joints"),
         ("goal.hold", ["arra"], "perhaps array is meant"),

@@ -113,7 +113,7 @@ FAULTS = {
     (
         MASK,
         "[[60, 0], [120, 0], [70, 5], [60, 30]]",
-    ): "must be convex, it bends inward at corner 2: cut it there",
+    ): "must be convex, it bends inward at corner [2]: cut it there",
     (MASK, "[[60, 0], [120, 30], [120, 0], [60, 30]]"): "must not cross itself",
     (MASK, "[[60, 0], [90, 0], [120, 0]]"): "must have an area",
     (MASK, "[[60, 0], [400, 0], [120, 30]]"): "mask_deg[0][1][0] = 400: must lie in [-360, 360]",
@@ -121,6 +121,9 @@ FAULTS = {
         MASK,
         "[[60, 0, 1], [90, 0], [120, 20]]",
     ): "mask_deg[0][0] = [60, 0, 1]: must be an array of 2 numbers, not 3",
+    (f"mask_deg = [{MASK}]", "mask_deg = [[60, 0], [120, 0], [120, 20]]"): (
+        "each of 3 corners [yaw, pitch] or more; of one polygon too, within brackets of its own"
+    ),
     (MASK, "7"): "mask_deg[0] = 7: must be an array of corners [yaw, pitch]",
     (f"mask_deg = [{MASK}]", "mask_deg = 7"): "mask_deg = 7: must be an array of polygons",
     ("clearance_deg = 0.5", "clearance_deg = 46"): "goal.clearance_deg = 46: must lie in [0, 45]",

@@ -587,6 +587,10 @@ CALLS = {
         "acceleration = [1.0, 2.0]: must be real numbers of shape (..., 3)",
     ),
     "hold of a scenario": (lambda: jp.hold(SCENE), "plan must be a Plan, not Scenario; jp.plan makes one"),
+    "hold with no nodes": (
+        lambda plan: jp.hold(plan, nodes=0),
+        "nodes = 0: must be a whole number of at least 1",
+    ),
     "replan of a plan": (
         lambda plan: jp.replan(plan, SCENE),
         "held must be a Held, not Plan; jp.hold makes one",

@@ -170,3 +170,21 @@ def test_where_a_cone_is_in_the_way_the_device_goes_round_by_another_turn():
     # without room for that turn the other attitude is left from which both devices see their targets
     plan = jp.plan(scenario_of(array(-200, 180), [10], [150], beam(5), aimed=True))
     np.testing.assert_allclose(np.rad2deg([plan.goal.slew_angle, *plan.goal.joints]), [180, 30], atol=1e-5)
+
+
+def test_where_a_mask_is_in_the_way_the_platform_turns_until_the_device_can_get_there():
+    mount = Mount(yaw_axis=np.eye(3)[2], boresight=np.eye(3)[0])
+    wall = [[[170, -1], [190, -1], [190, 86], [170, 86]]]
+    dish = replace(antenna(*wall, yaw=(-400, 400), pitch=(0, 85)), mounting=mount)
+    along = Instrument(name="camera", boresight=np.eye(3)[2])
+    craft = Spacecraft(terminals=(dish,), instruments=(along,), **LIMITS)
+    start = GivenState(rotation_vector=np.zeros(3), joints=deg([-390, 60]), **_rest(2))
+    yaw, pitch = deg([-150, 40])  # 20 deg beside the wall, which is passed by a turn of 40 deg about z
+    station = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    goal = jp.Targets.of({"antenna": station, "camera": np.eye(3)[2]}, **_rest(2))
+    plan = jp.plan(Scenario(name="x", spacecraft=craft, start=start, goal=goal))
+    assert plan.ok
+    np.testing.assert_allclose(
+        np.rad2deg([plan.goal.slew_angle, *plan.goal.joints]), [40, -190, 40], atol=1e-5
+    )
+    assert "antenna cannot get from its yaw and pitch at the start" in plan.message

@@ -85,6 +85,10 @@ def test_nothing_is_extrapolated():
     [
         ({"times": [0, 1, 1, 3, 4]}, r"times\[2\] = 1: must be later than the one before, 1"),
         ({"times": [0, 1, 2]}, r"must be \(n,\), \(n, 3\) and \(n, 3\) or None, n at least 4, not \(3,\)"),
+        (
+            {"times": [0, 1], "positions": 7e3 * np.ones((2, 3))},
+            "must be at 4 times or more, or 2 with velocities, not 2",
+        ),
         ({"times": [0, 1, np.nan, 3, 4]}, r"times\[2\] = nan: must be finite"),
         (
             {"positions": np.full((5, 3), 100.0)},

@@ -73,3 +73,12 @@ def test_what_is_not_a_number_is_not_lost():
     stretch, _, peaks = kernel()(broken, CRAFT)
     assert np.isnan(stretch)
     np.testing.assert_array_equal(peaks[:2], np.nan)
+
+
+def test_of_numpy_they_are_of_64_bits_whatever_jax_is_set_to():
+    turn = turn_about_z()
+    with jax.enable_x64(False):
+        found = measures.effort(turn), measures.duration(turn), measures.peak(turn, "angular_velocity")
+    expected = 12 * ANGLE**2 / DURATION**3, DURATION, 1.5 * ANGLE / DURATION
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert all(value.dtype == np.float64 for value in found)

@@ -11,7 +11,19 @@ import jax
 import numpy as np
 
 import jaxplan as jp
-from trust import bad_input, dips, flights, golden, graphs, lanes, long_run, programs, symmetry, verdicts
+from trust import (
+    any_spacecraft,
+    bad_input,
+    dips,
+    flights,
+    golden,
+    graphs,
+    lanes,
+    long_run,
+    programs,
+    symmetry,
+    verdicts,
+)
 from trust.tally import Tally, tally
 
 Run = Callable[[Sequence[int]], Iterable[Tally]]
@@ -152,6 +164,7 @@ PARTS = {
     "golden": Part(count=len(golden.NAMES), run=_golden),
     "batch": Part(count=1000, run=_batch),
     "study": Part(count=500, run=_study),
+    "any_spacecraft": one("random spacecraft: certified, or say why", any_spacecraft.attempt, 1000),
     "mixed": Part(count=10_000, run=lambda seeds: long_run.run(seeds)),
 }
 

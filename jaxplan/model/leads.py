@@ -1,0 +1,93 @@
+"""Nodes of a path that go along with its ends: those on straight motions from the start and to the goal.
+
+A search cuts straight motions into edges of a step. So a node on the straight motion that leaves the start,
+or on the one that reaches the goal, has no place of its own: as the end moves, it stays at its share of that
+motion. Of a path that is straight as a whole that holds of every node. It computes with numpy or JAX.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.geometry.vectors import AnyArray, array_module, length
+from jaxplan.runtime.display import shown
+
+_STRAIGHT = 1e-9  # rad; an edge that is off a line by less is on it
+
+
+@shown("first", "second", "share")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leads:
+    """Where the nodes of a path are on the straight motions next to its ends.
+
+    Attributes:
+        first: (m + 1,) int, the node where the straight motion begins that each node is on; of a node that is
+            on none, itself.
+        second: (m + 1,) int, likewise where it ends.
+        share: (m + 1,) of that motion; zero of a node that is on none.
+        turn: (m + 1, 3) rad, the platform's on all of it, which may be more than half a turn.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    share: np.ndarray
+    turn: np.ndarray
+
+    def nodes(self, attitudes: AnyArray, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Nodes (m + 1, 3, 3) and (m + 1, J) between ends that have moved a little."""
+        start, turn = attitudes[self.first], self._turn(attitudes)
+        moves = joints[self.second] - joints[self.first]
+        turned = start @ so3.exp(self.share[:, None] * turn)
+        return turned, joints[self.first] + self.share[:, None] * moves
+
+    def _turn(self, attitudes: AnyArray) -> AnyArray:
+        """(m + 1, 3) rad, the same way round as before."""
+        xp = array_module(attitudes)
+        turn = so3.log(xp.swapaxes(attitudes[self.first], -1, -2) @ attitudes[self.second])
+        angle = length(turn)
+        other_way = xp.sum(turn * self.turn, axis=-1) < 0
+        return turn * (1 - xp.where(other_way, 2 * np.pi / xp.where(angle > 0, angle, 1), 0))[:, None]
+
+
+def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None) -> Leads:
+    """The leads of a path.
+
+    Args:
+        attitudes: (m + 1, 3, 3) of its nodes.
+        joints: (m + 1, J) rad.
+        nodes: how many of them there are; those after are padding. None for all.
+    """
+    count = len(attitudes)
+    turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])[: (nodes or count) - 1]
+    edges = np.concatenate([turns, np.diff(joints, axis=0)[: len(turns)]], axis=1)
+    first, second = np.arange(count), np.arange(count)
+    share, turn = np.zeros(count), np.zeros((count, 3))
+    last = len(edges)
+    ahead = _straight(edges)
+    behind = last - _straight(edges[::-1])
+    for begin, end in {(0, ahead), (behind, last)}:
+        steps = np.linalg.norm(edges[begin:end], axis=1)
+        if end - begin < 2 or not np.sum(steps):
+            continue
+        inner = slice(begin + 1, end)
+        first[inner], second[inner] = begin, end
+        share[inner] = (np.cumsum(steps) / np.sum(steps))[:-1]
+        turn[inner] = np.sum(turns[begin:end], axis=0)
+    return Leads(first=first, second=second, share=share, turn=turn)
+
+
+def _straight(edges: np.ndarray) -> int:
+    """How many edges (m, 3 + J) there are from the first on along one line, short of a whole turn."""
+    steps = np.linalg.norm(edges, axis=1)
+    moving = np.flatnonzero(steps)
+    if not len(moving):
+        return 0
+    along = edges[moving[0]] / steps[moving[0]]
+    ways = edges @ along
+    off = np.linalg.norm(edges - ways[:, None] * along, axis=1)
+    turned = np.linalg.norm(np.cumsum(edges[:, :3], axis=0), axis=1)
+    straight = (off <= _STRAIGHT) & (ways >= 0) & (turned < 2 * np.pi)
+    return int(np.argmin(np.append(straight, False)))
