@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxplan.goal.problem import GoalProblem
 from jaxplan.model.constraints import SIGHT, constraint_margins
-from jaxplan.model.gimbals import angles_along, in_range
+from jaxplan.model.gimbals import Gimbals, angles_along, in_range
 
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
@@ -36,8 +36,8 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
     free = [number for number in range(gimbals.count) if number not in (*aims.devices, *aims.held)]
     joints = np.array(joints)
     for number in free:
-        own = _joints_of(problem, number)
-        joints[own] = _wanted(problem, number, attitude, joints[own])
+        own = joints_of(problem.spacecraft.gimbals, number)
+        joints[own] = wanted(problem, number, attitude, joints[own])
     for _ in range(2 if len(free) > 1 else 1):
         for number in free:
             if _least(problem, attitude, joints, number) < 0:
@@ -45,23 +45,22 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
     return joints
 
 
-def _joints_of(problem: GoalProblem, number: int) -> np.ndarray:
+def joints_of(gimbals: Gimbals, number: int) -> np.ndarray:
     """Numbers of a gimbal's one or two joints."""
-    gimbals = problem.spacecraft.gimbals
     return np.array([gimbals.yaws[number], *gimbals.pitches[number : number + 1]])
 
 
-def _wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Where a device would be without zones: as it is, or nearest to its wish; its joints."""
-    own = _joints_of(problem, number)
+def wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Joints (..., o) of a device without zones, at attitudes (..., 3, 3): as it is, or nearest to its wish."""
+    own = joints_of(problem.spacecraft.gimbals, number)
     low, high = problem.ranges[own].T
     wish = next((wish for wish in problem.wishes if wish.device == number), None)
     if wish is None:
         return np.clip(rest, low, high)
     frame = problem.spacecraft.gimbals.frames[number : number + 1]
-    azimuth, elevation = angles_along(frame, (wish.direction @ attitude)[None])
+    azimuth, elevation = angles_along(frame, (wish.direction @ attitude)[..., None, :])
     yaw = in_range(azimuth, problem.ranges[own[:1]], rest[:1])
-    return np.clip(np.concatenate([yaw, elevation])[: len(own)], low, high)
+    return np.clip(np.concatenate([yaw, elevation], axis=-1)[..., : len(own)], low, high)
 
 
 def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
@@ -77,7 +76,7 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
 
 def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
     """Joints with those of a device where all is clear that it takes part in; as they are if nowhere is."""
-    own = _joints_of(problem, number)
+    own = joints_of(problem.spacecraft.gimbals, number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None
