@@ -22,13 +22,14 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.least_time import duration_bound
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves, seen_from
 from jaxplan.model.status import Status
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
-from jaxplan.trajectory import Fit, FitQuery, duration_bound
+from jaxplan.trajectory import Fit, FitQuery
 
 _SMALLEST = (
     1e-3  # rad, least half angle of a cone, and of what is outside; smaller ones are widened or dropped
@@ -132,8 +133,11 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     else:
         joints = np.stack([scenario.start.joints, goal.joints])
         turn = np.stack([scenario.start.attitude, goal.attitude])
-        guess = _DETOUR * duration_bound(
-            scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
+        guess = (
+            _DETOUR
+            * duration_bound(
+                scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
+            ).seconds
         )
     guesses = [float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS]
     seen = [time for time in (seen_from(scenario, guess) for guess in guesses) if time <= known]

@@ -3,18 +3,20 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.least_time import DurationBound, duration_bound, excess
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner.files import read_plan, save_plan
 from jaxplan.runtime.display import as_table, shown
 from jaxplan.search import SearchResult
-from jaxplan.trajectory import Trajectory, duration_bound, excess
+from jaxplan.trajectory import Trajectory
 
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
@@ -97,10 +99,28 @@ class Plan:
 
     @property
     def duration_bound(self) -> float | None:
-        """Lower bound of the duration to this goal within rates and accelerations, s; None without a path.
+        """Strict lower bound of the duration to this goal, s; None without a path.
 
-        Of another goal that meets the same targets it does not speak (`goal_chosen`).
+        It is that of the limits which `duration_bound_name` names: rates, accelerations, torque and momentum
+        of the platform, or rates and accelerations of a joint. It knows no zone, and does not speak of
+        another goal that meets the same targets (`goal_chosen`).
         """
+        return None if self._bound is None else self._bound.seconds
+
+    @property
+    def duration_bound_name(self) -> str | None:
+        """Whose limits set `duration_bound`, such as "terminal-1 yaw"; None without a path."""
+        return None if self._bound is None else self._bound.name
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the duration that `duration_bound` explains, at most 1; None without a trajectory."""
+        if self.trajectory is None or self._bound is None:
+            return None
+        return self._bound.seconds / self.trajectory.duration
+
+    @cached_property
+    def _bound(self) -> DurationBound | None:
         if self.path is None or self.goal is None:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
@@ -141,6 +161,8 @@ class Plan:
                 text += f"; {100 * above:.1f} % above the strict bound of {bound:.2f} s"
                 text += " for this goal" if self.goal_chosen else ""
             rows.append(("trajectory", text))
+            if above is not None:
+                rows.append(("bound", f"by {self.duration_bound_name}, without zones"))
         if self.certificate is not None:
             rows += self.certificate.rows()
         return rows
@@ -158,6 +180,8 @@ class Plan:
             "edges": None if self.path is None else self.path.edges,
             "duration_s": None if trajectory is None else trajectory.duration,
             "duration_bound_s": self.duration_bound,
+            "duration_bound_name": self.duration_bound_name,
+            "explained": self.explained,
             "goal_chosen": self.goal_chosen,
             **report_summary(self.certificate),
             "timings_s": dict(self.timings),

@@ -280,8 +280,8 @@ def durations(
 
     Args:
         seconds: of each method, by the names of scenes; a scene without a value has no mark.
-        bounds: s, no motion to the same goal is shorter, by the names of scenes
-            (`jaxplan.trajectory.duration_bound`); another goal that meets the same targets may be met sooner.
+        bounds: s, no motion to the same goal is shorter, by the names of scenes (`Plan.duration_bound`);
+            another goal that meets the same targets may be met sooner.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the methods beside the panel.
 

@@ -16,13 +16,13 @@ from jaxplan.certificate import Certificate, ProvedMargin
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, separation
 from jaxplan.model.directions import as_path
+from jaxplan.model.least_time import excess
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import GivenState, Scenario, Targets, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan
 from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, share, table, tag
-from jaxplan.trajectory import excess
 
 _STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
 _AIM = ("Azimuth|deg", "Elevation|deg")
@@ -249,6 +249,7 @@ def trajectory_table(plan: Plan) -> Markup:
         above = excess(trajectory.duration, bound)
         there = " to this goal" if plan.goal_chosen else ""
         rows.append((f"No motion{there} is quicker than", f"{number(bound, 3)} s"))
+        rows.append(("By the limits of", f"{plan.duration_bound_name}; zones are not counted"))
         if above is not None:
             rows.append(("Above that", f"{share(above)} %"))
     rows.append(("Continuous derivatives", str(trajectory.smoothness)))

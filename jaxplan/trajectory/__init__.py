@@ -9,7 +9,6 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import Fit, FitQuery
 from jaxplan.trajectory.motion import kernel_tasks
-from jaxplan.trajectory.schedule import duration_bound, excess
 
 METHODS: dict[str, Any] = {
     "global": "jaxplan.trajectory.strategy:fit",
@@ -37,9 +36,7 @@ __all__ = [
     "Samples",
     "Trajectory",
     "by_name",
-    "duration_bound",
     "evaluate",
-    "excess",
     "fit_batch",
     "kernel_tasks",
 ]

@@ -13,13 +13,14 @@ import numpy as np
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins, room
 from jaxplan.model.directions import Sights
+from jaxplan.model.least_time import duration_bound
 from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import CHART_REACH, Chart, farthest, fitting
-from jaxplan.trajectory.schedule import TrapezoidalProfile, along, duration_bound
+from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
@@ -174,7 +175,7 @@ class FitProblem:
         ends = [0, -1]
         return duration_bound(
             self.spacecraft, self.attitudes[ends], self.joints[ends], self.rates[:, :3], self.rates[:, 3:]
-        )
+        ).seconds
 
     @cached_property
     def times(self) -> np.ndarray:

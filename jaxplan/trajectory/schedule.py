@@ -1,4 +1,4 @@
-"""Times: of a path's nodes, of the motion along it, and the least that any motion takes.
+"""Times: of a path's nodes, and of the motion along it.
 
 Time of a path is shared out by the cost of the edges, which is the time that each takes at full speed; equal
 costs give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that two
@@ -7,12 +7,6 @@ near nodes with a corner between them do not ask for a jolt. Nodes without motio
 For the spline fit a path is measured by the time that each edge takes at full speed. It is gone along with a
 trapezoid of the rate: the faster, the steeper its flanks. In a shortest motion the slowest joint does nothing
 else, so near its flanks the breaks lie close, and few suffice between them.
-
-The bound of the duration is what the slowest axis needs by itself. A joint within its limits of rate and
-acceleration cannot be quicker than a trapezoid of its rate. Of the platform every body axis has these limits,
-so the length of its angular velocity is at most the diagonal of their box, sqrt(3) times a limit that all
-axes share, and grows no faster than the diagonal of accelerations; along the shortest rotation it is a
-trapezoid again. Zones, torque, and that accelerations must be continuous, only add to it.
 """
 
 from dataclasses import dataclass
@@ -21,7 +15,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
-from jaxplan.model.limits import Kinematics, limits, longest
+from jaxplan.model.limits import Kinematics, limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -257,74 +251,3 @@ def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarra
         (S, A).
     """
     return np.stack([np.interp(gone, shares, column) for column in values.T], axis=1)
-
-
-_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
-
-
-def shortest_time(
-    distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """Least time of a motion on a line with bounded rate and acceleration.
-
-    Args:
-        distance: (...) rad, with its sign.
-        first: (...) rad/s, rate at the start, within the limit.
-        last: (...) rad/s, rate at the end, likewise.
-        rate: (...) rad/s, the limit.
-        acceleration: (...) rad/s^2, likewise.
-
-    Returns:
-        (...) s.
-    """
-    best = np.full(np.broadcast(distance, first, last, rate).shape, np.inf)
-    for sign in (1, -1):  # which way it goes first
-        d, v, w = sign * distance, sign * first, sign * last
-        square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
-        top = np.sqrt(np.maximum(square, 0))
-        triangle = (2 * top - v - w) / acceleration
-        coasting = (2 * rate - v - w) / acceleration + (square - rate**2) / (rate * acceleration)
-        time = np.where(top <= rate, triangle, coasting)
-        possible = (square >= 0) & (top >= np.maximum(v, w) * (1 - 1e-12) - 1e-15)
-        best = np.minimum(best, np.where(possible, np.maximum(time, 0), np.inf))
-    return best
-
-
-def duration_bound(
-    spacecraft: Spacecraft,
-    attitudes: np.ndarray,
-    joints: np.ndarray,
-    angular_velocities: np.ndarray,
-    joint_rates: np.ndarray,
-) -> float:
-    """No motion between two states that keeps the limits of rate and acceleration takes less time.
-
-    Args:
-        spacecraft: its limits.
-        attitudes: (2, 3, 3) first and last, body to inertial.
-        joints: (2, 2n) rad.
-        angular_velocities: (2, 3) rad/s, body axes.
-        joint_rates: (2, 2n) rad/s.
-
-    Returns:
-        s.
-    """
-    of_joints = shortest_time(
-        joints[1] - joints[0],
-        joint_rates[0],
-        joint_rates[1],
-        spacecraft.joint_rate_limits,
-        spacecraft.joint_acceleration_limits,
-    )
-    slew = so3.distance(*attitudes)
-    fastest = np.array([longest(spacecraft, power) for power in (1, 2)])
-    first, last = np.linalg.norm(angular_velocities, axis=1)
-    of_platform = shortest_time(slew, first, last, fastest[0], fastest[1])
-    if slew * 2 * fastest[1] < abs(first**2 - last**2):  # too short to change pace along it
-        of_platform = np.abs(first - last) / fastest[1]
-    return float(max(np.max(of_joints, initial=0.0), of_platform))
-
-
-def excess(duration: float, bound: float) -> float | None:
-    """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
-    return duration / bound - 1 if bound > _TELLING * duration else None

@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 
+from jaxplan.model.least_time import excess
 from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.zones import tabulate
@@ -28,7 +29,7 @@ from jaxplan.trajectory.curve import CHART_REACH
 from jaxplan.trajectory.fit import Fit, FitQuery, at_rest, checked, fit_each, needed_words, too_tight
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
-from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile, excess
+from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 

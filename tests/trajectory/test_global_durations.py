@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, paper_case
 from jaxplan.certificate import EndState
+from jaxplan.model.least_time import duration_bound
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepOut, tabulate
 from jaxplan.planner.proof import prove
-from jaxplan.trajectory import duration_bound
 
 CRAFT = make_spacecraft()
 numbers = pytest.mark.parametrize("number", [1, 2, 3, 4])
@@ -42,7 +42,7 @@ def zones_of(scenario):
 def bound_of(trajectory, craft, rates=None):
     ends = trajectory.sample(trajectory.duration * np.array([0.0, 1.0]))
     rates = np.zeros((2, 3 + ends.joints.shape[1])) if rates is None else rates
-    return duration_bound(craft, ends.attitude, ends.joints, rates[:, :3], rates[:, 3:])
+    return duration_bound(craft, ends.attitude, ends.joints, rates[:, :3], rates[:, 3:]).seconds
 
 
 @numbers

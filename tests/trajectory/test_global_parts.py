@@ -18,7 +18,7 @@ from jaxplan.trajectory.constraints import margin_slopes
 from jaxplan.trajectory.curve import farthest, fitting
 from jaxplan.trajectory.motion import load_slopes
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
-from jaxplan.trajectory.schedule import TrapezoidalProfile, duration_bound, edge_turns, shortest_time
+from jaxplan.trajectory.schedule import TrapezoidalProfile, edge_turns
 from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, weighted
 
 RNG = np.random.default_rng(3)
@@ -259,45 +259,6 @@ def test_a_nan_gives_nan_and_never_an_answer(part):
     answer = solved(*program)
     assert np.any(np.isnan(answer.multipliers))
     assert not answer.residual <= 1e-6
-
-
-def brute_force(distance, first, last, rate, acceleration):
-    """The least time on a fine grid in which the distance lies between the least and the largest possible."""
-    times = np.linspace(0, 12, 2401)[:, None]
-    t = times * np.linspace(0, 1, 401)
-
-    def farthest_way(v, w):
-        speed = np.minimum(np.minimum(v + acceleration * t, w + acceleration * (times - t)), rate)
-        return np.trapezoid(speed, t, axis=1)
-
-    possible = np.abs(first - last) <= acceleration * times[:, 0] + 1e-9
-    possible &= (farthest_way(first, last) >= distance - 1e-3) & (
-        -farthest_way(-first, -last) <= distance + 1e-3
-    )
-    return times[np.argmax(possible), 0]
-
-
-def test_the_shortest_time_is_that_of_brute_force():
-    rng = np.random.default_rng(8)
-    cases = rng.uniform([-3, -1, -1, 1, 0.5], [3, 1, 1, 2, 2], size=(25, 5))
-    cases[:5, 1:3] = 0
-    cases[5:8, 0] = 0
-    cases[8:10, 2] = -cases[8:10, 1]
-    for case in cases:
-        assert shortest_time(*case) == pytest.approx(brute_force(*case), abs=0.03), case
-    assert shortest_time(*np.array([0.0, 0, 0, 1, 1])) == 0
-    assert shortest_time(*np.array([0.0, 0.5, 0.5, 1, 1])) == 0  # it is there already, at the right rate
-
-
-def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
-    craft, still = make_spacecraft(1), np.zeros((2, 3))
-    attitudes, joints = np.repeat(np.eye(3)[None], 2, axis=0), np.zeros((2, 2))
-    assert duration_bound(craft, attitudes, joints, still, joints) == 0
-    moved = np.array([[0, 0], [1.0, 0.1]])
-    rate, acceleration = craft.joint_rate_limits[0], craft.joint_acceleration_limits[0]
-    assert duration_bound(craft, attitudes, moved, still, joints) == pytest.approx(
-        1 / rate + rate / acceleration
-    )
 
 
 @pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])

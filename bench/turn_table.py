@@ -1,0 +1,211 @@
+"""Makes jaxplan/model/turn_table.npz: lengths of turns, the largest that grow no faster than they may.
+
+    python bench/turn_table.py [--out FILE]
+
+For each pair of ratios of the rates the shares at the table's places are raised as far as the inequality of
+`jaxplan.model.turn_table` lets them, at the corners, edges and middles of all cells: a linear goal within
+convex bounds, by L-BFGS with growing penalties. The slope at a place is linear in the shares at the eight
+corners of its cell, so it is one product with a matrix. What is left above 1 then, looked for in finer
+places and between the tabulated ratios too, scales the table down. It takes half an hour on one core.
+"""
+
+import argparse
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
+
+from jaxplan.model.turn_table import FILE, UNIT, Measure
+
+jax.config.update("jax_enable_x64", True)
+
+ANGLES, PLACES = 13, 11  # along |r| from 0 to pi, and along each ratio of q from 0 to 1
+RATIOS = {
+    "box": ([0.25, 0.45, 0.7, 1.0], [0.25, 0.45, 0.7, 1.0]),
+    "ellipsoid": ([0.55, 0.75, 1.0], [0.55, 0.75, 1.0]),
+}
+CORNERS = list(np.ndindex(2, 2, 2))
+PENALTIES = 1e2, 1e3, 1e4  # of the squared excess; ends where it is below half a percent
+ITERATIONS = 300  # for each penalty
+MARGIN = 1e-3  # above the largest excess that was seen, for what lies between the places looked at
+BETWEEN = 4  # parts of a cell of ratios that are looked at
+FINER = 6  # parts of a cell of turns, along each coordinate, that are looked at
+
+
+def rates_of(first: float, second: float) -> np.ndarray:
+    return np.array([1.0, first, first * second])
+
+
+def slopes(rates: np.ndarray, face: int, parts: int, side: int) -> np.ndarray:
+    """(cells, places, 3, 8): rate times the slope along each body axis, by the shares at a cell's corners.
+
+    side: 1 for the turn, -1 for its inverse.
+    """
+    counts = np.array([ANGLES, PLACES, PLACES])
+    cells = np.stack(np.meshgrid(*[np.arange(n - 1) for n in counts], indexing="ij"), -1).reshape(-1, 1, 3)
+    inside = np.stack(np.meshgrid(*[np.linspace(0, 1, parts + 1)] * 3, indexing="ij"), -1).reshape(1, -1, 3)
+    steps = np.array([np.pi, 1, 1]) / (counts - 1)
+    places = (cells + inside) * steps
+    angle, others = places[..., :1], places[..., 1:]
+    axes = (face + np.arange(3)) % 3
+    along = np.zeros(places.shape)
+    along[..., axes] = np.concatenate([np.ones_like(angle), others], -1) * rates[axes]
+    size = np.linalg.norm(along, axis=-1, keepdims=True)
+    along /= size
+    turn, largest = angle * along, angle / size
+    half = np.where(angle > 1e-3, angle, 1) / 2
+    bend = np.where(angle > 1e-3, (1 - half / np.tan(half)) / (2 * half) ** 2, 1 / 12)
+    found = np.empty((*places.shape, len(CORNERS)))
+    for n, corner in enumerate(CORNERS):
+        near = np.where(corner, inside, 1 - inside)
+        rise = np.where(corner, 1, -1) / steps
+        share = np.prod(near, -1)
+        by = [rise[k] * np.prod(np.delete(near, k, -1), -1) for k in range(3)]
+        slope = np.empty(places.shape)
+        slope[..., axes[0]] = share - others[..., 0] * by[1] - others[..., 1] * by[2]
+        slope[..., axes[1]], slope[..., axes[2]] = by[1], by[2]
+        slope = slope / rates + largest * by[0][..., None] * along
+        once = np.cross(turn, slope)  # the slope by r, brought to turns about body axes
+        found[..., n] = rates * (slope - side * once / 2 + bend * np.cross(turn, once))
+    return found
+
+
+def numbers() -> np.ndarray:
+    """(3, K, L, L) a number for each place; places on the edges of faces, which are of two, have the same."""
+    first, second = np.meshgrid(np.arange(PLACES), np.arange(PLACES), indexing="ij")
+    keys = np.zeros((3, ANGLES, PLACES, PLACES, 4), int)
+    keys[..., 3] = np.arange(ANGLES)[:, None, None]
+    for face in range(3):
+        for axis, value in zip((face + np.arange(3)) % 3, (PLACES - 1, first, second), strict=True):
+            keys[face, ..., axis] = value
+    return np.unique(keys.reshape(-1, 4), axis=0, return_inverse=True)[1].reshape(keys.shape[:-1])
+
+
+def corners_of(values: np.ndarray, face: int) -> np.ndarray:
+    """(cells, 8) values (3, K, L, L) at the corners of a face's cells."""
+    ends = [slice(None, -1), slice(1, None)]
+    return np.stack([values[face][tuple(ends[k] for k in corner)].ravel() for corner in CORNERS], 1)
+
+
+def sizes(slope: jax.Array, measure: Measure) -> jax.Array:
+    if measure == "box":
+        return jnp.sum(jnp.sqrt(slope**2 + 1e-4), -1)  # smooth, and a little too large
+    return jnp.sqrt(jnp.sum(slope**2, -1) + 1e-12)
+
+
+@jax.jit
+def penalised(values: jax.Array, weights: jax.Array, of_box: bool, near: tuple, penalty: float) -> jax.Array:
+    matrix, corner = near
+    slope = jnp.einsum("cpmk,ck->cpm", matrix, values[corner])
+    size = jnp.where(of_box, sizes(slope, "box"), sizes(slope, "ellipsoid"))
+    excess = jnp.maximum(size - 1, 0)
+    worst = jnp.mean(jnp.max(excess, 1) ** 2) + jnp.mean(excess**2)
+    return penalty * worst - jnp.sum(weights * values)
+
+
+climb = jax.jit(jax.value_and_grad(penalised))
+
+
+def raised(shares: np.ndarray, rates: np.ndarray, measure: Measure) -> np.ndarray:
+    """Shares (3, K, L, L) raised as far as slopes allow, from others."""
+    number = numbers()
+    values, weights = np.empty(number.max() + 1), np.empty(number.max() + 1)
+    values[number] = shares
+    weights[number] = (np.arange(ANGLES) ** 2 + 0.5)[:, None, None]
+    weights /= weights.sum() * np.mean(values)
+    sides = [(face, side) for face in range(3) for side in (1, -1)]
+    near = (
+        jnp.asarray(np.concatenate([slopes(rates, face, 2, side) for face, side in sides])),
+        jnp.asarray(np.concatenate([corners_of(number, face) for face, _ in sides])),
+    )
+    for penalty in PENALTIES:
+        found = minimize(
+            lambda x, p=penalty: [np.asarray(v, float) for v in climb(x, weights, measure == "box", near, p)],
+            values,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": ITERATIONS, "maxcor": 20},
+        )
+        values = found.x
+    return values[number]
+
+
+def largest_slope(shares: np.ndarray, rates: np.ndarray, measure: Measure, parts: int = FINER) -> float:
+    """How fast a length grows at most, over all cells; it must be 1 or less."""
+    order = 1 if measure == "box" else 2
+    found = 0.0
+    for face in range(3):
+        corners = corners_of(shares, face)
+        for side in (1, -1):
+            slope = np.einsum("cpmk,ck->cpm", slopes(rates, face, parts, side), corners)
+            found = max(found, np.linalg.norm(slope, ord=order, axis=-1).max())
+    return found
+
+
+def first_shares(rates: np.ndarray, measure: Measure) -> np.ndarray:
+    """The eigenaxis of a box; the angle, which is exact for equal rates, of an ellipsoid."""
+    found = np.ones((3, ANGLES, PLACES, PLACES))
+    if measure == "ellipsoid":
+        places = np.linspace(0, 1, PLACES)
+        found *= np.sqrt(1 + places[:, None] ** 2 + places**2)
+    return found
+
+
+def between(ratios: tuple, shares: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rates and shares in between the tabulated ratios, and at these."""
+    fine = [
+        np.unique(np.concatenate([np.linspace(a, b, BETWEEN + 1) for a, b in pairwise(r)])) for r in ratios
+    ]
+    for first in fine[0]:
+        for second in fine[1]:
+            weights = [
+                np.stack([np.interp(x, known, row) for row in np.eye(len(known))])
+                for x, known in zip((first, second), ratios, strict=True)
+            ]
+            yield rates_of(first, second), np.einsum("u,v,uv...", *weights, shares)
+
+
+def table(measure: Measure) -> np.ndarray:
+    """Shares (U, V, 3, K, L, L), proved but for the margin."""
+    first, second = RATIOS[measure]
+    found = np.empty((len(first), len(second), 3, ANGLES, PLACES, PLACES))
+    for u in reversed(range(len(first))):
+        for v in reversed(range(len(second))):
+            rates = rates_of(first[u], second[v])
+            if v + 1 < len(second):
+                start = found[u, v + 1]
+            elif u + 1 < len(first):
+                start = found[u + 1, v]
+            else:
+                start = first_shares(rates, measure)
+            shares = raised(start, rates, measure)
+            most = largest_slope(shares, rates, measure, 3)
+            found[u, v] = shares / most
+            print(
+                f"{measure} {first[u]} {second[v]}: slope {most:.4f}, mean {found[u, v].mean():.4f}",
+                flush=True,
+            )
+    most = max(largest_slope(shares, rates, measure) for rates, shares in between(RATIOS[measure], found))
+    print(f"{measure}: largest slope between ratios {most:.4f}", flush=True)
+    return found / (most * (1 + MARGIN))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=FILE)
+    parser.add_argument("--measure", choices=list(RATIOS), action="append")
+    arguments = parser.parse_args()
+    kept = {}
+    for measure in arguments.measure or RATIOS:
+        kept[measure] = np.floor(table(measure) / UNIT).astype(np.uint16)
+        for n, ratios in enumerate(RATIOS[measure], 1):
+            kept[f"{measure}_ratios_{n}"] = np.array(ratios)
+    np.savez_compressed(arguments.out, **kept)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,372 @@
+"""The least time that any motion takes within the limits of a spacecraft: strict lower bounds.
+
+What a motion covers is measured by *ways*: lengths of its turn, and joint angles. Along each the motion has
+a speed, which limits keep below a top, and which grows no faster than they allow. The way asked for then
+takes at least the time of a trapezoid of the speed, or of a triangle. Every way gives a bound, and the
+largest holds.
+
+    way                        speed                             top, growth
+    a joint's angle            its rate                          the joint's own limits
+    length in a box            max of |w_i| / c_i                max of limit_i / c_i, also of accelerations
+    angle of the turn          |w|                               limits of the lengths, or diagonals of boxes
+    angle of a body axis       |w across it|                     diagonals of the two other axes' limits
+    length by the energy       sqrt(w . J w)                     the largest over boxes; growth by torque too
+
+`w` is the angular velocity in body axes; lengths of turns are those of `jaxplan.model.turn_table`. By J the
+speed grows no faster than the largest ``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work.
+In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest
+of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
+momentum are taken for limits of the rates. Any ``c`` is allowed; the limits of rates, those of accelerations
+and what lies between are tried.
+
+No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
+Radians, seconds, body axes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import jax
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.model.limits import limits, longest
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.turn_table import turn_table
+
+_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
+_SAME = 1e-9  # share by which the rates of two boxes differ at most that are taken for one
+_ROOTS = 12  # steps of Newton's method, which ends at rounding
+
+_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
+"""(4, 3) of a box about zero, without their opposites."""
+
+RATES = "rates and accelerations of the platform"
+TORQUE = "rates, accelerations and torque of the platform"
+ENERGY = "torque and inertia of the platform"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DurationBound:
+    """A strict lower bound of the duration.
+
+    Attributes:
+        seconds: no motion takes less.
+        name: the limits that say so.
+    """
+
+    seconds: float
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Way:
+    """What a motion has to cover.
+
+    Attributes:
+        name: of the limits.
+        distance: (...), with a sign where it has one.
+        top: of the speed, or inf.
+        growth: of the speed a second.
+        more_growth: of the speed a second, by the square of the time since rest; a motion with rates at an
+            end has no such bound.
+        speeds: (2,) at start and end; None from rest to rest.
+        signed: whether the speed may be negative, as that of a joint.
+    """
+
+    name: str
+    distance: AnyArray
+    top: AnyArray
+    growth: AnyArray
+    more_growth: AnyArray = 0.0
+    speeds: AnyArray | None = None
+    signed: bool = False
+
+    @property
+    def rest_time(self) -> AnyArray:
+        """Least time from rest to rest, (...) s."""
+        xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, self.more_growth)
+        far = xp.abs(far)
+        full = top / growth  # s, until the top is reached; from above, where Newton's method stays
+        for _ in range(_ROOTS):
+            full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
+        flanks = full**2 * (growth + more * full**2 / 6)  # covered by both of them
+        moving = far > 0
+        some = xp.where(moving, far, 1)
+        square = 2 * some / (growth + xp.sqrt(growth**2 + 2 * more * some / 3))
+        time = xp.where(far < flanks, 2 * xp.sqrt(square), 2 * full + (far - flanks) / top)
+        return xp.where(moving, time, 0)
+
+    @property
+    def time(self) -> np.ndarray:
+        """Least time between the speeds at both ends, (...) s; in numpy."""
+        if self.speeds is None:
+            return np.asarray(self.rest_time)
+        first, last = self.speeds
+        found = shortest_time(self.distance, first, last, self.top, self.growth)
+        # along a length speeds are no less than zero: too short a one is no way to change pace
+        short = 2 * self.growth * np.abs(self.distance) < np.abs(first**2 - last**2)
+        return np.where(short & (not self.signed), np.abs(first - last) / self.growth, found)
+
+
+def shortest_time(
+    distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Least time of a motion on a line with bounded rate and acceleration.
+
+    Args:
+        distance: (...) rad, with its sign.
+        first: (...) rad/s, rate at the start, within the limit.
+        last: (...) rad/s, rate at the end, likewise.
+        rate: (...) rad/s, the limit.
+        acceleration: (...) rad/s^2, likewise.
+
+    Returns:
+        (...) s.
+    """
+    best = np.full(np.broadcast(distance, first, last, rate).shape, np.inf)
+    for sign in (1, -1):  # which way it goes first
+        d, v, w = sign * distance, sign * first, sign * last
+        square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
+        top = np.sqrt(np.maximum(square, 0))
+        triangle = (2 * top - v - w) / acceleration
+        coasting = (2 * rate - v - w) / acceleration + (square - rate**2) / (rate * acceleration)
+        time = np.where(top <= rate, triangle, coasting)
+        possible = (square >= 0) & (top >= np.maximum(v, w) * (1 - 1e-12) - 1e-15)
+        best = np.minimum(best, np.where(possible, np.maximum(time, 0), np.inf))
+    return best
+
+
+def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
+    """No motion from rest to rest takes less time.
+
+    Args:
+        spacecraft: its limits.
+        turns: (N, 3) rad, rotation vectors of the platform in the axes that the body has at first.
+        moves: (N, 2n + d) rad, of the joints.
+
+    Returns:
+        (N,) s. Derivatives are finite, and right almost everywhere; by the inertia the principal axes are
+        taken to stay.
+    """
+    xp, turned, moved = arrays(turns, moves)
+    times = [way.rest_time for way in _ways_of_platform(spacecraft, turned)]
+    times += [way.rest_time for way in _ways_of_joints(spacecraft, moved)]
+    xp = array_module(*times)
+    return xp.max(xp.stack(times), axis=0)
+
+
+def duration_bound(
+    spacecraft: Spacecraft,
+    attitudes: np.ndarray,
+    joints: np.ndarray,
+    angular_velocities: np.ndarray,
+    joint_rates: np.ndarray,
+) -> DurationBound:
+    """No motion between two states takes less time.
+
+    Args:
+        spacecraft: its limits.
+        attitudes: (2, 3, 3) first and last, body to inertial.
+        joints: (2, 2n + d) rad.
+        angular_velocities: (2, 3) rad/s, body axes.
+        joint_rates: (2, 2n + d) rad/s.
+
+    Returns:
+        The largest bound, with its name; of equal ones the first.
+    """
+    turn = so3.log(attitudes[0].T @ attitudes[1])
+    spins = np.asarray(angular_velocities, float) if np.any(angular_velocities) else None
+    ways = list(_ways_of_platform(spacecraft, turn, spins))
+    ways += _ways_of_joints(spacecraft, np.subtract(joints[1], joints[0]), np.asarray(joint_rates, float))
+    times = [float(way.time) for way in ways]
+    slowest = int(np.argmax(times))
+    return DurationBound(seconds=times[slowest], name=ways[slowest].name)
+
+
+def excess(duration: float, bound: float) -> float | None:
+    """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
+    return duration / bound - 1 if bound > _TELLING * duration else None
+
+
+def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None = None) -> Iterator[_Way]:
+    """The way of each joint, from moves (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends."""
+    tops, growths = craft.joint_rate_limits, craft.joint_acceleration_limits
+    for number, name in enumerate(craft.joint_names):
+        yield _Way(
+            name=name,
+            distance=moves[..., number],
+            top=tops[number],
+            growth=growths[number],
+            speeds=None if rates is None else rates[:, number],
+            signed=True,
+        )
+
+
+def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | None = None) -> Iterator[_Way]:
+    """All ways of turns (..., 3) rad, with angular velocities (2, 3) rad/s at both ends."""
+    given = {limit.quantity.name: limit.bound for limit in limits(craft)}
+    rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
+    norms = longest(craft, 1), longest(craft, 2)
+    if "wheel_momentum" in given:
+        xp, inverse, momentum = arrays(_inverse(craft.inertia), given["wheel_momentum"])
+        rate = xp.minimum(rate, xp.abs(inverse) @ momentum)
+    if "torque" in given:
+        yield _energy_way(craft.inertia, given, norms, turns, spins)
+        at_rest, gyroscopic, later = _accelerations_by_torque(craft.inertia, given["torque"])
+        xp, acceleration, at_rest, later = arrays(acceleration, at_rest, later)
+        if spins is None:
+            slower = at_rest < acceleration
+            yield from _box_ways(
+                TORQUE,
+                turns,
+                None,
+                rate,
+                xp.where(slower, at_rest, acceleration),
+                xp.where(slower, later, 0),
+            )
+        acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
+    yield from _box_ways(RATES, turns, spins, rate, acceleration)
+    yield _Way(
+        name=RATES,
+        distance=length(turns),
+        top=norms[0],
+        growth=norms[1],
+        speeds=None if spins is None else length(spins),
+    )
+    yield from _axis_ways(turns, spins, rate, acceleration, norms)
+
+
+def _box_ways(
+    name: str,
+    turns: AnyArray,
+    spins: np.ndarray | None,
+    rate: AnyArray,
+    acceleration: AnyArray,
+    more: AnyArray = 0.0,
+) -> Iterator[_Way]:
+    """Lengths in boxes: of the rates (3,), of the accelerations (3,), and of what lies between."""
+    xp, rate, acceleration, more = arrays(rate, acceleration, more)
+    boxes = [rate]
+    ratio = acceleration / rate
+    if xp is not np or np.ptp(ratio) > _SAME * np.max(ratio):
+        boxes += [acceleration, xp.sqrt(rate * acceleration)]
+    for box in boxes:
+        yield _Way(
+            name=name,
+            distance=turn_table("box").length(turns, box),
+            top=xp.max(rate / box),
+            growth=xp.max(acceleration / box),
+            more_growth=xp.max(more / box),
+            speeds=None if spins is None else np.max(np.abs(spins) / box, axis=1),
+        )
+
+
+def _axis_ways(
+    turns: AnyArray,
+    spins: np.ndarray | None,
+    rate: AnyArray,
+    acceleration: AnyArray,
+    norms: tuple[AnyArray, AnyArray],
+) -> Iterator[_Way]:
+    """The angle that each body axis turns by, which turns about itself do not change."""
+    turned = _axis_angles(turns)
+    xp, rate, acceleration = arrays(rate, acceleration)
+    for axis in range(3):
+        across = np.arange(3) != axis
+        yield _Way(
+            name=RATES,
+            distance=turned[..., axis],
+            top=xp.minimum(length(rate[across]), norms[0]),
+            growth=xp.minimum(length(acceleration[across]), norms[1]),
+            speeds=None if spins is None else length(spins[:, across]),
+        )
+
+
+def _axis_angles(turns: AnyArray) -> AnyArray:
+    """Angles (..., 3) rad that the three axes turn by."""
+    _, turned = arrays(so3.exp(turns))
+    return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
+
+
+def _energy_way(
+    inertia: AnyArray,
+    given: dict[str, AnyArray],
+    norms: tuple[AnyArray, AnyArray],
+    turns: AnyArray,
+    spins: np.ndarray | None,
+) -> _Way:
+    """The length that the root of ``w . J w`` is the speed of."""
+    xp, inertia = arrays(inertia)
+    moments, axes = _principal(inertia)
+    roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(moments))
+    own = turns @ axes
+    rows = [turn_table("ellipsoid").length(own, 1 / roots)]
+    angles = _axis_angles(own)
+    for axis in range(3):
+        rows.append(xp.min(roots[np.arange(3) != axis]) * angles[..., axis])
+    rows = array_module(*rows).stack(rows)
+    tops = [norms[0] * heaviest, _largest(given["angular_velocity"], inertia)]
+    if "wheel_momentum" in given:
+        tops.append(_largest(given["wheel_momentum"], _inverse(inertia)))
+    growths = [
+        norms[1] * heaviest,
+        _largest(given["angular_acceleration"], inertia),
+        _largest(given["torque"], _inverse(inertia)),
+    ]
+    return _Way(
+        name=ENERGY,
+        distance=array_module(rows).max(rows, axis=0),
+        top=xp.min(xp.stack(tops)),
+        growth=xp.min(xp.stack(growths)),
+        speeds=None if spins is None else _sizes(spins, inertia),
+    )
+
+
+def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Bounds of the angular acceleration's components.
+
+    Returns:
+        (3,) rad/s^2 at rest, by the torque; (3,) of what a turning body adds, by the square of its angular
+        velocity; and (3,) rad/s^4, of what it adds by the square of the time since it was at rest.
+    """
+    xp, inertia, torque = arrays(inertia, torque)
+    inverse = _inverse(inertia)
+    moments, axes = _principal(inertia)
+    half = (axes / xp.sqrt(moments)) @ axes.T
+    crossed = so3.hat(inverse) @ inertia
+    forms = (crossed + xp.swapaxes(crossed, -1, -2)) / 2  # w . forms[i] w is component i of J^-1 (w x J w)
+    sizes = [
+        xp.max(xp.abs(xp.linalg.eigvalsh(by @ forms @ by)), axis=-1) for by in (np.eye(3), half, inverse)
+    ]
+    later = xp.minimum(sizes[1] * _largest(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
+    return xp.abs(inverse) @ torque, sizes[0], later
+
+
+def _inverse(matrix: AnyArray) -> AnyArray:
+    """The inverse of a matrix."""
+    return array_module(matrix).linalg.inv(matrix)
+
+
+def _principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Principal moments (3,), and the axes (3, 3) as columns."""
+    if array_module(inertia) is np:
+        _, axes = np.linalg.eigh(inertia)
+    else:
+        _, axes = jax.numpy.linalg.eigh(jax.lax.stop_gradient(inertia))
+    return array_module(axes).diagonal(axes.T @ inertia @ axes), axes
+
+
+def _largest(bound: AnyArray, matrix: AnyArray) -> AnyArray:
+    """The largest root of ``x . matrix x`` over a box, ``|x_i| <= bound_i``."""
+    xp, bound, matrix = arrays(bound, matrix)
+    return xp.max(_sizes(_CORNERS * bound, matrix))
+
+
+def _sizes(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
+    """Roots of ``x . matrix x`` of vectors (k, 3)."""
+    xp, x, matrix = arrays(vectors, matrix)
+    return xp.sqrt(xp.sum((x @ matrix) * x, axis=-1))

@@ -1,0 +1,121 @@
+"""Lengths of turns, proved from below and tabulated: what a slew must cover whichever way it goes.
+
+A *length* ``F`` of a turn bounds what any motion to it covers: ``F(I) = 0``, and along every motion F grows
+no faster than the angular velocity ``w`` (body axes) has size, by one of two measures. With rates ``c`` (3,)
+they are
+
+    of a box,        max over i of |w_i| / c_i               or
+    of an ellipsoid, square root of the sum of (w_i / c_i)^2.
+
+So with ``|w_i| <= c_i`` no motion makes the turn in less than ``F`` seconds. With ``X_i F`` for the slope of
+F along a turn about body axis i, that F grows no faster says
+
+    sum of c_i |X_i F| <= 1,      square root of the sum of (c_i X_i F)^2 <= 1.
+
+Least among them is the *eigenaxis* for no box: where each axis has a limit of its own, turns about the
+diagonals are quicker, and a half turn about x takes 0.77 of what it takes about x alone.
+
+**Coordinates.** A turn is a rotation vector ``r`` (3,) rad in body axes, ``|r| <= pi``. With ``q_i = |r_i| /
+c_i`` and ``f`` the axis of the largest, the others following in the order x, y, z, x, it stands at ``|r|``,
+``q_(f+1) / q_f``, ``q_(f+2) / q_f``; tabulated is the share ``F / q_f``, linear between places along each of
+the three. F is the same of ``r`` with any of its signs changed: half of these changes turn the body's axes
+by half a turn, the others make the motion backwards. So both ``F`` and F of the inverse turn have to grow no
+faster.
+
+Of the rates only the ratios matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between
+tabulated ratios shares are linear as well. Ratios below the least one tabulated are taken for that: rates
+are raised, and what bounds motions with higher rates bounds these.
+
+bench/turn_table.py made the table; tests/model/test_turn_table.py verifies it anew, cell by cell.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
+
+Measure = Literal["box", "ellipsoid"]
+"""By which measure of the angular velocity a length grows no faster."""
+
+FILE = Path(__file__).with_name("turn_table.npz")
+UNIT = 2.0**-15
+"""One step of the file's whole numbers, as a share."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TurnTable:
+    """A tabulated length of turns.
+
+    Attributes:
+        ratios: (U,) and (V,) rising to 1, of the second to the first and the third to the second rate.
+        shares: (U, V, 3, K, L, L) of the largest ``q``, by ratios, axis f, |r|, and both places.
+    """
+
+    ratios: tuple[np.ndarray, np.ndarray]
+    shares: np.ndarray
+
+    def length(self, turns: ArrayLike, rates: ArrayLike) -> AnyArray:
+        """Length of turns.
+
+        Args:
+            turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
+            rates: (3,) rad/s, positive.
+
+        Returns:
+            (...) s; its derivative exists almost everywhere, and is finite elsewhere.
+        """
+        by, c = arrays(rates)
+        order = by.argsort(-c)
+        shares, used = self._at(c[order])
+        xp, r, used, table = arrays(turns, used, shares)
+        q = xp.abs(r[..., order]) / used
+        face = xp.argmax(q, axis=-1)
+        q = xp.take_along_axis(q, (face[..., None] + np.arange(3)) % 3, axis=-1)
+        largest = xp.where(q[..., 0] > 0, q[..., 0], 1)
+        angle = xp.minimum(length(r) / np.pi, 1)
+        places = [angle, q[..., 1] / largest, q[..., 2] / largest]
+        return q[..., 0] * _linear(table, face, places)
+
+    def _at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Shares (3, K, L, L) for rates (3,) in falling order, and the rates, raised where the table ends."""
+        xp, c = arrays(rates)
+        second = c[0] * xp.maximum(c[1] / c[0], self.ratios[0][0])
+        third = second * xp.maximum(c[2] / second, self.ratios[1][0])
+        used = xp.stack([c[0], second, third])
+        shares: AnyArray = self.shares
+        for known, ratio in zip(self.ratios, (second / c[0], third / second), strict=True):
+            weights = xp.stack([xp.interp(ratio, known, row) for row in np.eye(len(known))])
+            shares = xp.tensordot(weights, xp.asarray(shares), axes=1)
+        return shares, used
+
+
+def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
+    """Values of a table (3, K, L, L), linear along each of three places in [0, 1]."""
+    xp = array_module(table, *places)
+    cells = []
+    for place, count in zip(places, table.shape[1:], strict=True):
+        at = place * (count - 1)
+        low = xp.clip(xp.floor(at).astype(int), 0, count - 2)
+        cells.append((low, at - low))
+    found, flat = 0, table.reshape(-1)
+    for corner in np.ndindex(2, 2, 2):
+        index, weight = face, 1
+        for (low, above), step, count in zip(cells, corner, table.shape[1:], strict=True):
+            index = index * count + low + step
+            weight = weight * (above if step else 1 - above)
+        found = found + flat[index] * weight
+    return found
+
+
+@cache
+def turn_table(measure: Measure) -> TurnTable:
+    """The table that is shipped, of a measure."""
+    with np.load(FILE) as file:
+        shares = file[measure] * UNIT
+        first, second = file[f"{measure}_ratios_1"], file[f"{measure}_ratios_2"]
+    return TurnTable(ratios=(first, second), shares=shares)
