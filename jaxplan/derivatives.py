@@ -21,7 +21,7 @@ from jaxplan.goal.problem import GoalProblem, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, Targets, moves
+from jaxplan.model.scenario import LEAST_TIME, GivenState, Scenario, Targets, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
@@ -111,8 +111,9 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
     if not _goal_is_optimal(plan.scenario, goal):
         raise ValueError(
             f"the goal of the plan of {plan.scenario.name} leans on a bound of joints or a vector that "
-            "these turn, on what a device prefers, or on where a device without a target makes way, and how "
-            "it moves with that is not known"
+            "these turn, on what a device prefers, or on where a device without a target makes way, or it is "
+            "one of least time whose targets move or that follows no smooth optimum, and how it moves with "
+            'that is not known; with goal.criterion = "least_rotation" the last two do not arise'
         )
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
@@ -130,14 +131,14 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit) -> Held:
 
 def _goal_is_optimal(scenario: Scenario, goal: Goal) -> bool:
     """Whether a goal is the optimum that `differentiable_goal` takes it for, or given as it is."""
-    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints.at(goal.time)
+    asked, craft, rows = scenario.asked, scenario.spacecraft, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
         return True
-    targets = asked.at(goal.time)
-    if targets.prefer or _has_moved(scenario, asked, goal):
+    targets, soonest = asked.at(goal.time), asked.criterion == LEAST_TIME
+    if targets.prefer or _has_moved(scenario, asked, goal) or (soonest and asked.moves):
         return False
     start = scenario.start
-    if not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
+    if not soonest and not leaves_open(GoalProblem.of(craft, start.attitude, targets, rows, start.joints)):
         return True
     with jax.enable_x64(True):
         optimum = differentiable_goal(
@@ -202,7 +203,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
 
 def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
     """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
-    asked = scenario.goal
+    asked = scenario.asked
     rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
         return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates

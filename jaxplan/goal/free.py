@@ -37,7 +37,7 @@ def settled(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray) -> n
     joints = np.array(joints)
     for number in free:
         own = joints_of(problem.spacecraft.gimbals, number)
-        joints[own] = wanted(problem, number, attitude, joints[own])
+        joints[own] = _wanted(problem, number, attitude, joints[own])
     for _ in range(2 if len(free) > 1 else 1):
         for number in free:
             if _least(problem, attitude, joints, number) < 0:
@@ -50,17 +50,17 @@ def joints_of(gimbals: Gimbals, number: int) -> np.ndarray:
     return np.array([gimbals.yaws[number], *gimbals.pitches[number : number + 1]])
 
 
-def wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Joints (..., o) of a device without zones, at attitudes (..., 3, 3): as it is, or nearest to its wish."""
+def _wanted(problem: GoalProblem, number: int, attitude: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Where a device would be without zones: as it is, or nearest to its wish; its joints."""
     own = joints_of(problem.spacecraft.gimbals, number)
     low, high = problem.ranges[own].T
     wish = next((wish for wish in problem.wishes if wish.device == number), None)
     if wish is None:
         return np.clip(rest, low, high)
     frame = problem.spacecraft.gimbals.frames[number : number + 1]
-    azimuth, elevation = angles_along(frame, (wish.direction @ attitude)[..., None, :])
+    azimuth, elevation = angles_along(frame, (wish.direction @ attitude)[None])
     yaw = in_range(azimuth, problem.ranges[own[:1]], rest[:1])
-    return np.clip(np.concatenate([yaw, elevation], axis=-1)[..., : len(own)], low, high)
+    return np.clip(np.concatenate([yaw, elevation])[: len(own)], low, high)
 
 
 def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:

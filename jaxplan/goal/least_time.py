@@ -20,10 +20,10 @@ from jaxplan.goal import multistart
 from jaxplan.goal.aims import Aims
 from jaxplan.goal.caps import Caps
 from jaxplan.goal.descent import CLEAR
-from jaxplan.goal.free import joints_of, wanted
+from jaxplan.goal.free import joints_of
 from jaxplan.goal.minimax import TIMES, Platform, Pointers, Soonest, legendre, soonest_ends
 from jaxplan.goal.problem import GoalProblem, Wished
-from jaxplan.model.gimbals import stacked
+from jaxplan.model.gimbals import angles_along, in_range, stacked
 from jaxplan.model.least_time import rest_bounds
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.path import Goal
@@ -34,7 +34,9 @@ from jaxplan.runtime.batching import padded_count
 LANES = 64
 """Starts of a batch; the ends of most come together in a few goals."""
 STATIONARY = 1e-7
-"""Residual of the conditions of optimality of an end that is a goal of its own; the best end is one anyway."""
+"""Residual of the conditions of optimality of an end that is a goal; of others the best may be one, too."""
+SURE = 2e-3
+"""Share of the time by which an end that is not stationary must be better than those that are."""
 _ALIKE = 1e-9  # share by which ratios of rates to accelerations differ at most that are taken for one
 _TERMS = (5, 4, 4)  # of the polynomials in place of tabulated shares: off by 0.4 % in the mean
 INSTANT = 1e-9
@@ -50,11 +52,13 @@ def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np
 def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
     """Joints (N, J) at attitudes (N, 3, 3), of devices with targets and wishes; others stay, zones aside."""
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
-    gimbals = problem.spacecraft.gimbals
-    for number in range(gimbals.count):
-        if number not in (*problem.aims.devices, *problem.aims.held):
-            own = joints_of(gimbals, number)
-            joints[:, own] = wanted(problem, number, attitudes, problem.rest[own])
+    for wish in problem.wishes:
+        if wish.kind != "instrument":
+            own = joints_of(problem.spacecraft.gimbals, wish.device)
+            azimuth, elevation = angles_along(wish.frame[None], (wish.direction @ attitudes)[..., None, :])
+            yaw = in_range(azimuth, wish.box[:1], problem.rest[own[:1]])
+            angles = np.clip(np.concatenate([yaw, elevation], axis=-1), *wish.box.T)
+            joints[:, own] = angles[:, : len(own)]
     return joints
 
 
@@ -83,7 +87,7 @@ def soonest(
     found = np.concatenate([nearest, ends.quaternion[clear]])
     settled = np.concatenate([np.ones(len(nearest), bool), ends.residual[clear] <= STATIONARY])
     after = _times(problem, found)
-    settled |= after <= np.min(after)
+    settled |= after < (1 - SURE) * np.min(after[settled])
     return _distinct(found[settled], after[settled], nearest[0], count)
 
 

@@ -140,6 +140,7 @@ def telescope(**goal: object) -> jp.Scenario:
                 name="array",
                 axis=np.array([0.0, 1.0, 0.0]),
                 boresight=np.array([1.0, 0.0, 0.0]),
+                range=(-3.0, 3.0),
                 rate_limit=0.02,
                 acceleration_limit=0.01,
             ),
