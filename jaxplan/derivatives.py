@@ -26,7 +26,7 @@ from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.scenario import LEAST_TIME, GivenState, Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
@@ -161,9 +161,10 @@ def _moves_of(scenario: Scenario, goal: Goal) -> tuple[MadeWay, ...]:
     Raises:
         ValueError: if it is not the optimum that `differentiable_goal` takes it for, nor given as it is.
     """
-    asked, craft, rows = scenario.goal, scenario.spacecraft, scenario.constraints.at(goal.time)
+    asked, craft, rows = scenario.asked, scenario.spacecraft, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
         return ()
+    soonest = asked.criterion == LEAST_TIME
     targets, start = asked.at(goal.time), scenario.start
     problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
     if targets.clearance:
@@ -180,12 +181,17 @@ def _moves_of(scenario: Scenario, goal: Goal) -> tuple[MadeWay, ...]:
         )
     if np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
         raise ValueError(refused + "it leans on a bound of joints or a vector that these turn")
-    if not targets.prefer and not leaves_open(problem):
+    if soonest and (asked.moves or targets.prefer or moves):
+        why = "targets that move" if asked.moves else "wishes, or with devices that make way"
+        raise ValueError(f'{refused}one of least time with {why}; set goal.criterion = "least_rotation"')
+    if not soonest and not targets.prefer and not leaves_open(problem):
         return moves
     with jax.enable_x64(True):
         optimum = _optimum_near(_place(goal), craft, start.attitude, targets, rows, start_joints=start.joints)
     if not float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
         what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
+        if soonest:
+            what = 'no smooth optimum of the time; set goal.criterion = "least_rotation"'
         raise ValueError(f"{refused}it leans on {what}")
     return moves
 
@@ -237,7 +243,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
 
 def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
     """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
-    asked = scenario.goal
+    asked = scenario.asked
     rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
         return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates

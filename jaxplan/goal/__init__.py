@@ -3,12 +3,14 @@
 Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
 ``|eta| <= pi`` at which every joint is within its limits and every constraint holds that the attitude decides
 on, such as a zone that binds a body-fixed instrument. It has up to a dozen local minima; the first goal is
-the global one, the others are the next best.
+the global one, the others are the next best. With the criterion of the least time it is instead the ``R_d``
+that platform and joints reach soonest.
 
 `aims` tells what must point where and what is known then; `caps` writes what the attitude decides on in one
 form; `descent` finds local minima from many
 starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
-ones; `beside` finds goals beside what the attitude does not decide on. `sensitivity` has the goals'
+ones; `least_time` finds those that are reached soonest, by the descents of `minimax`; `beside` finds goals
+beside what the attitude does not decide on. `sensitivity` has the goals'
 derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
@@ -18,7 +20,7 @@ import jax
 import numpy as np
 
 from jaxplan.geometry import quaternion
-from jaxplan.goal import multistart
+from jaxplan.goal import least_time, multistart
 from jaxplan.goal.beside import goals_beside
 from jaxplan.goal.caps import Caps, assemble, deepest_row
 from jaxplan.goal.free import settled
@@ -28,7 +30,7 @@ from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.goal.wishes import with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets
+from jaxplan.model.scenario import LEAST_TIME, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
@@ -57,8 +59,9 @@ class Decomposition:
     within the joints' ranges at which the worst sight is least deep in a zone.
 
     Attributes:
-        goals: distinct local minima of the slew, nearest first and none beyond its bound. Where something is
-            left open and the nearest breaks it, others that keep it are among them.
+        goals: distinct local minima of the slew, nearest first and none beyond its bound; with the criterion of
+            the least time those of the time, the soonest first, and the nearest of all. Where something is
+            left open and the first breaks it, others that keep it are among them.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.
         aim_excess: rad, how far the worst device is from pointing at its target: a joint beyond its range, or
@@ -94,6 +97,8 @@ def decompose(
 ) -> Decomposition:
     """Solve problem (7), corrected, for its global minimum and the next-best local ones.
 
+    What is least is the slew, unless the targets' criterion is the least time (`jaxplan.goal.least_time`).
+
     What the targets settle is left to the caller, such as zones that only bind terminals: these point at
     their targets whatever the attitude. What depends on joints in another way than by a boresight's direction
     or a bound of one joint is left open (`problem.leaves_open`): goals may break it, see
@@ -119,26 +124,25 @@ def decompose(
     with jax.enable_x64(True):
         problem, met = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
         caps = assemble(problem)
-        solutions = multistart.minima(caps, max(max_goals, CANDIDATES) if caps.open else max_goals, seed)
+        most = max(max_goals, CANDIDATES) if caps.open else max_goals
+        solutions = multistart.minima(caps, most, seed)
         if not len(solutions):
             solutions = met
-        best = solutions if len(solutions) else _least_broken(problem, seed)
-    attitudes, slews = problem.start @ quaternion.to_matrix(best), multistart.slew(best).tolist()
-    joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
-    joints = np.stack([settled(problem, *state)[0] for state in zip(attitudes, joints, strict=True)])
-    goals = [
-        Goal(attitude=attitude, joints=angles, slew_angle=slew)
-        for attitude, angles, slew, _ in zip(attitudes, joints, slews, solutions, strict=False)
-        if slew <= max_slew
-    ]
+        nearest = _goal(problem, solutions[0] if len(solutions) else _least_broken(problem, seed))
+        soonest = targets.criterion == LEAST_TIME and len(solutions) > 0
+        if soonest:
+            solutions = least_time.soonest(problem, caps, solutions, most, max_slew, seed)
+    goals = [goal for goal in (_goal(problem, one) for one in solutions) if goal.slew_angle <= max_slew]
     if caps.open and goals and _breaks(problem, goals[0]):
         goals += goals_beside(problem, np.stack([goal.attitude for goal in goals]), max_slew, seed)
         goals.sort(key=lambda goal: goal.slew_angle)
-    excess = problem.aims.excess(attitudes[0])
-    zone_excess, worst_zone, worst_device = deepest_row(caps, problem, attitudes[0], joints[0])
+    if soonest:
+        goals = least_time.by_time(problem, goals)
+    excess = problem.aims.excess(nearest.attitude)
+    zone_excess, worst_zone, worst_device = deepest_row(caps, problem, nearest.attitude, nearest.joints)
     return Decomposition(
         goals=tuple(goals),
-        slew_angle=slews[0],
+        slew_angle=nearest.slew_angle,
         aim_excess=float(np.max(excess, initial=-np.inf)),
         worst_aim=divmod(int(np.argmax(excess)), 2) if excess.size else None,
         zone_excess=zone_excess,
@@ -148,6 +152,13 @@ def decompose(
     )
 
 
+def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
+    """The goal after a rotation (4,) from the start."""
+    attitude = problem.start @ quaternion.to_matrix(turn)
+    joints, _ = settled(problem, attitude, np.clip(problem.joints(attitude), *problem.ranges.T))
+    return Goal(attitude=attitude, joints=joints, slew_angle=float(multistart.slew(turn[None])[0]))
+
+
 def _breaks(problem: GoalProblem, goal: Goal) -> bool:
     """Whether a goal breaks a constraint."""
     margins = constraint_margins(problem.rows, problem.margins(goal.attitude, goal.joints))
@@ -155,7 +166,7 @@ def _breaks(problem: GoalProblem, goal: Goal) -> bool:
 
 
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
-    """The best attitude (1, 4), as a rotation from the start, of a problem without solution."""
+    """The best attitude (4,), as a rotation from the start, of a problem without solution."""
 
     def easier_zones(by: float) -> Caps:
         return assemble(problem, widening=by)
@@ -166,7 +177,7 @@ def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     has_zones = np.any(easier_zones(0).row >= 0)
     can_point = has_zones and len(multistart.minima(easier_aims(0), 1, seed)) > 0
     best, _ = multistart.least_widening(easier_zones if can_point else easier_aims, np.pi, seed)
-    return best[None]
+    return best
 
 
 def tracking_rates(

@@ -4,12 +4,13 @@
 processor's vector units work across lanes: vectors are (3, K), or (3, m, K) where each lane has several;
 matrices, all symmetric, are (3, 3, K).
 
-**The quadratic program** of a step, in three unknowns, by the dual method of Goldfarb and Idnani (1983):
+**The quadratic program** of a step, in n unknowns, three or four, by the dual method of Goldfarb and Idnani
+(1983):
 
     minimise  gradient . d + d . H d / 2   such that  excess + gradients . d <= 0
 
 From the free minimum the most violated constraint is brought to its bound; one whose multiplier gets to
-zero on the way leaves. At most three are active. K programs of m constraints.
+zero on the way leaves. At most n are active. K programs of m constraints.
 
 **Local minima** of problem (7) by sequential quadratic programming. The variable is ``E = R0^T R_d`` as a
 unit quaternion; the objective is half the square of its angle ``theta``. Along ``E exp(d^)`` that has the
@@ -23,6 +24,8 @@ Beyond half a turn the angle is that of the longer way round: the quaternion kee
 jumps on the way. One start a lane, m caps.
 """
 
+from functools import reduce
+from operator import add
 from typing import NamedTuple
 
 import jax
@@ -36,14 +39,20 @@ from jaxplan.goal.caps import Caps, applies
 from jaxplan.runtime.jit import materialise, quick_jit
 
 
+def inner(first: Array, second: Array) -> Array:
+    """Scalar product of vectors of any number of components."""
+    return reduce(add, [one * other for one, other in zip(first, second, strict=True)])
+
+
 def apply(matrix: Array, vector: Array) -> Array:
     """Product of matrices and vectors."""
-    return dot(matrix, vector[:, None])
+    return inner(matrix, vector[:, None])
 
 
 def identity(matrix: Array) -> Array:
     """Identity of the type of a matrix."""
-    return jnp.eye(3, dtype=matrix.dtype).reshape(3, 3, *[1] * (matrix.ndim - 2))
+    size = matrix.shape[0]
+    return jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
 
 
 def sum_of_squares(vectors: Array) -> Array:
@@ -52,11 +61,24 @@ def sum_of_squares(vectors: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of (3, 3, ..., K), by the adjugate."""
+    """Inverse of (3, 3, ..., K), by the adjugate; of (4, 4, ..., K) by that of a part of it."""
+    if len(matrix) > 3:
+        border, corner = matrix[:3, 3], matrix[3, 3]
+        return bordered_inverse(matrix[:3, :3] - border[:, None] * border[None] / corner, border, corner)
     first, second, third = matrix
     rows = (cross(second, third), cross(third, first), cross(first, second))
     adjugate = jnp.stack([jnp.stack(row) for row in rows])
     return adjugate / dot(first, adjugate[0])
+
+
+def bordered_inverse(rest: Array, border: Array, corner: Array) -> Array:
+    """Inverse (4, 4, ..., K) of ``[[rest + border border^T / corner, border], [border^T, corner]]``."""
+    own = inverse(rest)
+    share = border / corner
+    across = -apply(own, share)
+    last = 1 / corner - inner(share, across)
+    top = jnp.concatenate([own, across[:, None]], axis=1)
+    return jnp.concatenate([top, jnp.concatenate([across, last[None]])[None]])
 
 
 def least_eigenvalue(matrix: Array) -> Array:
@@ -78,27 +100,27 @@ MET = -1e3  # excess that stands for a constraint that need not be looked at
 
 
 class Active(NamedTuple):
-    """Up to three active constraints of each program.
+    """Up to n active constraints of each program.
 
     Attributes:
-        number: (3, K), -1 where free.
-        multiplier: (3, K), 0 where free.
+        number: (n, K), -1 where free.
+        multiplier: (n, K), 0 where free.
     """
 
     number: Array
     multiplier: Array
 
 
-def none_active(lanes: int, dtype: jnp.dtype) -> Active:
+def none_active(lanes: int, dtype: jnp.dtype, unknowns: int = 3) -> Active:
     """No active constraint in any of so many programs."""
-    return Active(number=jnp.full((3, lanes), -1), multiplier=jnp.zeros((3, lanes), dtype))
+    return Active(number=jnp.full((unknowns, lanes), -1), multiplier=jnp.zeros((unknowns, lanes), dtype))
 
 
 class _Progress(NamedTuple):
     changes: Array | int
-    move: Array  # (3, K) d so far
+    move: Array  # (n, K) d so far
     active: Active
-    normals: Array  # (3, 3, K) gradients of the active constraints, the component first
+    normals: Array  # (n, n, K) gradients of the active constraints, the component first
     entering: Array  # (K,) the constraint on its way in, -1 for none
     pressure: Array  # (K,) its multiplier so far
     lost: Array  # (K,) bool: no d meets all constraints
@@ -111,21 +133,21 @@ def solve(
     """Solve the programs.
 
     Args:
-        inverse_hessian: (3, 3, K) of ``H``, positive definite.
-        gradient: (3, K).
-        gradients: (3, m, K) of the constraints.
+        inverse_hessian: (n, n, K) of ``H``, positive definite.
+        gradient: (n, K).
+        gradients: (n, m, K) of the constraints.
         excess: (m, K).
 
     Returns:
-        ``d`` (3, K), the active constraints, and which programs (K,) have no solution: in these no constraint
+        ``d`` (n, K), the active constraints, and which programs (K,) have no solution: in these no constraint
         is active and ``d`` means nothing.
     """
-    lanes, dtype = excess.shape[1], excess.dtype
+    lanes, dtype, unknowns = excess.shape[1], excess.dtype, len(gradient)
     start = _Progress(
         changes=0,
         move=-apply(inverse_hessian, gradient),
-        active=none_active(lanes, dtype),
-        normals=jnp.zeros((3, 3, lanes), dtype),
+        active=none_active(lanes, dtype, unknowns),
+        normals=jnp.zeros((unknowns, unknowns, lanes), dtype),
         entering=jnp.full(lanes, -1),
         pressure=jnp.zeros(lanes, dtype),
         lost=jnp.zeros(lanes, bool),
@@ -145,7 +167,7 @@ def solve(
 def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, excess: Array) -> _Progress:
     """Bring in the most violated constraint, or the one on its way, until it arrives or another leaves."""
     _, move, active, normals, entering, pressure, lost, done = progress
-    violation = excess + dot(gradients, move[:, None])
+    violation = excess + inner(gradients, move[:, None])
     # the active ones are met but for rounding
     held = jnp.any(jnp.arange(len(excess))[:, None, None] == active.number, axis=1)
     violation = jnp.where(held, MET, violation)
@@ -170,7 +192,7 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
 
     arrives = arrive <= leave
     slot = jnp.where(arrives, jnp.argmin(active.number >= 0, axis=0), jnp.argmin(leaves, axis=0))
-    here = (jnp.arange(3)[:, None] == slot) & ~done
+    here = (jnp.arange(len(move))[:, None] == slot) & ~done
     number = jnp.where(here, jnp.where(arrives, entering, -1), active.number)
     multiplier = jnp.where(here, jnp.where(arrives, pressure, 0), active.multiplier - stride * share)
     arrived = arrives & ~done
@@ -192,16 +214,16 @@ def _directions(
     """What bringing in a constraint does, for a unit of its multiplier.
 
     Returns:
-        The way (3, K) that ``d`` moves against, along which the active constraints keep their bounds; how
-        fast their multipliers shrink (3, K); and how fast the violation shrinks (K,), 0 where it cannot.
+        The way (n, K) that ``d`` moves against, along which the active constraints keep their bounds; how
+        fast their multipliers shrink (n, K); and how fast the violation shrinks (K,), 0 where it cannot.
     """
-    solved = jnp.stack([apply(inverse_hessian, normals[:, slot]) for slot in range(3)], axis=1)
-    gram = dot(normals[:, :, None], solved[:, None]) + jnp.where(used, 0, identity(normals))
-    share = jnp.where(used, apply(inverse(gram), dot(solved, normal[:, None])), 0)
+    solved = jnp.stack([apply(inverse_hessian, normals[:, slot]) for slot in range(len(normal))], axis=1)
+    gram = inner(normals[:, :, None], solved[:, None]) + jnp.where(used, 0, identity(normals))
+    share = jnp.where(used, apply(inverse(gram), inner(solved, normal[:, None])), 0)
     free = apply(inverse_hessian, normal)
     way = free - jnp.sum(share * solved, axis=1)
-    gain = dot(normal, way)
-    blocked = jnp.all(used, axis=0) | (gain <= DEPENDENT * dot(normal, free))
+    gain = inner(normal, way)
+    blocked = jnp.all(used, axis=0) | (gain <= DEPENDENT * inner(normal, free))
     return way, share, jnp.where(blocked, 0, gain)
 
 

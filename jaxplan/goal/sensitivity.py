@@ -27,16 +27,17 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import length
-from jaxplan.goal import descent
+from jaxplan.goal import descent, soonest
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
 from jaxplan.goal.free import MadeWay, places, preferred
+from jaxplan.goal.least_time import platform, pointers, time_unit
 from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights, as_path
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets
+from jaxplan.model.scenario import LEAST_TIME, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 
@@ -153,10 +154,18 @@ def _optimum(
     state = state.cleared(targets.clearance)
     caps = _caps(state, start)
     matter = _matter(found, jax.lax.stop_gradient(state))
-    number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)
-    conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
-    guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
-    optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
+    if targets.criterion == LEAST_TIME:
+        if equations.again:
+            raise NotImplementedError("goals of least time are not followed in time: use least_rotation")
+        unit = time_unit(spacecraft)
+        moving = pointers(spacecraft, state.aims, (), start, rest, unit)
+        own = soonest.Conditions(turn, tuple(caps), moving, platform(spacecraft, unit), np.zeros(4, int))
+        optimum = soonest.soonest_turn(own, matter, _of_equations(state.aims))
+    else:
+        number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)
+        conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
+        guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
+        optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
 
     attitude = start @ quaternion.to_matrix(optimum[:, 0])
     slew_angle = angle_terms(optimum)[0][0]
@@ -281,6 +290,12 @@ class _Conditions(NamedTuple):
     used: Array
 
 
+def _of_equations(aims: Aims) -> np.ndarray:
+    """(2, e) numbers of the caps above and below azimuths and elevations that are equations."""
+    above = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
+    return np.stack([above, above + 2 * len(aims.devices)])
+
+
 def _leant_on(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Array, Array]:
     """Numbers (3,) of the caps that the goal found leans on, -1 for none, and their multipliers (3,).
 
@@ -290,8 +305,7 @@ def _leant_on(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Arra
     """
     _, eta, _ = angle_terms(turn)
     _, excess, gradients = cap_terms(turn, *caps)
-    of_equations = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
-    below = of_equations + 2 * len(aims.devices)
+    of_equations, below = _of_equations(aims)
     excess = excess.at[np.concatenate([of_equations, below])].set(0.0)
     excess = jnp.where(matter[:, None], excess, MET)
     identity = jnp.eye(3, dtype=turn.dtype)

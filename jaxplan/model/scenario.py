@@ -31,6 +31,8 @@ from jaxplan.runtime.once import made_once
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
+LEAST_TIME, LEAST_ROTATION = "least_time", "least_rotation"
+CRITERIA = (LEAST_TIME, LEAST_ROTATION)
 _STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
@@ -104,6 +106,7 @@ class Wish:
     "devices",
     "prefer",
     "hold",
+    "criterion",
     "yaw_limit deg",
     "pitch_limit deg",
     "tolerance deg",
@@ -123,6 +126,10 @@ class Targets:
         prefer: what devices without a target shall come near to, the first before the second: of the goals
             that meet all targets the one is taken that comes nearest.
         hold: names of devices that keep their joints; others without a target move where a zone asks for it.
+        criterion: of all attitudes that meet targets and wishes, which is taken: with `LEAST_ROTATION` (equal to
+            "least_rotation") the one nearest to the start, with `LEAST_TIME` (equal to "least_time") the one
+            for which the slowest of platform and joints takes the least time from rest to rest. None for the
+            least time where the duration is `MINIMUM`, else the least rotation.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
         tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.
@@ -145,6 +152,14 @@ class Targets:
     prefer: tuple[Wish, ...] = keyed((), "prefer", "what devices without a target shall come near to")
     hold: tuple[str, ...] = keyed(
         (), "hold", "devices without a target that keep their joints", kind="devices", static=True
+    )
+    criterion: str | None = keyed(
+        None,
+        "criterion",
+        "what is least among goals that meet all targets; "
+        'if absent time where trajectory.duration_s is "minimum", else rotation',
+        options=CRITERIA,
+        static=True,
     )
     yaw_limit: float | None = keyed(
         None, "yaw_limit_deg", "tighter than the joints' own, at the goal", "(0, 180]"
@@ -411,6 +426,15 @@ class Scenario:
     trajectory: TrajectorySettings = field(
         default_factory=TrajectorySettings, metadata=key("trajectory", "settings of step 3", always=True)
     )
+
+    @property
+    def asked(self) -> Targets | GivenState:
+        """The goal; of targets that name no criterion with the one that follows from the duration."""
+        if isinstance(self.goal, GivenState) or self.goal.criterion is not None:
+            return self.goal
+        duration = self.trajectory.duration
+        shortest = isinstance(duration, str) and duration == MINIMUM
+        return replace(self.goal, criterion=LEAST_TIME if shortest else LEAST_ROTATION)
 
     @property
     def zones(self) -> tuple[Zone, ...]:

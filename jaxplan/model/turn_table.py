@@ -71,7 +71,7 @@ class TurnTable:
         """
         by, c = arrays(rates)
         order = by.argsort(-c)
-        shares, used = self._at(c[order])
+        shares, used = self.at(c[order])
         xp, r, used, table = arrays(turns, used, shares)
         q = xp.abs(r[..., order]) / used
         face = xp.argmax(q, axis=-1)
@@ -81,7 +81,7 @@ class TurnTable:
         places = [angle, q[..., 1] / largest, q[..., 2] / largest]
         return q[..., 0] * _linear(table, face, places)
 
-    def _at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
+    def at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Shares (3, K, L, L) for rates (3,) in falling order, and the rates, raised where the table ends."""
         xp, c = arrays(rates)
         second = c[0] * xp.maximum(c[1] / c[0], self.ratios[0][0])

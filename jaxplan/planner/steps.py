@@ -16,7 +16,7 @@ from jaxplan.goal import decompose, tracking_rates
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, moves
+from jaxplan.model.scenario import LEAST_TIME, GivenState, Scenario, SearchSettings, Targets, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
@@ -55,14 +55,14 @@ class SearchQuery:
 
 
 def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:
-    """The goals to try, nearest first, or a plan that says why there is none.
+    """The goals to try, the best one first, or a plan that says why there is none.
 
     Args:
         scenario: the problem.
         time: s, when the manoeuvre ends; it matters only where something moves, and must be given there.
     """
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
-    asked, start = scenario.goal, scenario.start.attitude
+    asked, start = scenario.asked, scenario.start.attitude
     unseen = hidden_targets(scenario, end)
     if unseen:
         message = messages.hidden(scenario, unseen, end)
@@ -187,10 +187,10 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
         goal: of it.
         time: s.
     """
-    asked = scenario.goal
+    asked = scenario.asked
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
-    elif asked.prefer:  # the optimum that `tracking_rates` follows knows of no wishes
+    elif asked.prefer or asked.criterion == LEAST_TIME:  # `tracking_rates` follows the least rotation alone
         rates = least_rates(scenario.spacecraft, asked, goal, asked.rates(time))
     else:
         rates = tracking_rates(goal, **pursuit(scenario, asked, time))

@@ -221,7 +221,15 @@ POINTING = replace(
 GIVEN_GOAL = replace(
     STATE,
     refused=dict.fromkeys(
-        ("yaw_limit_deg", "pitch_limit_deg", "prefer", "hold", "tolerance_deg", "clearance_deg"),
+        (
+            "yaw_limit_deg",
+            "pitch_limit_deg",
+            "prefer",
+            "hold",
+            "criterion",
+            "tolerance_deg",
+            "clearance_deg",
+        ),
         "only a goal with targets has it",
     ),
 )

@@ -1,0 +1,241 @@
+"""Goals of least time: of all attitudes that meet a problem those that platform and joints reach soonest.
+
+What is made least is the strict bound of the time from rest to rest, `jaxplan.model.least_time`: what the
+slowest of platform and joints takes by itself. Least rotation leaves all the way to the joints; where these
+are the slower ones, the platform turns toward them until both take as long. Descents (`minimax`) start from
+the points of the covering at which that time is least, as far as a solution may lie near them, and from the
+goals of least rotation, which are among the answers; so no answer is slower than these.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.geometry import quaternion
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+from jaxplan.goal import multistart
+from jaxplan.goal.aims import Aims
+from jaxplan.goal.caps import Caps
+from jaxplan.goal.descent import CLEAR
+from jaxplan.goal.minimax import TIMES, Platform, Pointers, Soonest, legendre, soonest_ends
+from jaxplan.goal.problem import GoalProblem, Wished
+from jaxplan.model.gimbals import angles_along, in_range, stacked
+from jaxplan.model.least_time import rest_bounds
+from jaxplan.model.limits import limits, longest
+from jaxplan.model.path import Goal
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.turn_table import turn_table
+from jaxplan.runtime.batching import padded_count
+
+LANES = 64
+"""Starts of a batch; the ends of most come together in a few goals."""
+STATIONARY = 1e-7
+"""Residual of the conditions of optimality of an end that is a goal; of others the best may be one, too."""
+SURE = 2e-3
+"""Share of the time by which an end that is not stationary must be better than those that are."""
+_ALIKE = 1e-9  # share by which ratios of rates to accelerations differ at most that are taken for one
+_TERMS = (5, 4, 4)  # of the polynomials in place of tabulated shares: off by 0.4 % in the mean
+INSTANT = 1e-9
+"""s; where the least rotation takes no longer nothing is looked for."""
+
+
+def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """(N,) s, strict bounds of the time from the start to attitudes (N, 3, 3) with joints (N, J), at rest."""
+    turns = np.asarray(so3.log(problem.start.T @ attitudes))
+    return np.asarray(rest_bounds(problem.spacecraft, turns, joints - problem.rest))
+
+
+def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
+    """Joints (N, J) at attitudes (N, 3, 3), of devices with targets and wishes; others stay, zones aside."""
+    joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
+    for wish in problem.wishes:
+        if wish.kind != "instrument":
+            own = problem.spacecraft.gimbals.joints_of(wish.device)
+            azimuth, elevation = angles_along(wish.frame[None], (wish.direction @ attitudes)[..., None, :])
+            yaw = in_range(azimuth, wish.box[:1], problem.rest[own[:1]])
+            angles = np.clip(np.concatenate([yaw, elevation], axis=-1), *wish.box.T)
+            joints[:, own] = angles[:, : len(own)]
+    return joints
+
+
+def soonest(
+    problem: GoalProblem, caps: Caps, nearest: np.ndarray, count: int, max_slew: float, seed: int
+) -> np.ndarray:
+    """Attitudes that are reached soonest.
+
+    Args:
+        problem: what is asked.
+        caps: of it.
+        nearest: (k, 4) unit quaternions from the start, the local minima of the rotation, at least one.
+        count: how many are wanted at most.
+        max_slew: rad, bound of the rotation.
+        seed: of the covering.
+
+    Returns:
+        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, 2 deg or more apart, the quickest
+        first. The nearest of all is among them where more than one is wanted.
+    """
+    if _times(problem, nearest)[0] <= INSTANT:
+        return nearest
+    starts = np.concatenate([nearest, _starts(problem, caps, LANES - len(nearest), seed)])[:LANES]
+    ends = descended(problem, caps, starts)
+    clear = (ends.excess <= CLEAR) & (multistart.slew(ends.quaternion) <= max_slew)
+    found = np.concatenate([nearest, ends.quaternion[clear]])
+    settled = np.concatenate([np.ones(len(nearest), bool), ends.residual[clear] <= STATIONARY])
+    after = _times(problem, found)
+    settled |= after < (1 - SURE) * np.min(after[settled])
+    return _distinct(found[settled], after[settled], nearest[0], count)
+
+
+def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
+    """The goals in the order of their times, with the joints that they have, and then of their slews."""
+    if not goals:
+        return goals
+    after = times(
+        problem, np.stack([one.attitude for one in goals]), np.stack([one.joints for one in goals])
+    ).tolist()
+    ordered = sorted(zip(after, goals, strict=True), key=lambda own: (own[0], own[1].slew_angle))
+    return [goal for _, goal in ordered]
+
+
+def descended(problem: GoalProblem, caps: Caps, starts: np.ndarray) -> Soonest:
+    """Where the descents from starts (at most `LANES`, 4) end."""
+    unit = float(time_unit(problem.spacecraft))
+    starts = np.resize(starts, (LANES, 4))
+    asked = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
+    moving = pointers(problem.spacecraft, problem.aims, problem.wishes, problem.start, problem.rest, unit)
+    first = np.clip(_times(problem, starts) / unit, *TIMES)
+    turning = platform(problem.spacecraft, unit)
+    packed = np.asarray(soonest_ends(np.ascontiguousarray(starts.T), first, *asked, moving, turning))
+    return Soonest(packed[:4].T, *packed[4:])
+
+
+def time_unit(craft: Spacecraft) -> AnyArray:
+    """The unit of time of the descents, s: about what half a turn takes."""
+    rate, acceleration = longest(craft, 1), longest(craft, 2)
+    return np.pi / rate + rate / acceleration
+
+
+def pointers(
+    craft: Spacecraft,
+    aims: Aims,
+    wishes: Sequence[Wished],
+    start: AnyArray,
+    rest: AnyArray,
+    unit: AnyArray,
+) -> Pointers:
+    """The devices whose joints follow directions, padded.
+
+    Args:
+        craft: its devices and limits.
+        aims: what must point where.
+        wishes: what devices without a target are near to.
+        start: (3, 3) attitude at the start.
+        rest: (J,) rad, joints there.
+        unit: s, of times.
+    """
+    gimbals = craft.gimbals
+    aimed = zip(aims.devices, aims.directions, aims.frames, aims.ranges, strict=True)
+    each: list[Any] = [(*one, False) for one in aimed if one[0] < gimbals.count]
+    each += [(w.device, w.direction, w.frame, w.box, True) for w in wishes if w.kind != "instrument"]
+    own = [gimbals.joints_of(number) for number, *_ in each]
+    spare = max(4, padded_count(len(each))) - len(each)
+    _, directions, frames, ranges, cut = zip(*each, *[_NOBODY] * spare, strict=True)
+
+    def by_angle(values: AnyArray, other: float) -> AnyArray:
+        """(p, 2) of joint values (J,)."""
+        found = [[values[which[0]], values[which[1]] if len(which) > 1 else other] for which in own]
+        flat = [value for pair in [*found, *[[other, other]] * spare] for value in pair]
+        return stacked(flat).reshape(-1, 2)
+
+    return Pointers(
+        direction=stacked(directions) @ start,
+        frame=stacked(frames),
+        ranges=stacked(ranges),
+        cut=np.array(cut),
+        rest=by_angle(rest, 0.0),
+        moves=np.array([[True, len(which) > 1] for which in own] + [[False, False]] * spare),
+        rate=by_angle(craft.joint_rate_limits * unit, 1.0),
+        acceleration=by_angle(craft.joint_acceleration_limits * unit**2, 1.0),
+    )
+
+
+_NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.0, 1.0]]), False)
+
+
+def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
+    """What turns of the platform cover, with times in units of so many s.
+
+    Torque and momentum count as limits of acceleration and rate of each axis, as of a body at rest.
+    """
+    given = {limit.quantity.name: limit.bound for limit in limits(craft)}
+    xp, rate, acceleration = arrays(given["angular_velocity"], given["angular_acceleration"])
+    if craft.inertia is not None:
+        xp, light, rate, acceleration = arrays(np.eye(3), rate, acceleration)
+        light = xp.abs(array_module(craft.inertia).linalg.inv(craft.inertia))
+        for name, power in (("wheel_momentum", 1), ("torque", 2)):
+            if name in given and power == 1:
+                rate = xp.minimum(rate, light @ given[name])
+            elif name in given:
+                acceleration = xp.minimum(acceleration, light @ given[name])
+    boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
+    if xp is np and np.ptp(rate / acceleration) <= _ALIKE * np.max(rate / acceleration):
+        boxes = boxes[:1]
+    axes, rates, shares = [], [], []
+    for box in boxes:
+        order = xp.argsort(-box)
+        share, own = turn_table("box").at(box[order])
+        axes.append(xp.eye(3)[order].T)
+        rates.append(own)
+        shares.append(_smooth(share))
+    return Platform(
+        axes=stacked(axes),
+        rates=stacked(rates),
+        shares=stacked(shares),
+        top=stacked([longest(craft, 1), *(xp.max(rate / box) for box in boxes)]) * unit,
+        growth=stacked([longest(craft, 2), *(xp.max(acceleration / box) for box in boxes)]) * unit**2,
+    )
+
+
+def _smooth(shares: AnyArray) -> AnyArray:
+    """Coefficients (3, i, j, k) of the polynomials nearest to tabulated shares (3, A, L, L)."""
+    for count, terms in zip(shares.shape[1:], _TERMS, strict=True):
+        shares = array_module(shares).tensordot(shares, _fit(count, terms), axes=(1, 1))
+    return shares
+
+
+@cache
+def _fit(count: int, terms: int) -> np.ndarray:
+    """(terms, count) coefficients of polynomials by values at even places in [0, 1]."""
+    return np.linalg.pinv(np.stack(legendre(np.linspace(0, 1, count), terms), axis=1))
+
+
+def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
+    """(K,) s of rotations from the start, before devices make way for zones."""
+    attitudes = problem.start @ quaternion.to_matrix(quaternions)
+    return times(problem, attitudes, likely_joints(problem, attitudes))
+
+
+def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarray:
+    """Points (at most count, 4) of the covering that are possible, those of least time first."""
+    points = multistart.covering_points(seed)
+    possible = np.flatnonzero(multistart.depths(caps, seed) <= 0)
+    first = np.argsort(_times(problem, points[possible]), kind="stable")[:count]
+    return points[possible[first]]
+
+
+def _distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
+    """The first (at most count, 4) by time that are not close to one before, and the nearest of all."""
+    slews = multistart.slew(quaternions)
+    left = np.lexsort([slews, times])
+    kept = np.empty((0, 4))
+    while len(left) and len(kept) < count:
+        best = quaternions[left[0]]
+        kept = np.concatenate([kept, [best if best[0] >= 0 else -best]])
+        left = left[np.abs(quaternions[left] @ best) < np.cos(multistart.APART / 2)]
+    if count > 1 and np.all(np.abs(kept @ nearest) < np.cos(multistart.APART / 2)):
+        kept[-1:] = nearest
+    return kept

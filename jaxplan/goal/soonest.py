@@ -1,0 +1,111 @@
+"""How a goal of least time follows its problem: the derivative of the optimum of `jaxplan.goal.minimax`.
+
+With ``E exp(d^)`` and the time ``t`` it is where, with the ways and caps that bind, at most four,
+
+    slopes by d and t of  t^2 / 2 + STILLNESS theta^2 / 2 + sum of m_i c_i = 0       and      c_i = 0
+
+with ``c`` the way less its reach, or the excess over a cap. What binds is held, as in `sensitivity`.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.goal import descent
+from jaxplan.goal.descent import MET, angle_terms, cap_terms, turned
+from jaxplan.goal.minimax import STILLNESS, Platform, Pointers, paces, reach, ways
+from jaxplan.runtime.implicit import Equations, implicit_root
+
+
+class Conditions(NamedTuple):
+    """What the conditions of optimality depend on.
+
+    Attributes:
+        turn: (4, 1) quaternion of the turn from the start to the goal found.
+        caps: axes (m, 3), directions (m, 3) and half-angles (m,) of all that may be leant on.
+        pointers: devices whose joints follow.
+        platform: what turns cover.
+        number: (4,) of the caps, or of the ways beyond them, that bind; -1 for none.
+    """
+
+    turn: Array
+    caps: tuple[Array, Array, Array]
+    pointers: Pointers
+    platform: Platform
+    number: Array
+
+
+def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -> Array:
+    """The turn (4, 1) of least time near the one found, differentiable once.
+
+    Args:
+        conditions: with any numbers, which are found here.
+        matter: (m,) bool, which caps must be kept.
+        equations: (2, k) numbers of the caps on either side of what is met exactly.
+    """
+    still = jax.lax.stop_gradient(conditions)
+    way, _ = ways(still.turn, still.pointers, still.platform)
+    time = jnp.max(_times(way[:, 0], *paces(still.pointers, still.platform)))
+    guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
+    at = jnp.zeros(4, time.dtype).at[3].set(time)
+    excess, slopes = _beyond(still, at), jax.jacfwd(lambda z: _beyond(still, z))(at)
+    met = jnp.concatenate([matter, jnp.ones(len(way), bool)])
+    excess = jnp.where(met, excess.at[equations.ravel()].set(0.0), MET)
+    gradient = jax.grad(lambda z: _least(still, z))(at)
+    _, active, _ = descent.solve(
+        jnp.eye(4)[:, :, None], gradient[:, None], slopes.T[:, :, None], excess[:, None]
+    )
+    number, multiplier = active.number[:, 0], active.multiplier[:, 0]
+    for upper, lower in equations.T.tolist():
+        missing = ~jnp.any((number == upper) | (number == lower))
+        slot = jnp.argmin(number)  # a free one, if any
+        put = missing & (number[slot] < 0)
+        number = jnp.where(put & (np.arange(4) == slot), upper, number)
+    own = conditions._replace(number=number)
+    root = implicit_root(_EQUATIONS, own, jnp.concatenate([guess, multiplier]))
+    return turned(conditions.turn, root[:3, None])
+
+
+def _times(way: Array, top: Array, growth: Array) -> Array:
+    """Least times (w,) from rest to rest."""
+    way = jnp.maximum(way, 0)
+    return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
+
+
+def _beyond(own: Conditions, at: Array) -> Array:
+    """Excess (m,) over the caps, and ways less what is reached (w,), after a turn and at a time (4,)."""
+    turn = turned(own.turn, at[:3, None])
+    _, excess, _ = cap_terms(turn, *own.caps)
+    way, _ = ways(turn, own.pointers, own.platform)
+    reached, *_ = reach(at[3:], *paces(own.pointers, own.platform))
+    return jnp.concatenate([excess, way - reached])[:, 0]
+
+
+def _least(own: Conditions, at: Array) -> Array:
+    """What is made least."""
+    _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
+    return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
+
+
+def _gradient(own: Conditions, z: Array) -> Array:
+    """What is zero at the optimum, of the turn from the goal found, the time, and multipliers: (8,)."""
+    used, number = own.number >= 0, jnp.maximum(own.number, 0)
+
+    def lagrangian(at: Array) -> tuple[Array, Array]:
+        depth = jnp.where(used, _beyond(own, at)[number], 0)
+        return _least(own, at) + jnp.sum(z[4:] * depth), depth
+
+    slope, depth = jax.grad(lagrangian, has_aux=True)(z[:4])
+    return jnp.concatenate([slope, jnp.where(used, depth, z[4:])])
+
+
+def _inverse(own: Conditions, z: Array) -> Array:
+    """Inverse (8, 8) of its derivative; where nothing is decided it gives zero."""
+    derivative: Any = jax.jacfwd(lambda z: _gradient(own, z))(z)
+    return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
+
+
+_EQUATIONS = Equations(residual=_gradient, factor=_inverse, solve=jnp.matmul, steps=1, tolerance=0.0)
