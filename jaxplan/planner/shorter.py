@@ -36,7 +36,8 @@ def is_improvable(plan: Plan, improve_for: float) -> bool:
     if plan.status is not Status.OK or plan.trajectory is None or plan.path is None:
         return False
     asked = settings.duration == MINIMUM and settings.method == "global" and settings.node_tube is None
-    worthwhile = improve_for > 0 or (settings.first_guesses > 0 and bool(scenario.zones))
+    others = settings.first_guesses > 0 and plan.search is not None and plan.search.expansions > 0
+    worthwhile = improve_for > 0 or others
     bound = plan.duration_bound
     far = bound is not None and plan.trajectory.duration > NEAR_THE_BOUND * bound
     return asked and worthwhile and far and not moves(scenario)

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.trajectory.attempts import Attempt
-from jaxplan.trajectory.problem import DiscreteProblem, Mesh
-from jaxplan.trajectory.schedule import axis_bounds
+from jaxplan.trajectory.attempts import Attempt, first_curve
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
+from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
 
@@ -31,26 +31,39 @@ _NEIGHBOURS = 61  # of these places, over which its size is averaged
 _BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
 
 
-def bent(attempt: Attempt, count: int) -> list[InitialGuess]:
-    """Curves around that of an attempt, on few intervals; the same ones in every call.
+def along(problem: FitProblem) -> InitialGuess | None:
+    """The curve along a path on few intervals; None if its nodes leave every chart."""
+    mesh = _mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
+    duration = FIRST_GUESS * problem.quickest.duration
+    begin = first_curve(problem, mesh, duration, "shortest")
+    return None if begin is None else replace(begin, by_time_alone=True)
+
+
+def coarse(attempt: Attempt) -> InitialGuess:
+    """The curve of an attempt on few intervals."""
+    discrete = _on(attempt.discrete, Basis.even(COARSE))
+    return _guess(discrete, _carried(attempt, discrete), attempt.needed, by_time_alone=True)
+
+
+def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
+    """Curves around one on few intervals; the same ones in every call.
 
     Args:
-        attempt: at a motion whose duration is looked for.
+        begin: the curve.
         count: how many.
     """
-    discrete = _on(attempt.discrete, Basis.even(COARSE))
-    base, places = _carried(attempt, discrete), discrete.places
+    discrete, places = begin.discrete, begin.discrete.places
     calm = places**3 * (10 - 15 * places + 6 * places**2)  # at rest at both ends
     waves = np.sin(np.pi * np.arange(1, _WAVES + 1) * calm[:, None])
-    ends = attempt.problem.attitudes[[0, -1]]
+    ends = discrete.problem.attitudes[[0, -1]]
     size = max(_BEND * float(so3.distance(*ends)), _LEAST_BEND)
     free, wave_rows = discrete.space.free, discrete.rows[0] @ discrete.space.free
     by_wave = np.linalg.lstsq(wave_rows, waves, rcond=None)[0]  # (k, waves)
     found = []
     for heights in _spread(count) * size / np.arange(1, _WAVES + 1)[:, None]:
-        coefficients = base.copy()
+        coefficients = begin.coefficients.copy()
         coefficients[:, :3] += free @ by_wave @ heights
-        found.append(_guess(discrete, coefficients, attempt.needed, by_time_alone=True))
+        found.append(replace(begin, coefficients=coefficients))
     return found
 
 
@@ -75,8 +88,12 @@ def _guess(
 
 def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
     """The problem without a tube on other breaks, its duration looked for."""
-    mesh = Mesh(places=discrete.mesh.places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
-    return replace(discrete.on_mesh(mesh), timing="shortest")
+    return replace(discrete.on_mesh(_mesh(discrete.mesh.places, basis)), timing="shortest")
+
+
+def _mesh(places: np.ndarray, basis: Basis) -> Mesh:
+    """Breaks as of a basis, the nodes (at places (m + 1,)) without a tube."""
+    return Mesh(places=places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
 
 
 def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:

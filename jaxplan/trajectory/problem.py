@@ -10,10 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins, room
 from jaxplan.model.directions import Sights
-from jaxplan.model.least_time import duration_bound
+from jaxplan.model.least_time import duration_bound, rest_bounds
 from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
@@ -33,6 +34,7 @@ _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one ma
 _SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
 _TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
 _CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
+_BALANCED = 1.05  # times the platform's bound; joints that take no longer leave it no room
 _SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
 
 Timing = Literal["given", "stretched", "shortest"]
@@ -176,6 +178,13 @@ class FitProblem:
         return duration_bound(
             self.spacecraft, self.attitudes[ends], self.joints[ends], self.rates[:, :3], self.rates[:, 3:]
         ).seconds
+
+    @cached_property
+    def platform_binds(self) -> bool:
+        """Whether the platform by itself takes about as long as the joints do, or longer."""
+        turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
+        alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
+        return bool(_BALANCED * alone >= self.bound)
 
     @cached_property
     def times(self) -> np.ndarray:

@@ -11,7 +11,7 @@ is tried on which ladder, and what is made of the best attempt, depends on the d
 Where a limit, a zone or the tube is broken more intervals are tried, then a wider tube, then none.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -257,32 +257,44 @@ class Strategy:
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
-        Where one from rest to rest is far above the bound, perhaps one without limits, stretched. Where
-        nodes are only a first guess and there is something to gain, one from curves that are bent away.
+        Where the platform is not much quicker than the joints it is looked for from curves that are bent away
+        from the path; else along the path, and from such curves where there is something to gain. Where one
+        from rest to rest is far above the bound, it is perhaps one without limits, stretched.
         """
-        best = self._along(problems, "shortest", radius)
+        leaving = {n: one for n, one in problems.items() if one.platform_binds and radius(one) == np.inf}
+        found = self._bent({n: guesses.along(one) for n, one in leaving.items()}, problems)
+        found = {n: own for n, own in found.items() if own is not None and own.sound}
+        left = {n: one for n, one in problems.items() if n not in found}
+        best = self._along(left, "shortest", radius)
         slow = {
             n: one
-            for n, one in problems.items()
+            for n, one in left.items()
             if (own := best[n]) is not None
             and not one.at_speed
             and not (own.sound and own.needed <= _DETOUR * one.bound)
         }
         best |= _quicker(self._along(slow, "stretched", lambda one: one.width), best)
-        return best | _quicker(self._bent({n: own for n, own in best.items() if own is not None}), best)
-
-    def _bent(self, attempts: dict[int, Attempt]) -> Attempts:
-        """The shortest motions near curves that are bent away from those of attempts, where they may gain."""
-        counts = {
-            n: own.problem.settings.first_guesses
-            for n, own in attempts.items()
-            if own.problem.radius == np.inf
+        begins = {
+            n: guesses.coarse(own)
+            for n, own in best.items()
+            if own is not None
+            and radius(own.problem) == np.inf
+            and n not in leaving
             and not (own.sound and own.needed <= NEAR_THE_BOUND * own.problem.bound)
         }
-        begins = {n: guesses.bent(attempts[n], count) for n, count in counts.items()}
-        owner = [n for n, own in begins.items() for _ in own]
+        return best | _quicker(self._bent(begins, problems), best) | found
+
+    def _bent(self, begins: Mapping[int, InitialGuess | None], problems: Problems) -> Attempts:
+        """The shortest motions near curves on few intervals, and near ones that are bent away from these."""
+        counts = {n: problems[n].settings.first_guesses for n in begins}
+        every = {
+            n: [own, *guesses.bent(own, counts[n])]
+            for n, own in begins.items()
+            if own is not None and counts[n]
+        }
+        owner = [n for n, own in every.items() for _ in own]
         with self.seconds.shared(owner):
-            made = make_attempts([begin for own in begins.values() for begin in own])
+            made = make_attempts([begin for own in every.values() for begin in own])
         best: dict[int, Attempt] = {}
         for n, own in zip(owner, made, strict=True):
             if own is not None and (n not in best or own.pace > best[n].pace):
