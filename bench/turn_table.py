@@ -6,11 +6,11 @@ For each pair of ratios of the rates the shares at the table's places are raised
 `jaxplan.model.turn_table` lets them, at the corners, edges and middles of all cells: a linear goal within
 convex bounds, by L-BFGS with growing penalties. The slope at a place is linear in the shares at the eight
 corners of its cell, so it is one product with a matrix. What is left above 1 then, looked for in finer
-places and between the tabulated ratios too, scales the table down. It takes half an hour on one core.
+places and between the tabulated ratios too, goes into the table as what lengths are divided by. It takes a
+quarter of an hour on one core.
 """
 
 import argparse
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,15 +25,17 @@ jax.config.update("jax_enable_x64", True)
 
 ANGLES, PLACES = 13, 11  # along |r| from 0 to pi, and along each ratio of q from 0 to 1
 RATIOS = {
-    "box": ([0.25, 0.45, 0.7, 1.0], [0.25, 0.45, 0.7, 1.0]),
-    "ellipsoid": ([0.55, 0.75, 1.0], [0.55, 0.75, 1.0]),
+    "box": ([0.35, 0.6, 1.0], [0.35, 0.6, 1.0]),
+    "ellipsoid": ([0.4, 0.65, 1.0], [0.4, 0.65, 1.0]),
 }
 CORNERS = list(np.ndindex(2, 2, 2))
 PENALTIES = 1e2, 1e3, 1e4  # of the squared excess; ends where it is below half a percent
 ITERATIONS = 300  # for each penalty
-MARGIN = 1e-3  # above the largest excess that was seen, for what lies between the places looked at
+ALONG_AXES = 30.0  # times as much counts a share of a turn about a body axis, of which there are few places
+MARGIN = 1e-3  # of what a length grows by, for what lies between the places looked at
+MORE = 1.15  # times the excess between tabulated ratios, for what lies between the ratios looked at
 BETWEEN = 4  # parts of a cell of ratios that are looked at
-FINER = 6  # parts of a cell of turns, along each coordinate, that are looked at
+FINER = 4  # parts of a cell of turns, along each coordinate, that are looked at
 
 
 def rates_of(first: float, second: float) -> np.ndarray:
@@ -116,6 +118,7 @@ def raised(shares: np.ndarray, rates: np.ndarray, measure: Measure) -> np.ndarra
     values, weights = np.empty(number.max() + 1), np.empty(number.max() + 1)
     values[number] = shares
     weights[number] = (np.arange(ANGLES) ** 2 + 0.5)[:, None, None]
+    weights[number[..., 0, 0]] *= ALONG_AXES
     weights /= weights.sum() * np.mean(values)
     sides = [(face, side) for face in range(3) for side in (1, -1)]
     near = (
@@ -155,22 +158,30 @@ def first_shares(rates: np.ndarray, measure: Measure) -> np.ndarray:
     return found
 
 
-def between(ratios: tuple, shares: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rates and shares in between the tabulated ratios, and at these."""
-    fine = [
-        np.unique(np.concatenate([np.linspace(a, b, BETWEEN + 1) for a, b in pairwise(r)])) for r in ratios
+def between(known: list[float]) -> np.ndarray:
+    """Ratios looked at: those tabulated, and in between."""
+    parts = [np.linspace(a, b, BETWEEN + 1)[:-1] for a, b in pairwise(known)]
+    return np.concatenate([*parts, known[-1:]])
+
+
+def slopes_between(shares: np.ndarray, measure: Measure) -> np.ndarray:
+    """(P, Q): by what lengths grow at most at ratios in between, which they are divided by."""
+    ratios = RATIOS[measure]
+    fine = [between(known) for known in ratios]
+    by = [
+        np.stack([np.interp(f, known, row) for row in np.eye(len(known))], 1)
+        for f, known in zip(fine, ratios, strict=True)
     ]
-    for first in fine[0]:
-        for second in fine[1]:
-            weights = [
-                np.stack([np.interp(x, known, row) for row in np.eye(len(known))])
-                for x, known in zip((first, second), ratios, strict=True)
-            ]
-            yield rates_of(first, second), np.einsum("u,v,uv...", *weights, shares)
+    found = np.empty((len(fine[0]), len(fine[1])))
+    for place in np.ndindex(found.shape):
+        mixed = np.einsum("u,v,uv...", by[0][place[0]], by[1][place[1]], shares)
+        found[place] = largest_slope(mixed, rates_of(fine[0][place[0]], fine[1][place[1]]), measure)
+    print(f"{measure}: largest slopes\n{np.round(found, 4)}", flush=True)
+    return (1 + MORE * np.maximum(found - 1, 0)) * (1 + MARGIN)
 
 
 def table(measure: Measure) -> np.ndarray:
-    """Shares (U, V, 3, K, L, L), proved but for the margin."""
+    """Shares (U, V, 3, K, L, L)."""
     first, second = RATIOS[measure]
     found = np.empty((len(first), len(second), 3, ANGLES, PLACES, PLACES))
     for u in reversed(range(len(first))):
@@ -183,15 +194,10 @@ def table(measure: Measure) -> np.ndarray:
             else:
                 start = first_shares(rates, measure)
             shares = raised(start, rates, measure)
-            most = largest_slope(shares, rates, measure, 3)
+            most = largest_slope(shares, rates, measure)
             found[u, v] = shares / most
-            print(
-                f"{measure} {first[u]} {second[v]}: slope {most:.4f}, mean {found[u, v].mean():.4f}",
-                flush=True,
-            )
-    most = max(largest_slope(shares, rates, measure) for rates, shares in between(RATIOS[measure], found))
-    print(f"{measure}: largest slope between ratios {most:.4f}", flush=True)
-    return found / (most * (1 + MARGIN))
+            print(f"{measure} {first[u]} {second[v]}: slope {most:.4f}, mean {found[u, v].mean():.4f}")
+    return found
 
 
 def main() -> None:
@@ -202,8 +208,10 @@ def main() -> None:
     kept = {}
     for measure in arguments.measure or RATIOS:
         kept[measure] = np.floor(table(measure) / UNIT).astype(np.uint16)
+        kept[f"{measure}_slopes"] = slopes_between(kept[measure] * UNIT, measure)
         for n, ratios in enumerate(RATIOS[measure], 1):
             kept[f"{measure}_ratios_{n}"] = np.array(ratios)
+            kept[f"{measure}_finer_{n}"] = between(ratios)
     np.savez_compressed(arguments.out, **kept)
 
 

@@ -152,11 +152,10 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
         (N,) s. Derivatives are finite, and right almost everywhere; by the inertia the principal axes are
         taken to stay.
     """
-    xp, turned, moved = arrays(turns, moves)
+    _, turned, moved = arrays(turns, moves)
     times = [way.rest_time for way in _ways_of_platform(spacecraft, turned)]
     times += [way.rest_time for way in _ways_of_joints(spacecraft, moved)]
-    xp = array_module(*times)
-    return xp.max(xp.stack(times), axis=0)
+    return _most(times)
 
 
 def duration_bound(
@@ -308,7 +307,6 @@ def _energy_way(
     angles = _axis_angles(own)
     for axis in range(3):
         rows.append(xp.min(roots[np.arange(3) != axis]) * angles[..., axis])
-    rows = array_module(*rows).stack(rows)
     tops = [norms[0] * heaviest, _largest(given["angular_velocity"], inertia)]
     if "wheel_momentum" in given:
         tops.append(_largest(given["wheel_momentum"], _inverse(inertia)))
@@ -319,7 +317,7 @@ def _energy_way(
     ]
     return _Way(
         name=ENERGY,
-        distance=array_module(rows).max(rows, axis=0),
+        distance=_most(rows),
         top=xp.min(xp.stack(tops)),
         growth=xp.min(xp.stack(growths)),
         speeds=None if spins is None else _sizes(spins, inertia),
@@ -344,6 +342,13 @@ def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyAr
     ]
     later = xp.minimum(sizes[1] * _largest(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
     return xp.abs(inverse) @ torque, sizes[0], later
+
+
+def _most(values: list[AnyArray]) -> AnyArray:
+    """The largest value, taken by its place: compiled, a maximum may find no value equal, and no slope."""
+    xp = array_module(*values)
+    rows = xp.stack(values)
+    return xp.take_along_axis(rows, xp.argmax(rows, axis=0)[None], axis=0)[0]
 
 
 def _inverse(matrix: AnyArray) -> AnyArray:

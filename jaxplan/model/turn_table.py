@@ -23,8 +23,9 @@ by half a turn, the others make the motion backwards. So both ``F`` and F of the
 faster.
 
 Of the rates only the ratios matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between
-tabulated ratios shares are linear as well. Ratios below the least one tabulated are taken for that: rates
-are raised, and what bounds motions with higher rates bounds these.
+tabulated ratios shares are linear as well; there lengths may grow a little faster, by what they are divided
+by. Ratios below the least one tabulated are taken for that: rates are raised, and what bounds motions with
+higher rates bounds these.
 
 bench/turn_table.py made the table; tests/model/test_turn_table.py verifies it anew, cell by cell.
 """
@@ -53,10 +54,14 @@ class TurnTable:
 
     Attributes:
         ratios: (U,) and (V,) rising to 1, of the second to the first and the third to the second rate.
+        finer: (P,) and (Q,) likewise, closer together.
+        slopes: (P, Q) by what the lengths of the shares grow at most, about 1; they are divided by it.
         shares: (U, V, 3, K, L, L) of the largest ``q``, by ratios, axis f, |r|, and both places.
     """
 
     ratios: tuple[np.ndarray, np.ndarray]
+    finer: tuple[np.ndarray, np.ndarray]
+    slopes: np.ndarray
     shares: np.ndarray
 
     def length(self, turns: ArrayLike, rates: ArrayLike) -> AnyArray:
@@ -87,11 +92,19 @@ class TurnTable:
         second = c[0] * xp.maximum(c[1] / c[0], self.ratios[0][0])
         third = second * xp.maximum(c[2] / second, self.ratios[1][0])
         used = xp.stack([c[0], second, third])
-        shares: AnyArray = self.shares
-        for known, ratio in zip(self.ratios, (second / c[0], third / second), strict=True):
-            weights = xp.stack([xp.interp(ratio, known, row) for row in np.eye(len(known))])
-            shares = xp.tensordot(weights, xp.asarray(shares), axes=1)
-        return shares, used
+        ratios = second / c[0], third / second
+        return _mixed(self.shares, self.ratios, ratios) / _mixed(self.slopes, self.finer, ratios), used
+
+
+def _mixed(
+    values: AnyArray, known: tuple[np.ndarray, np.ndarray], ratios: tuple[AnyArray, AnyArray]
+) -> AnyArray:
+    """Values (U, V, ...) at known ratios, linear between them along both."""
+    xp = array_module(*ratios)
+    for own, ratio in zip(known, ratios, strict=True):
+        weights = xp.stack([xp.interp(ratio, own, row) for row in np.eye(len(own))])
+        values = xp.tensordot(weights, xp.asarray(values), axes=1)
+    return values
 
 
 def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
@@ -116,6 +129,9 @@ def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray
 def turn_table(measure: Measure) -> TurnTable:
     """The table that is shipped, of a measure."""
     with np.load(FILE) as file:
-        shares = file[measure] * UNIT
-        first, second = file[f"{measure}_ratios_1"], file[f"{measure}_ratios_2"]
-    return TurnTable(ratios=(first, second), shares=shares)
+        ratios, finer = (
+            (file[f"{measure}_{name}_1"], file[f"{measure}_{name}_2"]) for name in ("ratios", "finer")
+        )
+        return TurnTable(
+            ratios=ratios, finer=finer, slopes=file[f"{measure}_slopes"], shares=file[measure] * UNIT
+        )

@@ -1,8 +1,17 @@
+"""Lower bounds of the duration: strict, near published optima, alike in numpy and JAX."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
 import numpy as np
 import pytest
 from builders import make_spacecraft
+from reference import assert_each
+from scipy.spatial.transform import Rotation
 
-from jaxplan.model.least_time import duration_bound, shortest_time
+from jaxplan.model.least_time import duration_bound, rest_bounds, shortest_time
+from jaxplan.model.spacecraft import Spacecraft
 
 
 def brute_force(distance, first, last, rate, acceleration):
@@ -42,3 +51,108 @@ def test_no_motion_needs_no_time_and_the_slowest_axis_sets_the_bound():
     bound = duration_bound(craft, attitudes, moved, still, joints)
     assert bound.seconds == pytest.approx(1 / rate + rate / acceleration)
     assert bound.name == craft.joint_names[0]
+
+
+def free_flyer(**limits):
+    return Spacecraft(**{"rate_limit": 1e3, "acceleration_limit": 1e3, **limits})
+
+
+def seconds(craft, turns):
+    return rest_bounds(craft, turns, np.zeros((len(turns), 0)))
+
+
+def motions(count, *, at_rest, seed=9):
+    """Smooth motions of 2 s: rates (S, 3), accelerations, the turn made, and the step of time."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 2, 2001)
+    window, rising = (np.sin(np.pi * t / 2), np.pi / 2 * np.cos(np.pi * t / 2))
+    if not at_rest:
+        window, rising = np.ones(len(t)), np.zeros(len(t))
+    for _ in range(count):
+        size, phase = rng.normal(size=(2, 3)), rng.uniform(0, 2 * np.pi, (2, 3))
+        wave = sum(
+            s * np.sin(k * t[:, None] + p) for k, (s, p) in enumerate(zip(size, phase, strict=True), 1)
+        )
+        slope = sum(
+            k * s * np.cos(k * t[:, None] + p) for k, (s, p) in enumerate(zip(size, phase, strict=True), 1)
+        )
+        spin = window[:, None] * wave
+        middle = (spin[1:] + spin[:-1]) / 2
+        turn = np.eye(3)
+        for step in Rotation.from_rotvec(middle * (t[1] - t[0])).as_matrix():
+            turn = turn @ step
+        yield spin, rising[:, None] * wave + window[:, None] * slope, turn
+
+
+def limits_of(spin, acceleration, inertia):
+    """The tightest limits of each kind that a motion keeps."""
+    momentum = spin @ inertia
+    torque = acceleration @ inertia + np.cross(spin, momentum)
+    rates = {
+        "rate_limit": np.abs(spin).max(axis=0),
+        "rate_norm_limit": np.linalg.norm(spin, axis=1).max(),
+        "acceleration_limit": np.abs(acceleration).max(axis=0),
+        "acceleration_norm_limit": np.linalg.norm(acceleration, axis=1).max(),
+    }
+    yield rates
+    yield {"inertia": inertia, "torque_limit": np.abs(torque).max(axis=0)}
+    yield {"inertia": inertia, "torque_limit": np.abs(torque).max()}
+    yield {"inertia": inertia, "wheel_momentum_limit": np.abs(momentum).max(axis=0)}
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_no_motion_is_quicker_than_the_bound_within_its_own_limits(at_rest):
+    rng, shares = np.random.default_rng(10), []
+    for spin, acceleration, turn in motions(40, at_rest=at_rest):
+        axes = Rotation.random(rng=rng).as_matrix()
+        inertia = axes @ np.diag(rng.uniform(1, 1.9, 3)) @ axes.T
+        for limits in limits_of(spin, acceleration, inertia):
+            attitudes, none = np.stack([np.eye(3), turn]), np.zeros((2, 0))
+            bound = duration_bound(free_flyer(**limits), attitudes, none, spin[[0, -1]], none)
+            assert bound.seconds <= 2 * (1 + 1e-6), limits
+            shares.append(bound.seconds / 2)
+    assert max(shares) > 0.5
+
+
+@pytest.mark.parametrize("limits", [{"inertia": np.eye(3), "torque_limit": 1.0}, {"acceleration_limit": 1.0}])
+def test_published_shortest_slews_lie_above_the_bound_and_near_it(limits):
+    # Bilimoria and Wie 1993: a sphere, each torque at most 1, about z; the second by the same switching
+    optima = np.array([3.2431, 2.4211])
+    bounds = seconds(free_flyer(**limits), np.array([[0, 0, np.pi], [0, 0, np.pi / 2]]))
+    assert_each(bounds, "<=", optima)
+    assert_each(bounds, ">=", 0.92 * optima)
+
+
+def test_bounds_at_rest_are_the_same_one_by_one_and_in_jax():
+    rng = np.random.default_rng(11)
+    craft = replace(
+        make_spacecraft(1),
+        inertia=np.diag([1.0, 2.0, 2.5]) + 0.1,
+        torque_limit=np.array([0.01, 0.02, 0.01]),
+        wheel_momentum_limit=0.1,
+    )
+    turns, moves = Rotation.random(20, rng=rng).as_rotvec(), rng.uniform(-0.5, 0.5, (20, 2))
+    known, none = rest_bounds(craft, turns, moves), np.zeros((2, 3))
+    for turn, move, bound in zip(turns, moves, known, strict=True):
+        attitudes = np.stack([np.eye(3), Rotation.from_rotvec(turn).as_matrix()])
+        joints = np.stack([np.zeros(2), move])
+        one = duration_bound(craft, attitudes, joints, none, np.zeros((2, 2)))
+        assert one.seconds == pytest.approx(bound, rel=1e-6)
+    with jax.enable_x64(True):
+        np.testing.assert_allclose(jax.jit(partial(rest_bounds, craft))(turns, moves), known, rtol=1e-9)
+        slopes = jax.jit(jax.grad(lambda r: rest_bounds(craft, r, moves).sum()))(turns)
+        at_zero = jax.grad(lambda r: rest_bounds(craft, r, 0 * moves[:1])[0])(np.zeros((1, 3)))
+    assert_each(np.isfinite(at_zero), "==", True)
+    for axis, step in enumerate(1e-6 * np.eye(3)):
+        rise = rest_bounds(craft, turns + step, moves) - rest_bounds(craft, turns - step, moves)
+        np.testing.assert_allclose(slopes[:, axis], rise / 2e-6, rtol=1e-4, atol=1e-4)
+
+
+def test_the_bound_says_which_limits_set_it():
+    attitudes = np.stack([np.eye(3), Rotation.from_rotvec([1.0, 0, 0]).as_matrix()])
+    still, none = np.zeros((2, 3)), np.zeros((2, 0))
+    for limits, word in (
+        ({"rate_limit": 0.1}, "rates"),
+        ({"torque_limit": 0.1, "inertia": np.eye(3)}, "torque"),
+    ):
+        assert word in duration_bound(free_flyer(**limits), attitudes, none, still, none).name
