@@ -1,7 +1,7 @@
 """Goals of least time beside those of least rotation: how much sooner they are, and what step 1 takes for it.
 
-Random problems of step 1, as of bench/decomposition.py, of each kind: the strict bound of the time to the goal
-of least rotation and to that of least time, and the warm time of step 1 for either.
+Random problems of step 1, as of bench/decomposition.py, of each kind: the strict bound of the time to the
+goal of least rotation and to that of least time, and the warm time of step 1 for either.
 
     python bench/least_time_goals.py [-n 200] [--seed 0]
 """

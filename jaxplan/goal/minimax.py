@@ -12,8 +12,8 @@ quadratic programming in four unknowns, as in `jaxplan.goal.descent`, with which
 programs; ``E = R0^T R`` is a unit quaternion that is turned by ``exp(d^)``.
 
 An angle with target ``b`` in body axes, seen in a device's axes, has the gradient ``g x b`` along ``d``,
-with ``g`` its gradient by ``b``. Second derivatives are those of JAX. Time is in units of about that of half a
-turn. Shapes: p pointers (devices whose joints follow a direction), w ways, m caps, K lanes.
+with ``g`` its gradient by ``b``. Second derivatives are those of JAX. Time is in units of about that of half
+a turn. Shapes: p pointers (devices whose joints follow a direction), w ways, m caps, K lanes.
 """
 
 from collections.abc import Callable
