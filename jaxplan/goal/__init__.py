@@ -59,8 +59,8 @@ class Decomposition:
     within the joints' ranges at which the worst sight is least deep in a zone.
 
     Attributes:
-        goals: distinct local minima of the slew, nearest first and none beyond its bound; with the criterion of
-            the least time those of the time, the soonest first, and the nearest of all. Where something is
+        goals: distinct local minima of the slew, nearest first and none beyond its bound; with the criterion
+            of the least time those of the time, the soonest first, and the nearest of all. Where something is
             left open and the first breaks it, others that keep it are among them.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.

@@ -1,7 +1,7 @@
 """Descent to goals of least time among caps: the slowest of platform and joints as quick as can be.
 
-From rest to rest a joint goes at most ``reach(t)`` within the time ``t``, a trapezoid of its rate, and so does
-the platform along its turn. With the way ``w`` that each has to go from the start, the least time is
+From rest to rest a joint goes at most ``reach(t)`` within the time ``t``, a trapezoid of its rate, and so
+does the platform along its turn. With the way ``w`` that each has to go from the start, the least time is
 
     minimise  t^2 / 2 + STILLNESS theta^2 / 2   over E and t
     such that  w(E) <= reach(t)  for platform and joints to either side, and  excess(E) <= 0  for all caps
@@ -11,9 +11,9 @@ that are as quick the small second term prefers the one nearest to the start. It
 quadratic programming in four unknowns, as in `jaxplan.goal.descent`, with which it shares caps, lanes and
 programs; ``E = R0^T R`` is a unit quaternion that is turned by ``exp(d^)``.
 
-An angle with target ``b`` in body axes, seen in a device's axes, has the gradient ``g x b`` along ``d``, with
-``g`` its gradient by ``b``. Second derivatives are those of JAX. Time is in units of about that of half a turn.
-Shapes: p pointers (devices whose joints follow a direction), w ways, m caps, K lanes.
+An angle with target ``b`` in body axes, seen in a device's axes, has the gradient ``g x b`` along ``d``,
+with ``g`` its gradient by ``b``. Second derivatives are those of JAX. Time is in units of about that of half
+a turn. Shapes: p pointers (devices whose joints follow a direction), w ways, m caps, K lanes.
 """
 
 from collections.abc import Callable
@@ -86,9 +86,9 @@ class Pointers(NamedTuple):
 class Platform(NamedTuple):
     """What a turn of the platform covers: its angle, and lengths by tables.
 
-    A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a polynomial
-    near the tabulated one, which is smooth. The three that it may be are ways of their own, each with its share
-    as of the edge where it is not the largest: so a program sees both sides of an edge.
+    A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a
+    polynomial near the tabulated one, which is smooth. The three that it may be are ways of their own, each
+    with its share as of the edge where it is not the largest: so a program sees both sides of an edge.
 
     Attributes:
         axes: (b, 3, 3) body from the axes of each table, in the order of its rates.
@@ -180,7 +180,7 @@ def legendre(place: AnyArray, count: int) -> list[AnyArray]:
 
 
 def ways(quaternion: Array, pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
-    """Ways (1 + 3 b + 4 p, K) of platform, and joints to either side, with gradients (3, 1 + 3 b + 4 p, K)."""
+    """Ways (w, K) of platform, and joints to either side, with gradients (3, w, K), w = 1 + 3 b + 4 p."""
 
     def turn(move: Array) -> Array:
         return turn_ways(angle_terms(turned(quaternion, move))[1], platform)

@@ -159,7 +159,9 @@ def _optimum(
             raise NotImplementedError("goals of least time are not followed in time: use least_rotation")
         unit = time_unit(spacecraft)
         moving = pointers(spacecraft, state.aims, (), start, rest, unit)
-        own = soonest.Conditions(turn, tuple(caps), moving, platform(spacecraft, unit), np.zeros(4, int))
+        of_caps = caps.axis, caps.direction, caps.half_angle
+        none = jnp.zeros(4, int)
+        own = soonest.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
         optimum = soonest.soonest_turn(own, matter, _of_equations(state.aims))
     else:
         number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)

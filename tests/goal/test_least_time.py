@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from pointing import KINDS, Printed, Problem, random_problem
@@ -7,8 +8,10 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.goal import Decomposition
+from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.least_time import rest_bounds
 from jaxplan.model.path import Goal
 from jaxplan.planner.steps import find_goals
@@ -129,6 +132,30 @@ def test_goals_of_the_paper_cases_leave_time(case):
     assert times["least_time"] <= [18.6, 21.0, 18.9, 24.0][case - 1] + 0.06
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 4])
+def test_derivatives_of_goals_of_least_time_are_those_of_differences(seed):
+    problem = random_problem(seed)
+    targets = replace(problem.targets, criterion="least_time")
+    craft, goal = problem.spacecraft, soonest(problem).goals[0]
+    joints = np.zeros(craft.joint_count)
+
+    def attitude(turn: jax.Array) -> jax.Array:
+        start = problem.start @ so3.exp(turn)
+        return differentiable_goal(goal, craft, start, targets, problem.cones, start_joints=joints).attitude
+
+    with jax.enable_x64(True):
+        still = np.zeros(3)
+        np.testing.assert_allclose(attitude(jax.numpy.asarray(still)), goal.attitude, atol=1e-9)
+        slopes = np.asarray(jax.jit(jax.jacfwd(attitude))(still))
+    for axis, step in enumerate(1e-5 * np.eye(3)):
+        ahead, behind = (
+            soonest(replace(problem, start=problem.start @ np.asarray(so3.exp(way * step)))).goals[0].attitude
+            for way in (1, -1)
+        )
+        np.testing.assert_allclose(slopes[..., axis], (ahead - behind) / 2e-5, atol=1e-6)
+
+
 def telescope(**goal: object) -> jp.Scenario:
     """A telescope with a target and limits that differ by axis, an array that prefers the sun."""
     craft = jp.Spacecraft(
@@ -147,11 +174,12 @@ def telescope(**goal: object) -> jp.Scenario:
         ),
     )
     target = np.array([0.6, 0.0, -0.8])
+    still = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(1)}
     return jp.Scenario(
         name="telescope",
         spacecraft=craft,
-        start=jp.GivenState(rotation_vector=np.array([0.0, 0.0, 0.3]), joints=np.zeros(1)),
-        goal=jp.Targets.of({"telescope": target}, **goal),
+        start=jp.GivenState(rotation_vector=np.array([0.0, 0.0, 0.3]), joints=np.zeros(1), **still),
+        goal=jp.Targets.of({"telescope": target}, **goal, **still),
         trajectory=jp.TrajectorySettings(duration="minimum"),
     )
 
@@ -213,5 +241,5 @@ def test_files_keep_the_criterion(tmp_path):
     jp.save_scenario(scenario, tmp_path / "scene.toml")
     assert 'criterion = "least_time"' in (tmp_path / "scene.toml").read_text()
     assert jp.load_scenario(tmp_path / "scene.toml").goal.criterion == "least_time"
-    with pytest.raises(ValueError, match="criterion.*least_time"):
+    with pytest.raises(ValueError, match=r"criterion.*least_time"):
         jp.plan(telescope(criterion="fastest"))
