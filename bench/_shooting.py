@@ -1,8 +1,8 @@
 """An independent optimiser of rest-to-rest slews of a platform alone: direct shooting, by scipy's SLSQP.
 
-Accelerations (or torques) are constant on intervals of equal length; duration and accelerations are looked for
-from many starts. Rates are held at the ends of intervals, where they are largest, as they are linear between.
-With torques the rates are integrated, and where they are limited as well they are held at the ends, too.
+Accelerations (or torques) are constant on intervals of equal length; duration and accelerations are looked
+for from many starts. Rates are held at the ends of intervals, where they are largest, as they are linear
+between. With torques the rates are integrated, and held at the ends, too, where they are limited as well.
 """
 
 from collections.abc import Callable

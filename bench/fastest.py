@@ -1,9 +1,9 @@
 """Shortest slews of a platform alone beside published optima, an independent optimiser, and other searches.
 
-`published`: Bilimoria and Wie, JGCD 16(3), 1993, half a turn; other angles and inertias, and slews within rates
-and accelerations, beside direct shooting. `random`: slews about axes that are drawn, axes of the body among
-them, each kind of limits in turn, beside direct shooting from many starts. `zones`: scenes with round zones,
-each beside the best plan of other searches. Every plan is certified.
+`published`: Bilimoria and Wie, JGCD 16(3), 1993, half a turn; other angles and inertias, and slews within
+rates and accelerations, beside direct shooting. `random`: slews about axes that are drawn, axes of the body
+among them, each kind of limits in turn, beside direct shooting from many starts. `zones`: scenes with round
+zones, each beside the best plan of other searches. Every plan is certified.
 
     python bench/fastest.py [published random zones] [-n 30] [--starts 64] [--searches 24] [--first-seed 0]
 """
@@ -112,7 +112,8 @@ def print_head(title: str) -> None:
     """Print the columns of slews."""
     print(f"\n{title:<34} {'':>8}  {'accelerations zero':>16}  {'free':>16}  {'':>6}  {'CPU, ms':>15}")
     print(
-        f"{'':<34} {'best, s':>8}  {'s':>8} {'ratio':>7}  {'s':>8} {'ratio':>7}  {'bound':>6}  {'zero':>7} {'free':>7}"
+        f"{'':<34} {'best, s':>8}  {'s':>8} {'ratio':>7}  {'s':>8} {'ratio':>7}  {'bound':>6}  "
+        f"{'zero':>7} {'free':>7}"
     )
 
 
@@ -188,8 +189,9 @@ def zones(first: int, count: int, searches: int) -> None:
             ratios.append(max(1.0, duration / best))
         within = np.sum(np.array(ratios) <= 1.01)
         print(
-            f"{kind:<20} {len(ratios):>4} of {count:<3}  {within:>5} of {len(ratios):<4} {max(ratios):>8.4f}  "
-            f"{np.median(spent):.0f}, {np.quantile(spent, 0.9):.0f}  {'; '.join(failed)}",
+            f"{kind:<20} {len(ratios):>4} of {count:<3}  {within:>5} of {len(ratios):<4} "
+            f"{max(ratios):>8.4f}  {np.median(spent):.0f}, {np.quantile(spent, 0.9):.0f}  "
+            f"{'; '.join(failed)}",
             flush=True,
         )
 

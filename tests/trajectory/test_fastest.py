@@ -1,7 +1,5 @@
 """Shortest motions of a platform alone, which no turn about one axis reaches."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from reference import assert_each
@@ -91,30 +89,3 @@ def test_more_first_guesses_never_take_longer_than_the_path_alone():
 def test_a_shortest_motion_is_the_same_in_every_call():
     slews = drawn(3)
     np.testing.assert_array_equal(shortest(slews, "zero"), shortest(slews, "zero"))
-
-
-def among_cones():
-    """A camera with cones between start and goal, of which the first search passes on the long side."""
-    cones = [
-        ((0.9, 0.1, 0.42), 24),
-        ((0.8, -0.5, 0.33), 18),
-        ((0.55, 0.62, 0.55), 20),
-        ((0.1, -0.8, 0.6), 22),
-    ]
-    craft = replace(agile(), instruments=(jp.Instrument(name="camera", boresight=np.array([1.0, 0, 0])),))
-    return jp.Scenario(
-        name="among cones",
-        spacecraft=craft,
-        start=jp.GivenState(rotation_vector=np.zeros(3), joints=np.zeros(0)),
-        goal=jp.GivenState(rotation_vector=np.array([0.2, -2.6, 0.5]), joints=np.zeros(0)),
-        keep_out=tuple(
-            jp.KeepOut(
-                name=f"cone {number}",
-                direction=np.array(axis) / np.linalg.norm(axis),
-                half_angle=np.deg2rad(half),
-            )
-            for number, (axis, half) in enumerate(cones)
-            if np.rad2deg(np.arccos(axis[0] / np.linalg.norm(axis))) > half + 1
-        ),
-        trajectory=jp.TrajectorySettings(duration="minimum"),
-    )
