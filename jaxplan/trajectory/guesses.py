@@ -27,6 +27,7 @@ _BEND = 0.13  # rad for each rad of the rotation from start to goal, of the slow
 _LEAST_BEND = 0.01  # rad, of motions whose platform hardly turns
 _EVEN_SHARE = 0.3  # of the breaks, which lie evenly; the others follow the jerk
 _LOOKS = 2048  # places at which the jerk is looked at
+_CLOSEST = 8.0  # times as close as evenly, at most; the programs lose digits where breaks are much closer
 _NEIGHBOURS = 61  # of these places, over which its size is averaged
 _BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
 
@@ -117,7 +118,7 @@ def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
     half = _NEIGHBOURS // 2
     around = np.convolve(np.pad(jerk, half, mode="edge"), np.full(_NEIGHBOURS, 1 / _NEIGHBOURS), "valid")
     mean = np.mean(around)
-    density = _EVEN_SHARE + (1 - _EVEN_SHARE) * (around / mean if mean > 0 else 1.0)
+    density = _EVEN_SHARE + (1 - _EVEN_SHARE) * np.minimum(around / mean if mean > 0 else 1.0, _CLOSEST)
     gone = np.concatenate([[0.0], np.cumsum(density)])
     return np.interp(np.linspace(0, 1, intervals + 1), gone / gone[-1], edges)
 
