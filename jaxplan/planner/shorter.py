@@ -83,8 +83,8 @@ class Shorter:
         """Go on with the fit along another path, or from more curves."""
         if not self._is_shorter(fitted):
             self._next()
-        elif self._rough and self._so_far.path is not None:
-            self._fit(self._so_far.path, first_guesses=self._scenario.trajectory.first_guesses)
+        elif self._rough and self._bent and self._so_far.path is not None:
+            self._fit(self._so_far.path, first_guesses=self._bent)
         else:
             self._so_far = fitted_plan(self._so_far, fitted)
             goal, trajectory = self._so_far.goal, self._so_far.trajectory

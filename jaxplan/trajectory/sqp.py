@@ -182,7 +182,8 @@ class SQPState:
 
     def energy(self, at: Iterates) -> np.ndarray:
         """Energies (G,) of curves, as shares of the first curves'."""
-        product = at.coefficients * (self._form(at.duration) @ at.coefficients)
+        bare = _without_offset(at)
+        product = bare * (self._form(at.duration) @ bare)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
@@ -201,7 +202,7 @@ class SQPState:
             free=stack.free,
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
-            gradient=self.pull[:, None, None] * (energy @ at.coefficients),
+            gradient=self.pull[:, None, None] * (energy @ _without_offset(at)),
             duration_hessian=_DURATION_HESSIAN if self._free_time else None,
             rows=stack.rows,
             blocks=self._blocks_at(at),
@@ -260,6 +261,11 @@ class SQPState:
         self.penalty[which] *= _PENALTY_GROWTH
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
         self.damping[which] = 0.0
+
+
+def _without_offset(at: Iterates) -> np.ndarray:
+    """Coefficients (G, n, A) of curves that begin at zero: of energies it costs digits where they begin."""
+    return at.coefficients - at.coefficients[:, :1]
 
 
 def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
