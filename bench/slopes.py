@@ -31,7 +31,7 @@ from jaxplan.derivatives import Held
 from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import fit_batch
 from jaxplan.trajectory.measures import time_factors
-from jaxplan.trajectory.strategy import NOT_OPTIMAL
+from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 Change = Callable[[jp.Scenario, float], jp.Scenario]
 Measure = Callable[[jp.Trajectory], Any]

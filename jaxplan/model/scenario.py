@@ -129,7 +129,7 @@ class Targets:
         criterion: of all attitudes that meet targets and wishes, which is taken: with `LEAST_ROTATION` (equal
             to "least_rotation") the one nearest to the start, with `LEAST_TIME` (equal to "least_time") the
             one for which the slowest of platform and joints takes the least time from rest to rest. None for
-            the least time where the duration is `MINIMUM`, else the least rotation.
+            the least time where the duration is `MINIMUM` and nothing moves, else the least rotation.
         yaw_limit: rad, tighter than the joints' own at the goal; None for those.
         pitch_limit: likewise.
         tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.

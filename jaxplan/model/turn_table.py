@@ -128,7 +128,7 @@ def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray
 @cache
 def turn_table(measure: Measure) -> TurnTable:
     """The table that is shipped, of a measure."""
-    with np.load(FILE) as file:
+    with np.load(FILE, allow_pickle=False) as file:
         ratios, finer = (
             (file[f"{measure}_{name}_1"], file[f"{measure}_{name}_2"]) for name in ("ratios", "finer")
         )

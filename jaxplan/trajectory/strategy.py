@@ -261,7 +261,11 @@ class Strategy:
         from the path; else along the path, and from such curves where there is something to gain. Where one
         from rest to rest is far above the bound, it is perhaps one without limits, stretched.
         """
-        leaving = {n: one for n, one in problems.items() if one.platform_binds and radius(one) == np.inf}
+        leaving = {
+            n: one
+            for n, one in problems.items()
+            if one.platform_binds and radius(one) == np.inf and not one.at_speed
+        }
         found = self._bent({n: guesses.along(one) for n, one in leaving.items()}, problems)
         found = {n: own for n, own in found.items() if own is not None and own.sound}
         left = {n: one for n, one in problems.items() if n not in found}
@@ -279,6 +283,7 @@ class Strategy:
             for n, own in best.items()
             if own is not None
             and radius(own.problem) == np.inf
+            and not own.problem.at_speed
             and n not in leaving
             and not (own.sound and own.needed <= NEAR_THE_BOUND * own.problem.bound)
         }

@@ -344,6 +344,8 @@ def test_the_results_looked_at_are_of_every_kind(results):
     inner = {
         "Call",
         "Layout",
+        "Leads",
+        "MadeWay",
         "Held",
         "ActiveSet",
         "PaperActiveSet",
