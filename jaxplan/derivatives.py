@@ -99,7 +99,7 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
 
 
 def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
-    """What is held fixed of plans, one after the other as of `hold`; their fits are made together."""
+    """Hold plans one after the other as `hold` does, with their fits made together."""
     clear_if_full()
     ways = [_followable(plan) for plan in plans]
     with one_thread():
@@ -133,7 +133,7 @@ def own_arrays(scenario: Scenario) -> Scenario:
 
 
 def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
-    """What is held fixed of an OK plan with the given path, goal and fit, of so many nodes at least."""
+    """All of an OK plan that derivatives hold fixed, from its path, goal and fit, padded to so many nodes."""
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")

@@ -167,7 +167,7 @@ _NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.
 
 
 def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
-    """What turns of the platform cover, with times in units of so many s.
+    """Lengths of turns of the platform and limits of their speeds, with times in units of so many s.
 
     Torque and momentum count as limits of acceleration and rate of each axis, as of a body at rest.
     """

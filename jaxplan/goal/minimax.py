@@ -84,7 +84,7 @@ class Pointers(NamedTuple):
 
 
 class Platform(NamedTuple):
-    """What a turn of the platform covers: its angle, and lengths by tables.
+    """Lengths of a turn of the platform, its angle and those by tables, with limits of their speeds.
 
     A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a
     polynomial near the tabulated one, which is smooth. The three that it may be are ways of their own, each
@@ -215,7 +215,7 @@ def paces(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
 
 
 class _Point(NamedTuple):
-    """What a descent knows of the point that it stands on."""
+    """A point of a descent with all that its next step needs."""
 
     quaternion: Array  # (4, K)
     time: Array  # (K,)

@@ -21,7 +21,7 @@ from jaxplan.runtime.implicit import Equations, implicit_root
 
 
 class Conditions(NamedTuple):
-    """What the conditions of optimality depend on.
+    """A goal of least time with the pieces and caps that it leans on, from which its conditions follow.
 
     Attributes:
         turn: (4, 1) quaternion of the turn from the start to the goal found.
@@ -85,13 +85,13 @@ def _beyond(own: Conditions, at: Array) -> Array:
 
 
 def _least(own: Conditions, at: Array) -> Array:
-    """What is made least."""
+    """Objective of the goal: half the square of the time, and a little of the turn's so that it is unique."""
     _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
     return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
 
 
 def _gradient(own: Conditions, z: Array) -> Array:
-    """What is zero at the optimum, of the turn from the goal found, the time, and multipliers: (8,)."""
+    """Residual (8,) of the conditions of optimality, at a turn from the goal, a time, and multipliers."""
     used, number = own.number >= 0, jnp.maximum(own.number, 0)
 
     def lagrangian(at: Array) -> tuple[Array, Array]:

@@ -1,8 +1,9 @@
 """Shorter plans than the one at hand: along the paths of other searches, and from more bent curves.
 
 Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
-above the bound, other searches look for other ways; a motion along another way that is quicker, once it is
-certified, is the plan. There is always a certified plan at hand.
+above the bound, other searches look for other ways, unless the straight one is open, which all would find. A
+motion along another way that is quicker, once it is certified, is the plan. There is always a certified plan
+at hand.
 """
 
 import time

@@ -166,4 +166,5 @@ def test_a_field_that_is_reached_only_on_the_edge_of_a_zone_is_reached_just_off_
     )
     assert breaches(plan) == []
     assert 0 <= plan.certificate.min_margin < 1e-5  # the Sun on the panels, at the end
+    # the shortest motion goes along the edge in its last seconds
     assert plan.certificate.worst_time == pytest.approx(plan.trajectory.duration, rel=2e-2)
