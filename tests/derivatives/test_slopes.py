@@ -23,9 +23,14 @@ def within_lengths(own):
     return replace(own, spacecraft=replace(own.spacecraft, **lengths))
 
 
+def shortest(scenario):
+    """A scene along its path: from bent curves a plan made anew has its breaks elsewhere."""
+    return asking(scenario, duration="minimum", first_guesses=0)
+
+
 SCENES = {
-    "shortest": lambda: asking(make_scenario(1), duration="minimum"),
-    "shortest, within lengths": lambda: within_lengths(asking(make_scenario(1), duration="minimum")),
+    "shortest": lambda: shortest(make_scenario(1)),
+    "shortest, within lengths": lambda: within_lengths(shortest(make_scenario(1))),
     "in low orbit": lambda: asking(jp.load_scenario(LOW_ORBIT), duration=80.0),
     "joints alone, through nodes": lambda: asking(
         make_scenario(4, turn=(0.0, 0.0, 0.0)), duration=40.0, node_tube=0.0
