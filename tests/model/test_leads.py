@@ -53,8 +53,8 @@ def test_corners_and_what_is_between_them_stay():
     )
     padded = [np.concatenate([own, own[-1:], own[-1:]]) for own in (attitudes, joints)]
     leads = leads_of(*padded, len(attitudes))
-    np.testing.assert_array_equal(leads.first, [0, 0, 0, 3, 4, 5, 6, 6, 6, 9, 10, 11])
-    np.testing.assert_array_equal(leads.second, [0, 3, 3, 3, 4, 5, 6, 9, 9, 9, 10, 11])
+    np.testing.assert_array_equal(leads.first, [0, 0, 0, 3, 4, 5, 6, 6, 6, 9, 9, 9])
+    np.testing.assert_array_equal(leads.second, [0, 3, 3, 3, 4, 5, 6, 9, 9, 9, 9, 9])
     np.testing.assert_allclose(leads.share[[1, 2, 7, 8]], [1 / 3, 2 / 3] * 2)
     end = Rotation.from_rotvec([0.01, 0.0, 0.0]).as_matrix() @ attitudes[-1]
     moved = np.array(padded[0])

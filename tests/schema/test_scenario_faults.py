@@ -38,7 +38,7 @@ INTEGERS = {
     "search.max_goals",
     "search.seed",
 }
-INTEGERS |= {"trajectory.segments", "trajectory.order"}
+INTEGERS |= {"trajectory.segments", "trajectory.order", "trajectory.first_guesses"}
 
 
 @pytest.mark.parametrize("line", WRONG_VALUES)
