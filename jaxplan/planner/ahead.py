@@ -55,9 +55,11 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
         many: for plans made together; else for those of one scenario at a time.
     """
     _begun.add((_kind(scenario), many))
-    tasks: list[Task] = [partial(find_goals, scenario, _end(scenario))]
+    tasks: list[Task] = []
     for duration in ("minimum", scenario.trajectory.duration):
-        tasks += kernel_tasks(scenario.spacecraft, replace(scenario.trajectory, duration=duration))
+        timed = replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
+        tasks.append(partial(find_goals, timed, _end(timed)))  # of least time, or of the least turn
+        tasks += kernel_tasks(timed.spacecraft, timed.trajectory)
     tasks += usual_search_of(scenario, many)
     if scenario.search.method in ("mha", "rrt_connect"):
         tasks += further_tasks(_scene(scenario), scenario.search, many=many)
