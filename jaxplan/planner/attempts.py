@@ -387,6 +387,8 @@ class Attempts:
         # The global method looks for the shortest motion before it says that a duration is too short.
         if attempt.status in _FOR_GOOD and self.scenario.trajectory.method == "global":
             way.rungs = []
+        if self._off_the_edges() is not None:  # which no other path to goals on them changes
+            self._over = True
         if is_improvable(attempt, self.clock.improve_for):
             self._shorten(Shorter(attempt, way.scene, self.clock.left(), self.clock.improve_for))
         else:
