@@ -186,7 +186,6 @@ def check_targets(goal: Any, place: Place) -> None:
             place["hold"][i].fault("has a target, so it cannot keep its joints", name)
         elif name is not WRONG and names.get("gimbal") is not None and name not in names["gimbal"]:  # type: ignore[operator]
             place["hold"][i].fault("has no joints to keep", name)
-    wished: list[str] = []
     for here, wish in placed(goal.prefer, place["prefer"]):
         if wish.device is WRONG:
             continue
@@ -194,7 +193,6 @@ def check_targets(goal: Any, place: Place) -> None:
             here["device"].fault("has a target, which it meets", wish.device)
         elif goal.hold is not WRONG and wish.device in goal.hold:
             here["device"].fault("keeps its joints, by hold", wish.device)
-        wished.append(wish.device)
     if not isinstance(goal.directions, tuple):
         return
     for key, name in RATES.items():

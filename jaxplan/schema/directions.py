@@ -44,6 +44,8 @@ class Axis(Kind):
                 return place.refuse(f"must be {self.wanted}, not a direction that moves", value)
             return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
         if not place.reading.python:
+            if value == "hold" and self.inline:
+                return place.refuse("is no direction: name a device that keeps its joints in goal.hold", value)
             if isinstance(value, str) and self.moving:
                 return Followed(value, "" if self.inline else "direction")
             if isinstance(value, dict) and self.inline:

@@ -262,7 +262,8 @@ class Goal(Either):
                 return (STATE if isinstance(value, GivenState) else TARGETS).read(value, place)
             return place.refuse("must be Targets or a GivenState", value)
         if isinstance(value, dict) and not value.keys() & {"targets", *_STATE_KEYS}:
-            place.fault(f"must be {self.wanted}")
+            alone = "; a wish comes after targets: what it is alone is a target" * ("prefer" in value)
+            place.fault(f"must be {self.wanted}{alone}")
             return _UNDECIDED.read(value, place)
         return (TARGETS if isinstance(value, dict) and "targets" in value else GIVEN_GOAL).read(value, place)
 

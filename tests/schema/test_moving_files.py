@@ -170,6 +170,7 @@ NUMBERS = "must be rising numbers"
         ((*TARGET, "colour"), 1, ".colour: unknown key"),
         ((*TARGET, "times_s"), [0, 20, 40, 60, 70], ".times_s: must reach trajectory.duration_s"),
         (TARGET, "ahead", ' = "ahead": needs [sky]'),
+        (TARGET, "hold", ' = "hold": is no direction: name a device that keeps its joints in goal.hold'),
         (TARGET, [0, 0, 3], " = [0, 0, 3]: must be a unit vector"),
     ],
 )

@@ -207,6 +207,11 @@ def test_a_missing_key_is_named_with_what_it_must_be(line):
         ),
         ({"goal": {}}, "goal: must be a table with targets, or with attitude, yaw_rad and pitch_rad"),
         (
+            {"goal": {"prefer": []}},
+            "goal: must be a table with targets, or with attitude, yaw_rad and pitch_rad; "
+            "a wish comes after targets: what it is alone is a target",
+        ),
+        (
             {"spacecraft.inertia_kg_m2": ABSENT, "spacecraft.torque_limit_nm": ABSENT},
             "spacecraft.wheel_momentum_limit_nms = 4.0: needs spacecraft.inertia_kg_m2",
         ),
