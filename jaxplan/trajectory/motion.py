@@ -363,15 +363,18 @@ def _margins_along(
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
     """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
     known = at.known_slopes[curve]
-    if known is None:
-        # Who asks about one curve of a problem asks about its others next.
-        own = at.stack.members[curve]
-        unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
-        alike = [n for n in unknown if at.stack.members[n] is own]
-        for number, (slopes,) in zip(alike, at.stack.told(_slopes_kernel, at.curves, alike), strict=True):
-            at.known_slopes[number] = slopes
-        known = at.known_slopes[curve]
-    return known
+    if known is not None:
+        return known
+    # Who asks about one curve of a problem asks about its others next.
+    own = at.stack.members[curve]
+    unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
+    alike = [n for n in unknown if at.stack.members[n] is own]
+    found = {
+        n: slopes for n, (slopes,) in zip(alike, at.stack.told(_slopes_kernel, at.curves, alike), strict=True)
+    }
+    for number, slopes in found.items():
+        at.known_slopes[number] = slopes
+    return found[curve]
 
 
 def _padded_call(
