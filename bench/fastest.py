@@ -150,7 +150,8 @@ def drawn_slews(first: int, count: int) -> Iterator[tuple[str, Slew]]:
         elif kind == "accelerations":
             slew = Slew(turn=turn, push=np.full(3, ACCELERATION), rate=FREE)
         else:
-            inertia = np.diag(rng.uniform(1, 3, size=3))
+            squares = rng.uniform(0.2, 1, size=3)  # kg m^2, of the distances along each axis: it is a body
+            inertia = np.diag(np.sum(squares) - squares)
             slew = Slew(turn=turn, push=np.ones(3), rate=FREE, inertia=inertia)
         yield f"{seed}: {kind}, {np.rad2deg(np.linalg.norm(turn)):.0f} deg", slew
 

@@ -21,6 +21,9 @@ from jaxplan.trajectory.sqp import InitialGuess
 COARSE = 12  # intervals on which bent curves are looked at: enough for five switches
 FINE = 32  # intervals on which the best of them is made precise
 
+# Of the duration: the search by time alone ends where a step gains less.
+_ROUGHLY = 1e-2  # on few intervals, where it is only told which curve is best
+_NEARLY = 1e-3  # on many, whose breaks are moved afterwards
 _POINTS = 8  # places on each interval
 _WAVES = 3  # slowest waves by which a curve is bent
 _BEND = 0.13  # rad for each rad of the rotation from start to goal, of the slowest wave
@@ -37,13 +40,13 @@ def along(problem: FitProblem) -> InitialGuess | None:
     mesh = _mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
     duration = FIRST_GUESS * problem.quickest.duration
     begin = first_curve(problem, mesh, duration, "shortest")
-    return None if begin is None else replace(begin, by_time_alone=True)
+    return None if begin is None else replace(begin, by_time_to=_ROUGHLY)
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
     """The curve of an attempt on few intervals."""
     discrete = _on(attempt.discrete, Basis.even(COARSE))
-    return _guess(discrete, _carried(attempt, discrete), attempt.needed, by_time_alone=True)
+    return _guess(discrete, attempt, by_time_to=_ROUGHLY)
 
 
 def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
@@ -73,17 +76,19 @@ def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
 
     Args:
         attempt: on few intervals or many.
-        by_time_alone: see `InitialGuess`.
+        by_time_alone: whether the energy does not count yet.
     """
     discrete = _on(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
-    return _guess(discrete, _carried(attempt, discrete), attempt.needed, by_time_alone=by_time_alone)
+    return _guess(discrete, attempt, by_time_to=_NEARLY if by_time_alone else None)
 
 
-def _guess(
-    discrete: DiscreteProblem, coefficients: np.ndarray, duration: float, *, by_time_alone: bool
-) -> InitialGuess:
+def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None) -> InitialGuess:
+    """The curve of an attempt in another problem."""
     return InitialGuess(
-        discrete=discrete, coefficients=coefficients, duration=duration, by_time_alone=by_time_alone
+        discrete=discrete,
+        coefficients=_carried(attempt, discrete),
+        duration=attempt.needed,
+        by_time_to=by_time_to,
     )
 
 

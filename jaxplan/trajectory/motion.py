@@ -37,6 +37,7 @@ LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
 
 _TOGETHER = 256  # places that a kernel looks at in one call, always as many; 8 on each of 32 intervals
 
+Kernel = Callable[[np.ndarray, np.ndarray], Array | tuple[Array, ...]]  # of places and platform curves
 T = TypeVar("T")
 
 
@@ -146,7 +147,11 @@ class Stack:
         Those of free time and rest at both ends are taken in the time needed, unless in that which is given.
         """
         curves = self.rows @ coefficients[:, None]
-        found = [_along(own, each) for own, each in zip(self.members, curves, strict=True)]
+        motions = self.told(_motion_kernel, curves, range(len(curves)))
+        found = [
+            (*motion, *_margins_along(own, curve, motion[0]))
+            for own, curve, motion in zip(self.members, curves, motions, strict=True)
+        ]
         attitude, tangent, loads, body, cosines, margins = map(np.stack, zip(*found, strict=True))
         at = Iterates(
             stack=self,
@@ -176,6 +181,31 @@ class Stack:
             broken[:, LIMIT] = np.maximum(broken[:, LIMIT], needed / at.duration - 1)
         broken[~at.finite, LIMIT] = np.inf
         return at
+
+    def told(
+        self, kernel_of: Callable[[DiscreteProblem], Kernel], curves: np.ndarray, which: Sequence[int]
+    ) -> list[list[np.ndarray]]:
+        """What a kernel tells of some curves, of those of one problem in the same calls.
+
+        Args:
+            kernel_of: the kernel of a problem.
+            curves: (G, 4, S, A).
+            which: numbers of the curves.
+
+        Returns:
+            Of each of these curves arrays (S, ...).
+        """
+        alike: dict[int, list[int]] = {}
+        for number in which:
+            alike.setdefault(id(self.members[number]), []).append(number)
+        found: dict[int, list[np.ndarray]] = {}
+        for numbers in alike.values():
+            own, count = self.members[numbers[0]], len(numbers)
+            joined = np.concatenate([curves[number] for number in numbers], axis=1)
+            told = _padded_call(kernel_of(own), np.tile(own.places, count), joined)
+            parts = zip(*(np.split(array, count) for array in told), strict=True)
+            found |= {number: list(part) for number, part in zip(numbers, parts, strict=True)}
+        return [found[number] for number in which]
 
     def needed_durations(self, at: "Iterates") -> np.ndarray:
         """The shortest durations (G,) in which curves keep all limits of rates and loads at the places, s."""
@@ -298,14 +328,23 @@ def _most(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
 
 
-def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Attitudes, tangents, loads, sights, cosines and margins along one curve (4, S, A), see `Iterates`."""
-    problem, chart, places, joints = discrete.problem, discrete.chart, discrete.places, curve[0, :, 3:]
-    attitude, tangent, loads = _padded_call(
-        partial(motion_at, chart.attitude, chart.turn, inertia=problem.inertia, names=problem.names),
-        places,
-        curve,
-    )
+def _motion_kernel(discrete: DiscreteProblem) -> Kernel:
+    """Attitudes, tangents and loads of one problem's curves."""
+    problem, chart = discrete.problem, discrete.chart
+    return partial(motion_at, chart.attitude, chart.turn, inertia=problem.inertia, names=problem.names)
+
+
+def _slopes_kernel(discrete: DiscreteProblem) -> Kernel:
+    """Derivatives of the loads of one problem's curves."""
+    problem = discrete.problem
+    return partial(load_slopes_at, discrete.chart.turn, inertia=problem.inertia, names=problem.names)
+
+
+def _margins_along(
+    discrete: DiscreteProblem, curve: np.ndarray, attitude: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sights, cosines and margins along one curve (4, S, A) with attitudes (S, 3, 3), see `Iterates`."""
+    problem, places, joints = discrete.problem, discrete.places, curve[0, :, 3:]
     cones, body = problem.cones, problem.sights.in_body(joints)
     inertial = problem.axes(places) if cones.paths else cones.axis
     cosines = body @ np.swapaxes(axes_in_body(cones, inertial @ attitude, body), -1, -2)
@@ -318,23 +357,28 @@ def _along(discrete: DiscreteProblem, curve: np.ndarray) -> tuple[np.ndarray, ..
         ends = np.concatenate([of_rows[:1], of_rows, of_rows[-1:]])
         from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
         np.copyto(margins, np.inf, where=~(from_to[:-1] | from_to[1:])[:, None])
-    return attitude, tangent, loads, body, cosines, margins
+    return body, cosines, margins
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
     """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
     known = at.known_slopes[curve]
-    if known is None:
-        own = at.stack.members[curve]
-        problem = own.problem
-        kernel = partial(load_slopes_at, own.chart.turn, inertia=problem.inertia, names=problem.names)
-        (known,) = _padded_call(kernel, own.places, at.curves[curve])
-        at.known_slopes[curve] = known
-    return known
+    if known is not None:
+        return known
+    # Who asks about one curve of a problem asks about its others next.
+    own = at.stack.members[curve]
+    unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
+    alike = [n for n in unknown if at.stack.members[n] is own]
+    found = {
+        n: slopes for n, (slopes,) in zip(alike, at.stack.told(_slopes_kernel, at.curves, alike), strict=True)
+    }
+    for number, slopes in found.items():
+        at.known_slopes[number] = slopes
+    return found[curve]
 
 
 def _padded_call(
-    kernel: Callable[[np.ndarray, np.ndarray], Array | tuple[Array, ...]],
+    kernel: Kernel,
     places: np.ndarray,
     curves: np.ndarray,
 ) -> list[np.ndarray]:

@@ -23,7 +23,6 @@ from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 _ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
 _WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
-_BROKEN = 1e-3  # of a row's tolerance; a row that a step breaks by more is added
 _KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again
 _BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
@@ -42,20 +41,22 @@ class QuadraticProgram:
         by_time: (G, n, A) what the coefficients change by with the relative change of the duration.
         hessian: (G, n, n) ``H``.
         gradient: (G, n, A) ``g``.
-        duration_hessian: of the duration's own term, whose slope is 1; None for a given duration.
+        duration_hessian: (G,) of the duration's own term, whose slope is 1; None for a given duration.
         rows: (G, 4, S, n) of the basis at the places.
         blocks: all rows of the constraints at the curves.
         penalty: (G, 3) of broken rows, by kind.
+        overlooked: (G,) share of a row's tolerance; a row that a step breaks by more is added.
     """
 
     free: np.ndarray
     by_time: np.ndarray
     hessian: np.ndarray
     gradient: np.ndarray
-    duration_hessian: float | None
+    duration_hessian: np.ndarray | None
     rows: np.ndarray
     blocks: list[ConstraintBlock]
     penalty: np.ndarray
+    overlooked: np.ndarray
 
 
 class QPSolution(NamedTuple):
@@ -133,7 +134,8 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             slack = taken(block.slack, own) - change
             if block.power:
                 slack += (block.power * stretches[looked]).reshape(-1, *[1] * (slack.ndim - 1))
-            broken = block.chosen(slack < -_BROKEN * block.tolerance, slack, own) & ~mask[own]
+            beyond = (-block.tolerance * quadratic.overlooked[own]).reshape(-1, *[1] * (slack.ndim - 1))
+            broken = block.chosen(slack < beyond, slack, own) & ~mask[own]
             if block.linear and round_ < _WORST_ONLY:
                 broken &= lowest(np.where(broken, slack, np.inf))
             mask[own] = (mask[own] & (slack < _KEPT * block.tolerance)) | broken
@@ -259,7 +261,7 @@ def _solve_duals(
         y = multipliers[kept] = answer.multipliers
         changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ _gradient(y, axes, along))
         if quadratic.duration_hessian is not None:
-            stretch = float(-(1 + time @ y) / quadratic.duration_hessian)
+            stretch = float(-(1 + time @ y) / quadratic.duration_hessian[curve])
             stretches[own] = max(stretch, _SHORTEST_STEP)
             changes[own] += stretches[own] * quadratic.by_time[curve]
     return changes, stretches, multipliers
@@ -298,8 +300,8 @@ def _dual(
     linear = np.sum((along @ alone[curve]) * axes, axis=(1, 2)) - slack
     if quadratic.duration_hessian is not None:
         time = time + np.sum((basis @ quadratic.by_time[curve]) * axes, axis=(1, 2))
-        matrix += np.outer(time, time) / quadratic.duration_hessian
-        linear -= time / quadratic.duration_hessian
+        matrix += np.outer(time, time) / quadratic.duration_hessian[curve]
+        linear -= time / quadratic.duration_hessian[curve]
     return BoxQP(matrix, linear, limit), kept, axes, along, time
 
 

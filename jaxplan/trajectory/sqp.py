@@ -28,6 +28,9 @@ _PENALTY_UPDATES = 1  # how often penalties grow where something stays broken
 _PENALTY_GROWTH = 30.0  # factor by which they grow
 ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
 _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: alone it falls by 1 / 12 in a step
+_BOLD_HESSIAN = 3.0  # the same by time alone, where no energy is to fall beside it
+_OVERLOOKED = 1e-3  # of a row's tolerance: by so much a step may break it and need not be looked for anew
+_BOLDLY_OVERLOOKED = 3e-2  # the same by time alone, where the end need not be met as closely
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
@@ -52,6 +55,8 @@ class InitialGuess:
         max_violation: the curve is returned as it is if it breaks a limit by more than this share.
         ftol: relative decrease below which the search ends: of sound curves in a given time the decrease that
             the next program promises, else the change of the merit.
+        by_time_to: not None where the duration alone is looked for, and the energy only measures the steps:
+            these are bolder then, and end where one gains less than this share of the duration.
     """
 
     discrete: DiscreteProblem
@@ -60,7 +65,7 @@ class InitialGuess:
     target_duration: float = 0.0
     max_violation: float = np.inf
     ftol: float = _FTOL
-    by_time_alone: bool = False
+    by_time_to: float | None = None
 
 
 class SQPSolution(NamedTuple):
@@ -106,7 +111,10 @@ class SQPState:
         first_duration: s, of the first curves.
         target_duration: see `InitialGuess`.
         ftol: likewise.
+        settled: changes of the merits, as shares, that end the searches.
         pull: weights of the energies beside what else is looked for: 1, or less where that is the duration.
+        duration_hessian: of the durations, in their logarithms.
+        overlooked: shares of rows' tolerances, by which steps may break them.
         penalty: (G, 3) by kind of constraint.
         spent: energies of the curves, as shares.
         value: merits of the curves.
@@ -123,7 +131,10 @@ class SQPState:
     first_duration: np.ndarray
     target_duration: np.ndarray
     ftol: np.ndarray
+    settled: np.ndarray
     pull: np.ndarray
+    duration_hessian: np.ndarray
+    overlooked: np.ndarray
     penalty: np.ndarray
     spent: np.ndarray
     value: np.ndarray
@@ -145,6 +156,7 @@ class SQPState:
         free_time = stack.members[0].free_time
         table = _PENALTIES_OF_FREE_TIME if free_time else _PENALTIES
         weight = ENERGY_WEIGHT if free_time else 1.0
+        alone = np.array([begin.by_time_to is not None for begin in begins])
         state = cls(
             at=at,
             number=np.arange(count),
@@ -152,7 +164,10 @@ class SQPState:
             first_duration=at.duration,
             target_duration=np.array([begin.target_duration for begin in begins]),
             ftol=np.array([begin.ftol for begin in begins]),
-            pull=np.array([0.0 if begin.by_time_alone else weight for begin in begins]),
+            settled=np.array([begin.by_time_to or min(_SETTLED, begin.ftol) for begin in begins]),
+            pull=np.where(alone, 0.0, weight),
+            duration_hessian=np.where(alone, _BOLD_HESSIAN, _DURATION_HESSIAN),
+            overlooked=np.where(alone, _BOLDLY_OVERLOOKED, _OVERLOOKED),
             penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
             spent=np.ones(count),
             value=np.zeros(count),
@@ -203,10 +218,11 @@ class SQPState:
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=self.pull[:, None, None] * (energy @ _without_offset(at)),
-            duration_hessian=_DURATION_HESSIAN if self._free_time else None,
+            duration_hessian=self.duration_hessian if self._free_time else None,
             rows=stack.rows,
             blocks=self._blocks_at(at),
             penalty=self.penalty,
+            overlooked=self.overlooked,
         )
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
@@ -224,7 +240,7 @@ class SQPState:
         )
         energy = self.energy(ahead)
         value = self.merit(ahead, energy)
-        close = np.abs(self.value - value) <= np.minimum(_SETTLED, self.ftol) * self.value
+        close = np.abs(self.value - value) <= self.settled * self.value
         little = self.at.is_sound & (self.spent - energy <= self.ftol * self.value)
         better = value < self.value
         self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
