@@ -16,7 +16,8 @@ from jax import Array
 
 from jaxplan.goal import descent
 from jaxplan.goal.descent import MET, angle_terms, cap_terms, turned
-from jaxplan.goal.minimax import STILLNESS, Platform, Pointers, paces, reach, ways
+from jaxplan.goal.minimax import STILLNESS
+from jaxplan.goal.ways import Platform, Pointers, paces, reach, ways
 from jaxplan.runtime.implicit import Equations, implicit_root
 
 
@@ -47,7 +48,7 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
         equations: (2, k) numbers of the caps on either side of what is met exactly.
     """
     still = jax.lax.stop_gradient(conditions)
-    way, _ = ways(still.turn, still.pointers, still.platform)
+    way, *_ = ways(still.turn, still.pointers, still.platform)
     time = jnp.max(_times(way[:, 0], *paces(still.pointers, still.platform)))
     guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
     at = jnp.zeros(4, time.dtype).at[3].set(time)
@@ -79,7 +80,7 @@ def _beyond(own: Conditions, at: Array) -> Array:
     """Excess (m,) over the caps, and ways less what is reached (w,), after a turn and at a time (4,)."""
     turn = turned(own.turn, at[:3, None])
     _, excess, _ = cap_terms(turn, *own.caps)
-    way, _ = ways(turn, own.pointers, own.platform)
+    way, *_ = ways(turn, own.pointers, own.platform)
     reached, *_ = reach(at[3:], *paces(own.pointers, own.platform))
     return jnp.concatenate([excess, way - reached])[:, 0]
 

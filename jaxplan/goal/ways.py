@@ -1,0 +1,273 @@
+"""Ways that platform and joints go from the start, with their slopes and bends, for goals of least time.
+
+Along ``E exp(d^)`` a way ``w`` has the slopes ``dw / dd`` and the bends ``d^2 w / dd^2``, both at ``d = 0``,
+written out here: with those of nested derivatives of JAX the descents took five times as long to compile. An
+angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by ``b``. The turn's
+ways follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T + eta^ / 2`` with
+``k = (theta / 2) cot(theta / 2)``. Shapes: p pointers (devices whose joints follow a direction), b tables of
+turns, w = 1 + 3 b + 4 p ways, K lanes, which are the last axis.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.geometry import rotations
+from jaxplan.geometry.vectors import AnyArray, cross, dot
+from jaxplan.goal.descent import angle_terms, inner
+from jaxplan.model.gimbals import in_range
+
+_ABOVE = 1e-9  # least square of the cosine of an elevation, where the azimuth has no derivative
+_NO_TURN = 1e-16  # rad^2, a square of an angle below which it has no derivative
+_NOWHERE = -1.0  # rad, way of what does not move
+_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # axes in the order of each face, its own first
+_SINGLE = np.eye(3, dtype=int)
+_ORDERS = [np.zeros(3, int), *_SINGLE, *(_SINGLE[a] + _SINGLE[b] for a in range(3) for b in range(a, 3))]
+"""Of derivatives along three places."""
+_ONCE = np.array([1, 2, 3])
+_TWICE = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+"""Places of derivatives among `_ORDERS`, by the numbers of the places."""
+
+
+class Pointers(NamedTuple):
+    """Devices whose joints follow directions, azimuth and elevation of each.
+
+    Attributes:
+        direction: (p, 3) unit vectors in the body axes of the start.
+        frame: (p, 3, 3) body from the device's axes.
+        ranges: (p, 2, 2) rad.
+        cut: (p,) bool, whether angles beyond the ranges are brought to their ends, as of wishes.
+        rest: (p, 2) rad, angles at the start.
+        moves: (p, 2) bool, whether there is such a joint.
+        rate: (p, 2) rad per unit of time.
+        acceleration: (p, 2) likewise.
+    """
+
+    direction: np.ndarray
+    frame: np.ndarray
+    ranges: np.ndarray
+    cut: np.ndarray
+    rest: np.ndarray
+    moves: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+
+
+class Platform(NamedTuple):
+    """Lengths of a turn of the platform, its angle and those by tables, with limits of their speeds.
+
+    A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a
+    polynomial near the tabulated one, which is smooth. The three that it may be are ways of their own, each
+    with its share as of the edge where it is not the largest: so a program sees both sides of an edge.
+
+    Attributes:
+        axes: (b, 3, 3) body from the axes of each table, in the order of its rates.
+        rates: (b, 3) of the table, rad/s.
+        shares: (b, 3, i, j, k) coefficients of Legendre polynomials of |r| and of the two others' ``q``.
+        top: (1 + b,) of the speeds, per unit of time, the angle's first.
+        growth: (1 + b,) likewise.
+    """
+
+    axes: np.ndarray
+    rates: np.ndarray
+    shares: np.ndarray
+    top: np.ndarray
+    growth: np.ndarray
+
+
+def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
+    """The longest ways (w, K) from rest to rest in times (K,), with first and second derivatives by time."""
+    own, most = growth[:, None], top[:, None]
+    rises = own * time < 2 * most
+    speed = jnp.where(rises, own * time / 2, most)
+    return speed * time - speed**2 / own, speed, jnp.where(rises, own / 2, 0)
+
+
+class Course(NamedTuple):
+    """Quantities that follow an attitude, with their derivatives.
+
+    Attributes:
+        values: (n, K).
+        slopes: (3, n, K).
+        bends: (3, 3, n, K).
+    """
+
+    values: Array
+    slopes: Array
+    bends: Array
+
+
+def ways(
+    quaternion: Array, pointers: Pointers, platform: Platform
+) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """Ways of platform, and joints to either side, at attitudes (4, K).
+
+    Returns:
+        The ways (w, K), their slopes (3, w, K), and the sum (3, 3, K) of their bends as a function of weights
+        (w, K).
+    """
+    turning, moved = _of_attitude(quaternion, platform), joint_angles(quaternion, pointers)
+    there = jnp.concatenate([pointers.moves[:, 0], pointers.moves[:, 1]])[:, None]
+    either = [jnp.where(there, sign * moved.values, _NOWHERE) for sign in (1, -1)]
+
+    def bent(weights: Array) -> Array:
+        of_turn, ahead, back = jnp.split(weights, np.cumsum([len(turning.values), len(moved.values)]))
+        return jnp.sum(of_turn * turning.bends, axis=2) + jnp.sum((ahead - back) * moved.bends, axis=2)
+
+    slopes = jnp.concatenate([turning.slopes, moved.slopes, -moved.slopes], axis=1)
+    return jnp.concatenate([turning.values, *either]), slopes, bent
+
+
+def _joined(courses: Sequence[Course]) -> Course:
+    return Course(*(jnp.concatenate(parts, axis=-2) for parts in zip(*courses, strict=True)))
+
+
+def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
+    """How far joints go, (2 p, K) rad with sign, azimuths first."""
+    direction = jnp.moveaxis(pointers.direction, -1, 0)[:, :, None]
+    frame = jnp.moveaxis(pointers.frame, 0, -1)[..., None]  # (3, 3, p, 1)
+    body = jnp.stack(rotations.turned_back(quaternion, direction))  # (3, p, K)
+    x, y, z = (inner(frame[:, column], body) for column in range(3))
+    square = jnp.maximum(x * x + y * y, _ABOVE)
+    level = jnp.sqrt(square)
+    outward = (frame[:, 0] * x + frame[:, 1] * y) / level
+    onward = (frame[:, 1] * x - frame[:, 0] * y) / level
+    out, on, rise = (jnp.stack(cross(one, body)) / level for one in (outward, onward, frame[:, 2]))
+    bends = (
+        _symmetric(onward / level, body) - 2 * _symmetric(out, on),
+        (_symmetric(frame[:, 2], body) + z * (_symmetric(rise, rise) - _identity(body))) / level,
+    )
+    found = []
+    for part, angle in enumerate((jnp.arctan2(y, x), jnp.arctan2(z, level))):
+        low, high = pointers.ranges[:, part, 0][:, None], pointers.ranges[:, part, 1][:, None]
+        rest = pointers.rest[:, part][:, None]
+        if part == 0:
+            angle = in_range(angle.T, pointers.ranges[:, 0], rest[:, 0]).T
+        cut = pointers.cut[:, None] & ((angle < low) | (angle > high))
+        there = pointers.moves[:, part][:, None]
+        angle = jnp.where(cut, jnp.clip(angle, low, high), angle)
+        slopes, bend = (jnp.where(there & ~cut, own[part], 0) for own in ((on, rise), bends))
+        found.append(Course(jnp.where(there, angle - rest, 0), slopes, bend))
+    return _joined(found)
+
+
+def _of_attitude(quaternion: Array, platform: Platform) -> Course:
+    """The ways of `turn_ways` at attitudes (4, K), by the chain rule."""
+    angle, eta, hessian = angle_terms(quaternion)
+    by_turn = turn_ways(eta, platform)
+    nearness = jnp.trace(hessian) / 2 - 0.5  # k
+    there = angle > 1e-8
+    size = jnp.where(there, angle, 1)
+    unit = jnp.where(there, eta / size, 0)
+    uneven = nearness * (1 - nearness) / size
+
+    def back(vectors: Array) -> Array:
+        """``J^T`` times vectors (3, ..., K)."""
+        between = [1] * (vectors.ndim - 2)
+        matrix = hessian.reshape(3, 3, *between, -1)
+        turn = eta.reshape(3, *between, -1)
+        return inner(matrix, vectors[:, None]) - jnp.stack(cross(turn, vectors)) / 2
+
+    slopes, across = by_turn.slopes, unit[:, None]
+    along = dot(across, slopes)
+    beside = slopes - across * along
+    side = 2 * uneven * beside - (1 - nearness) * jnp.stack(cross(across, slopes))
+    plane = (_identity(across) - _symmetric(across, across)) * jnp.where(there, uneven - angle / 4, 0)
+    bends = back(jnp.swapaxes(back(by_turn.bends), 0, 1)) + _symmetric(across, side) + along * plane
+    return Course(by_turn.values, back(slopes), bends)
+
+
+def turn_ways(eta: Array, platform: Platform) -> Course:
+    """Ways (1 + 3 b, K) of the platform, with derivatives by the rotation vector (3, K).
+
+    The first is the angle, the others what lengths may be.
+    """
+    square = dot(eta, eta)
+    small = square < _NO_TURN
+    size = jnp.sqrt(jnp.where(small, 1, square))
+    angle, unit = jnp.where(small, 0, size), jnp.where(small, 0, eta / size)
+    bend = jnp.where(small, 0, (_identity(unit) - unit[:, None] * unit) / size)
+    axes = jnp.moveaxis(platform.axes / platform.rates[:, None], 0, -1)[..., None]  # (3, 3, b, 1)
+    along = inner(axes, eta[:, None, None])  # (3, b, K)
+    own, slope = jnp.abs(along)[_FACES], (axes * jnp.sign(along))[:, _FACES]  # (f, 3, b, K), (3, f, 3, b, K)
+    largest, steepest = own[:, 0], slope[:, :, 0]
+    there = largest > 0
+    safe = jnp.where(there, largest, 1)[:, None]
+    shares = jnp.where(there[:, None], own[:, 1:] / safe, 1)
+    none = jnp.zeros_like(largest)[:, None]
+    places = jnp.concatenate([none + jnp.minimum(angle / jnp.pi, 1), jnp.minimum(shares, 1)], axis=1)
+    by_share = jnp.where(
+        there[:, None] & (shares < 1), (slope[:, :, 1:] - shares * steepest[:, :, None]) / safe, 0
+    )
+    short = jnp.where(angle < jnp.pi, 1 / jnp.pi, 0)
+    by_angle = none + (short * unit)[:, None, None, None]
+    steps = jnp.concatenate([by_angle, by_share], axis=2)  # (3, f, 3, b, K)
+    value, first, second = _shares(jnp.asarray(platform.shares), places)
+    # The bends of the two other shares cancel with the products of their slopes and those of the largest.
+    twice = jnp.einsum("xfibk,fijbk,yfjbk->xyfbk", steps, second, steps)
+    by_turn = 2 * _symmetric(steepest, steps[:, :, 0]) + largest * (short * bend)[:, :, None, None]
+    lengths = Course(
+        values=largest * value,
+        slopes=steepest * value + largest * jnp.sum(steps * first, axis=2),
+        bends=largest * twice + first[:, 0] * by_turn,
+    )
+    flat = Course(*(part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in lengths))
+    return _joined([Course(angle[None], unit[:, None], bend[:, :, None]), flat])
+
+
+def _symmetric(first: Array, other: Array) -> Array:
+    """Symmetric part (3, 3, ...) of the products of two vectors (3, ...)."""
+    return (first[:, None] * other[None] + other[:, None] * first[None]) / 2
+
+
+def _identity(vectors: Array) -> Array:
+    """Identity (3, 3, 1, ...) for vectors (3, ...)."""
+    return jnp.eye(3, dtype=vectors.dtype).reshape(3, 3, *[1] * (vectors.ndim - 1))
+
+
+def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
+    """Polynomials (b, f, i, j, l) at three places (f, 3, b, K) in [0, 1], with first and second derivatives.
+
+    Returns:
+        (f, b, K), (f, 3, b, K) and (f, 3, 3, b, K).
+    """
+    terms, every = [], coefficients
+    for number, count in enumerate(coefficients.shape[2:]):
+        terms.append(jnp.stack(legendre(places[:, number], count)))  # (count, f, b, K)
+        once = _derivative(count)
+        orders = np.stack([np.eye(count), once, once @ once]).astype(coefficients.dtype)
+        # The axis of this place goes, and comes back last with that of the orders before it.
+        every = jnp.tensordot(every, orders, axes=(2, 1))
+    chosen = jnp.stack([every[:, :, first, :, other, :, third] for first, other, third in _ORDERS])
+    basis = jnp.einsum("ifbk,jfbk,lfbk->bfijlk", *terms)
+    found = jnp.einsum("obfijl,bfijlk->ofbk", chosen, basis)
+    first, second = found[_ONCE], found[_TWICE]
+    return found[0], jnp.moveaxis(first, 0, 1), jnp.moveaxis(second, (0, 1), (1, 2))
+
+
+def _derivative(count: int) -> np.ndarray:
+    """(count, count) that takes coefficients, a row each, to those of the derivative by a place in [0, 1]."""
+    once = np.zeros((count, count))
+    once[:, :-1] = 2 * np.polynomial.legendre.legder(np.eye(count), axis=1)
+    return once
+
+
+def legendre(place: AnyArray, count: int) -> list[AnyArray]:
+    """The first Legendre polynomials, from [0, 1]."""
+    x = 2 * place - 1
+    terms = [0 * x + 1, x]
+    for degree in range(1, count - 1):
+        terms.append(((2 * degree + 1) * x * terms[-1] - degree * terms[-2]) / (degree + 1))
+    return terms[:count]
+
+
+def paces(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
+    """Tops and growths (1 + 3 b + 4 p,) of the speeds along the ways."""
+    found = []
+    for of_turn, of_joint in ((platform.top, pointers.rate), (platform.growth, pointers.acceleration)):
+        own = jnp.where(pointers.moves, of_joint, 1).T.reshape(-1)
+        found.append(jnp.concatenate([of_turn[:1], jnp.tile(of_turn[1:], 3), own, own]))
+    return found[0], found[1]
