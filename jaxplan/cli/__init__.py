@@ -7,6 +7,7 @@ imported when a command runs, so that ``--help`` answers at once.
 
 import argparse
 import gc
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -135,6 +136,17 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _seconds(text: str) -> float:
+    """A time in seconds of zero or more, for argparse."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 <= seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: must be a number of seconds in [0, inf)")
+    return seconds
+
+
 def _add_scene_commands(commands: Any) -> None:
     """Tell the parser of the commands on scenario files."""
     new = commands.add_parser(
@@ -166,6 +178,13 @@ def _add_plan_commands(commands: Any) -> None:
     )
     plan.add_argument("scenario", metavar="SCENARIO", help=_SCENARIO)
     plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
+    plan.add_argument(
+        "--improve-for",
+        type=_seconds,
+        default=0.0,
+        metavar="SECONDS",
+        help='look so long for a shorter plan, where trajectory.duration_s is "minimum"',
+    )
     plan.add_argument("--json", action="store_true", help="print a summary for machines")
     check = commands.add_parser(
         "check", help="certify a plan file anew", description=("Prove a plan file's trajectory safe, anew.")

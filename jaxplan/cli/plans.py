@@ -27,7 +27,7 @@ from jaxplan.cli.common import (
     try_folder_of,
     writable_folder,
 )
-from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
@@ -137,7 +137,13 @@ def plan(options: argparse.Namespace) -> int:
     """Plan a scenario, and write plan and figures to a folder."""
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
-    result = planner.plan(scenario, throw=False)
+    duration = scenario.trajectory.duration
+    if options.improve_for and duration != MINIMUM:
+        raise ValueError(
+            f'--improve-for {options.improve_for:g}: needs trajectory.duration_s = "{MINIMUM}", '
+            f"and that of {options.scenario} is {duration}"
+        )
+    result = planner.plan(scenario, throw=False, improve_for_s=options.improve_for)
     print_result(result.summary() if options.json else result)
     if folder is not None:
         planner.save_plan(result, folder / "plan.json")

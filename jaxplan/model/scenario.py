@@ -157,7 +157,7 @@ class Targets:
         None,
         "criterion",
         "what is least among goals that meet all targets; "
-        'if absent time where trajectory.duration_s is "minimum", else rotation',
+        'if absent time where trajectory.duration_s is "minimum", or too short otherwise, else rotation',
         options=CRITERIA,
         static=True,
     )

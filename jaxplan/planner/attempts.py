@@ -87,7 +87,7 @@ class Clock:
             not what other plans took that are made at the same time.
         compiling: seconds spent on that by all steps.
         improve_for: s, for which a shorter plan is looked for than the first one.
-        show: is told the name of a step that begins.
+        so_far: what there is already, for who waits; empty before the first plan.
     """
 
     def __init__(
@@ -99,11 +99,16 @@ class Clock:
     ) -> None:
         self.seconds: dict[str, float] = {}
         self.compiling = 0.0
-        self._left, self.show, self.improve_for = time_limit, show, improve_for
+        self.so_far = ""
+        self._left, self._show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
         """Seconds that are left of the limit, which does not count what is spent on compiling."""
         return max(self._left, 0.0)
+
+    def show(self, name: str) -> None:
+        """Tell who waits that a step begins."""
+        self._show(f"{name}{self.so_far}")
 
     def add(self, name: str, seconds: float, working: float) -> None:
         """Count seconds, of which those that are not spent on compiling are the step's, and the limit's."""
@@ -161,6 +166,14 @@ class Attempts:
         with clock.step("decompose"):
             self._times = list(duration_guesses(scenario))
         self._next_time()
+
+    def go_along(self, plan: Plan) -> None:
+        """Try nothing but the path of another plan, to its goal."""
+        if plan.path is None or plan.goal is None:
+            raise RuntimeError("a plan to go along has a path")
+        self._times, way = [], _Way(plan.goal, make_scene(self.scenario, plan.goal), ())
+        way.so_far = replace(plan, scenario=self.scenario, message="", trajectory=None, certificate=None)
+        self._way, self.need = way, wanted_fit(self.scenario, plan.path, plan.goal)
 
     def result(self) -> Plan:
         """The plan, once it is settled, with its timings."""
@@ -397,6 +410,8 @@ class Attempts:
     def _shorten(self, shorter: Shorter) -> None:
         """Ask for what a shorter plan needs; at its end the plan is settled."""
         self._shorter, self.plan, self.need = shorter, shorter.plan, shorter.need
+        if self.plan.trajectory is not None:
+            self.clock.so_far = f", {self.plan.trajectory.duration:.2f} s so far"
 
     def _add(self, attempt: Plan) -> None:
         """Keep an attempt if it is more informative than the best so far."""

@@ -10,12 +10,22 @@ from jaxplan.goal import Decomposition
 from jaxplan.goal.reasons import apart, off
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import Scenario, Targets, known_until, moves, seen_from
+from jaxplan.model.scenario import (
+    LEAST_TIME,
+    GivenState,
+    Scenario,
+    Targets,
+    known_until,
+    moves,
+    seen_from,
+)
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
 from jaxplan.planner.validity import rounded_up
 from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive, narrowest
+from jaxplan.trajectory.fit import needed_words, too_tight
+from jaxplan.trajectory.peaks import peaks
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -144,6 +154,29 @@ def farther(nearest: Plan, plan: Plan) -> str:
     which = "goal nearest to the wishes" if getattr(plan.scenario.goal, "prefer", ()) else "nearest goal"
     failed = f"this is not the {which}: that{away} ended as {nearest.status.name}"
     return "; ".join(filter(None, (plan.message, failed, nearest.message)))
+
+
+def sooner(refused: Plan, plan: Plan) -> str:
+    """That a plan in a given duration is not the first one that was tried, as that would take longer."""
+    asked = refused.scenario.goal
+    if isinstance(asked, GivenState) or asked.criterion is not None:
+        return plan.message
+    why = f"in {refused.scenario.trajectory.duration:g} s the goal of least rotation was not reached"
+    return "; ".join(filter(None, (plan.message, f'goal.criterion = "{LEAST_TIME}": {why}')))
+
+
+def too_short(refused: Plan, enough: float) -> str:
+    """Why a duration is refused, and which one does.
+
+    Args:
+        refused: in the duration that is too short.
+        enough: s, in which there is a certified plan.
+    """
+    scenario, needed = refused.scenario, needed_words(enough, moving=False, scalable=True)
+    duration = float(scenario.trajectory.duration)
+    if refused.status is Status.LIMITS_TOO_TIGHT and refused.trajectory is not None:
+        return too_tight(duration, peaks(refused.trajectory, scenario.spacecraft), needed, "")
+    return f"{refused.message}; {needed}"
 
 
 def uncertified(certificate: Certificate) -> str:

@@ -2,7 +2,7 @@
 
 In each round all scenarios that are not settled yet get what they need next: their goals are found one by
 one, their searches, fits and proofs are made together. What that is, with all retries, is for their
-`Attempts` to say.
+`Attempts` to say, and which attempts are made is for `InTime`.
 """
 
 import time
@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.ahead import usual_tasks
 from jaxplan.planner.attempts import Attempts, Clock
+from jaxplan.planner.in_time import InTime
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
@@ -40,20 +41,21 @@ def plan_in_rounds(
     Returns:
         The plans in the same order, failed ones with their status and message.
     """
-    every = [Attempts(*one) for one in zip(scenarios, clocks, strict=True)]
-    open_ = [attempts for attempts in every if attempts.need is not None]
+    every = [InTime(*one) for one in zip(scenarios, clocks, strict=True)]
+    open_ = [one for one in every if one.goes_on()]
     settled(len(every) - len(open_))
-    with ahead(usual_tasks([attempts.scenario for attempts in open_])):
+    with ahead(usual_tasks([one.scenario for one in open_])):
         while open_:
             clear_if_full()
-            _find_goals(open_)
-            _search_paths(open_)
-            _fit_trajectories(open_)
-            _prove_certificates(open_)
-            left = [attempts for attempts in open_ if attempts.need is not None]
+            under_way = [one.attempts for one in open_]
+            _find_goals(under_way)
+            _search_paths(under_way)
+            _fit_trajectories(under_way)
+            _prove_certificates(under_way)
+            left = [one for one in open_ if one.goes_on()]
             settled(len(open_) - len(left))
             open_ = left
-    return [attempts.result() for attempts in every]
+    return [one.result() for one in every]
 
 
 def _find_goals(open_: Sequence[Attempts]) -> None:

@@ -271,7 +271,8 @@ class Ladder:
         timed = self.timing == "given"
         if last.sound and (last.kept or not timed):
             self.rungs.clear()
-        if last.too_deep or (timed and last.peaks.stretch > _HOPELESS):
+        stuck = last.peaks.stretch > 1 and last.solution.steps == 0  # its first curve could not be mended
+        if last.too_deep or (timed and (stuck or last.peaks.stretch > _HOPELESS)):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]
 
@@ -281,9 +282,10 @@ def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
 
     Args:
         radius: rad, asked for.
-        in_time: whether there is time enough to go along the nodes.
+        in_time: whether there is time enough to go along the nodes. Without it more intervals are not tried
+            either: the shortest motion, which is looked for then, is found sooner.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
     wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
-    free = [(1, np.inf), (2, np.inf)] if radius > 0 else []
+    free = [(1, np.inf), (2, np.inf)][: 2 if in_time else 1] if radius > 0 else []
     return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

@@ -42,6 +42,7 @@ _RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may be beyo
 _TIGHTER = (1e-3, 1e-2)  # shares of the limits left for between places, first and then
 _LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
 _MOST_LONGER = 1.1  # the same for motions with rates at the ends, in one step
+_SAME_TIME = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
 _LOOKS = 8  # at most so many durations are tried
 _SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
 _DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
@@ -174,7 +175,8 @@ class Strategy:
         fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         for n, needed in self._needed(quickest, durations).items():
-            duration, kept = durations[n], needed is not None and needed <= durations[n]
+            duration = durations[n]
+            kept = needed is not None and needed <= (1 + _SAME_TIME) * duration
             if kept and not left[n].at_speed:
                 fits[n] = success(_time_scaled(quickest[n], duration))
             else:

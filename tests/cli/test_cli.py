@@ -64,6 +64,35 @@ def test_plan_check_and_plot_follow_one_another(capsys, tmp_path):
     assert sorted(file.name for file in (tmp_path / "again").glob("*.png")) == pictures
 
 
+@pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "ten", ""])
+def test_a_time_to_improve_is_refused_unless_it_is_one(capsys, seconds):
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "case-4", "--improve-for", seconds])
+    assert ended.value.code == 2
+    assert "must be a number of seconds in [0, inf)" in capsys.readouterr().err
+
+
+def test_only_shortest_manoeuvres_are_improved(capsys):
+    code, _, err = run(capsys, "plan", "case-4", "--improve-for", "3")
+    assert code == 2
+    assert '--improve-for 3: needs trajectory.duration_s = "minimum", and that of case-4 is 80' in err
+
+
+def test_improve_for_is_what_python_is_given(capsys, case_file, tmp_path, monkeypatch):
+    file = edited(case_file, tmp_path / "scene.toml", 'method = "paper"', 'method = "global"')
+    file = edited(file, file, "duration_s = 80.0", 'duration_s = "minimum"')
+    asked = []
+
+    def planned(scenario, **options):
+        asked.append(options)
+        return jp.Plan(scenario=scenario, status=jp.Status.TIME_LIMIT)
+
+    monkeypatch.setattr(plans.planner, "plan", planned)
+    for words, seconds in (([], 0.0), (["--improve-for", "2.5"], 2.5)):
+        assert run(capsys, "plan", file, *words)[0] == 1
+        assert asked.pop()["improve_for_s"] == seconds
+
+
 def test_what_figures_call_proved_is_not_what_a_file_claims(planned, monkeypatch):
     file = planned / "plan.json"
     told = jp.load_plan(file).certificate.min_margin

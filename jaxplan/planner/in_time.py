@@ -1,0 +1,131 @@
+"""A plan in a given duration, or the shortest duration in which there is one.
+
+A duration may be too short to the nearest goal, or along the path that was found, and yet long enough for the
+manoeuvre. So where it is found to be too short, the shortest manoeuvre is planned as well, to a goal of least
+time unless the scenario names another criterion. If it takes no longer than what is given, the plan goes
+along it. Else the answer says how long it takes, which is certified.
+
+Where something moves, goals and durations depend on each other (`jaxplan.planner.moving`), and the paper's
+method knows no shortest motion: there the first answer stands.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.model.scenario import LEAST_TIME, MINIMUM, GivenState, Scenario, moves
+from jaxplan.model.status import Status
+from jaxplan.planner import messages
+from jaxplan.planner.attempts import Attempts, Clock
+from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.validity import rounded_up
+
+# Answers that another goal, or another path, may turn into a plan in the same time.
+_PERHAPS_TOO_SHORT = (
+    Status.LIMITS_TOO_TIGHT,
+    Status.GOAL_UNREACHABLE,
+    Status.INFEASIBLE,
+    Status.UNCERTIFIED,
+)
+_SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
+"""Shares of the shortest time that are added to it in turn, where rates at the ends forbid to scale it."""
+
+
+class InTime:
+    """The attempts at a scenario; where they fail those at its shortest manoeuvre, and at going along that.
+
+    Args:
+        scenario: the problem and its settings.
+        clock: of all of them.
+
+    Attributes:
+        attempts: the ones under way.
+    """
+
+    def __init__(self, scenario: Scenario, clock: Clock) -> None:
+        self.scenario, self._clock = scenario, clock
+        self.attempts = self._first = Attempts(scenario, clock)
+        self._asks_for_shortest = scenario.trajectory.timed and not moves(scenario)
+        self._shortest: Plan | None = None
+        self._durations: list[float] = []  # s, in which it is still to be tried to go along the shortest
+        self._answer: Plan | None = None
+
+    def goes_on(self) -> bool:
+        """Begin with the next attempts where those under way are over; False once the plan is settled."""
+        over = self.attempts.need is None
+        if self._asks_for_shortest and self._may_be_too_short():
+            self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
+            self.attempts = Attempts(self._lasting(MINIMUM), self._clock)
+        elif over and self._shortest is not None:
+            self._tried(self.attempts.result())
+        elif over and self.attempts is not self._first:
+            self._found_shortest(self.attempts.result())
+        return self._answer is None and self.attempts.need is not None
+
+    def result(self) -> Plan:
+        """The plan, once it is settled, with its timings."""
+        if self._answer is None:
+            return self._first.result()
+        return replace(self._answer, timings=self._clock.timings())
+
+    def _may_be_too_short(self) -> bool:
+        """Whether what became of the first attempts so far makes the shortest manoeuvre worth a look."""
+        plan = self._first.plan
+        if plan is None or self.scenario.trajectory.method != "global":
+            return False
+        if self._first.need is None:
+            return plan.status in _PERHAPS_TOO_SHORT
+        # A goal of least time tells more than other ones of least rotation, which are tried after it.
+        return plan.status is Status.LIMITS_TOO_TIGHT and self._chooses_criterion
+
+    @property
+    def _chooses_criterion(self) -> bool:
+        goal = self.scenario.goal
+        return not isinstance(goal, GivenState) and goal.criterion is None
+
+    def _lasting(self, duration: float | str) -> Scenario:
+        """The scenario with another duration, and goals of least time where it names no criterion."""
+        scenario, goal = self.scenario, self.scenario.goal
+        if not isinstance(goal, GivenState) and self._chooses_criterion:
+            scenario = replace(scenario, goal=replace(goal, criterion=LEAST_TIME))
+        return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
+
+    def _found_shortest(self, plan: Plan) -> None:
+        """Go on with the shortest manoeuvre; without one with what is left of the first attempts."""
+        if not plan.ok or plan.trajectory is None or plan.goal is None:
+            self.attempts = self._first
+            return
+        self._shortest = plan
+        given, least = float(self.scenario.trajectory.duration), plan.trajectory.duration
+        start, end = self.scenario.start, end_rates(plan.scenario, plan.goal)
+        at_speed = any(np.any(rates) for rates in (start.angular_velocity, start.joint_rates, *end))
+        if least > given and not at_speed:
+            self._refuse(float(rounded_up(least)))
+            return
+        longer = [float(rounded_up(least * (1 + slack))) for slack in _SLACKS]
+        self._durations = [given] if least <= given else []
+        self._durations += [one for one in longer if one > given]
+        self._go_along()
+
+    def _go_along(self) -> None:
+        """Go along the shortest manoeuvre in the next duration; without one the first answer stands."""
+        if self._shortest is None or not self._durations:
+            self._answer = self._first.result()
+        else:
+            self.attempts = Attempts(self._lasting(self._durations.pop(0)), self._clock)
+            self.attempts.go_along(self._shortest)
+
+    def _tried(self, plan: Plan) -> None:
+        """Take what became of going along the shortest manoeuvre, or say in what duration that succeeds."""
+        given, tried = self.scenario.trajectory.duration, plan.scenario.trajectory.duration
+        if not plan.ok:
+            self._go_along()
+        elif tried == given:
+            self._answer = replace(plan, message=messages.sooner(self._first.result(), plan))
+        else:
+            self._refuse(float(tried))
+
+    def _refuse(self, enough: float) -> None:
+        """Answer that the duration is too short, and that another one, s, is certified to be enough."""
+        plan = self._first.result()
+        self._answer = replace(plan, message=messages.too_short(plan, enough))
