@@ -45,7 +45,8 @@ class Axis(Kind):
             return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
         if not place.reading.python:
             if value == "hold" and self.inline:
-                return place.refuse("is no direction: name a device that keeps its joints in goal.hold", value)
+                complaint = "is no direction: name a device that keeps its joints in goal.hold"
+                return place.refuse(complaint, value)
             if isinstance(value, str) and self.moving:
                 return Followed(value, "" if self.inline else "direction")
             if isinstance(value, dict) and self.inline:
