@@ -152,6 +152,7 @@ class Attempts:
         self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
         self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
         self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
+        self._paths: set[bytes] = set()  # along which fits were asked for
         self._unwished = False  # whether goals were looked for that are not as devices wish
         self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
         self._way: _Way | None = None
@@ -369,6 +370,11 @@ class Attempts:
         path = result.path
         for _ in range(way.halvings):
             path = halve(path)
+        own = np.concatenate([path.attitudes.ravel(), path.joints.ravel()]).tobytes()
+        if own in self._paths:  # it would fare no better
+            self._next_rung(way)
+            return
+        self._paths.add(own)
         way.so_far = replace(so_far, path=path)
         if moves(self.scenario):
             self._meeting = Meeting(self._asked, way.goal, path)

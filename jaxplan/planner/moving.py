@@ -36,7 +36,7 @@ _SMALLEST = (
 )
 _ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
-_ROUNDS = 5  # fits, each to the goal where the one before ends, after which duration and goal should agree
+_ROUNDS = 8  # fits, each to the goal where the one before ends, after which duration and goal should agree
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
 _SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
 _DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
@@ -166,8 +166,11 @@ class Meeting:
         self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
         self._known, self._what = known_until(scenario)
         self._asked = goal.time  # s, for which goals were asked last
-        self._durations: list[float] = []  # s, of the fits so far
+        self._late = np.inf  # s, the earliest goal so far that is there no sooner than the motion to it ends
+        self._early = 0.0  # s, the latest one before it that is there sooner
+        self._rounds = 0  # fits so far
         self._settled = False  # duration and goal agree
+        self._needed = 0.0  # s, how long a manoeuvre takes at least, once it is settled or given up
         self._slacks = list(_SLACKS)  # still to be tried
         self._timed = False  # the motion is fitted in a given time
 
@@ -204,13 +207,40 @@ class Meeting:
         if seen_from(self.scenario, curve.duration) > curve.duration:
             self._ask(curve.duration)
             return
-        if curve.duration > 0:  # else it is there from the start, and need not stay
-            self._durations.append(curve.duration)
-            self._settled = abs(curve.duration - expected) <= _SETTLED * expected
-            if self._settled or len(self._durations) == _ROUNDS:
-                self._ask_for_slack()
-                return
-        self._ask(curve.duration)
+        if not curve.duration > 0:  # it is there from the start, and need not stay
+            self._ask(curve.duration)
+            return
+        self._rounds += 1
+        self._settled = abs(curve.duration - expected) <= _SETTLED * expected
+        if self._settled:
+            self._needed = curve.duration
+        else:
+            self._narrow(expected, curve.duration)
+        if self._settled or self._rounds == _ROUNDS:
+            self._ask_for_slack()
+        else:
+            self._ask(self._next_time(curve.duration))
+
+    def _narrow(self, expected: float, duration: float) -> None:
+        """Note whether the motion to a goal at a time ends before that.
+
+        Where goals jump as time goes on, no duration is that of the motion to the goal then. Between one that
+        is long enough and one that is too short is the least one that is.
+        """
+        if duration <= expected:
+            self._late = min(self._late, expected)
+        elif expected < self._late:
+            self._early = max(self._early, expected)
+        if self._early >= self._late:
+            self._early = 0.0
+        self._settled = self._late - self._early <= _SETTLED * self._late
+        self._needed = self._late if np.isfinite(self._late) else max(expected, duration)
+
+    def _next_time(self, duration: float) -> float:
+        """When to look for the goal next, s: at the end of the last motion, or between what is known."""
+        if self._early < duration < self._late or not np.isfinite(self._late):
+            return duration
+        return (self._early + self._late) / 2 if self._early else duration
 
     def _after_timed_fit(self, fit: Fit) -> None:
         """End with a motion that keeps its time; else ask for one with more slack."""
@@ -223,10 +253,8 @@ class Meeting:
 
     def _ask_for_slack(self) -> None:
         """Ask for the goal at a time that is a little longer than the motion needs."""
-        # Fits to goals near each other may differ, as by another number of intervals: then the longer of two.
-        needed = self._durations[-1] if self._settled else max(self._durations[-2:])
         self._timed = True
-        self._ask(min(needed * (1 + self._slacks.pop(0)), self._known))
+        self._ask(min(self._needed * (1 + self._slacks.pop(0)), self._known))
 
     def _ask(self, time: float) -> None:
         """Ask for the goals at a time; if a target is hidden then, at the next when all are seen."""
@@ -238,7 +266,7 @@ class Meeting:
             )
             return
         if self._asked > time:
-            self._durations.append(self._asked)
+            self._needed = self._asked
             self._settled = self._timed = True
         self.need = GoalQuery(self.scenario, self._asked)
 
