@@ -276,7 +276,8 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
     Returns:
         A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
-        the one nearest to that of the other plan.
+        the one nearest to that of the other plan. A shortest motion is looked for near that of the other
+        plan, on its breaks where these are at switches.
 
     Raises:
         TypeError: for what is no plan or scenario.
