@@ -103,7 +103,9 @@ def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
     clear_if_full()
     ways = [_followable(plan) for plan in plans]
     with one_thread():
-        fits = fit_batch([wanted_fit(plan.scenario, path, goal) for plan, path, goal in ways])
+        fits = fit_batch(
+            [wanted_fit(plan.scenario, path, goal, plan.trajectory) for plan, path, goal in ways]
+        )
     for way, fitted in zip(ways, fits, strict=True):
         with one_thread():
             held = _held(*way, fitted, nodes)
@@ -274,7 +276,8 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
     Returns:
         A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
-        the one nearest to that of the other plan.
+        the one nearest to that of the other plan. A shortest motion is looked for near that of the other
+        plan, on its breaks where these are at switches.
 
     Raises:
         TypeError: for what is no plan or scenario.
@@ -286,7 +289,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     if before != now:
         named = (", ".join(names) or "none" for names in (now, before))
         raise ValueError("scenario has the devices {}: must have those of the plan, {}".format(*named))
-    return _followed(plan, filed)[0]
+    return _followed(plan, filed, plan.trajectory)[0]
 
 
 @one_thread()
@@ -302,8 +305,8 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
         return followed, None
 
 
-def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
-    """The plan near another, and its fit where there is one."""
+def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) -> tuple[Plan, Fit | None]:
+    """The plan near another, and its fit where there is one; perhaps with the breaks of a motion."""
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
     expect_known_time(scenario)
@@ -321,7 +324,7 @@ def _followed(plan: Plan, scenario: Scenario) -> tuple[Plan, Fit | None]:
     attitudes, joints = leads_of(plan.path.attitudes, plan.path.joints).nodes(attitudes, joints)
     path = replace(plan.path, attitudes=attitudes, joints=joints)
     with clock.step("trajectory"):
-        fitted = fit(scenario, path, goal)
+        fitted = fit(scenario, path, goal, near)
     while True:
         followed = fitted_plan(replace(plan, scenario=scenario, goal=goal, path=path), fitted)
         if followed.trajectory is None:

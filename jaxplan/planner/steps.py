@@ -22,7 +22,7 @@ from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.search import Scene
-from jaxplan.trajectory import Fit, FitQuery, fit_batch
+from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 
 _SHARES = np.linspace(1.0, 0.0, 9)  # of its way, at which a device may stop
 _MOST_TURNS = 4  # between two angles of a range of 720 deg to either side
@@ -234,8 +234,8 @@ def largest_slew(scenario: Scenario) -> float:
     return float(min(np.pi, longest(scenario.spacecraft, 1) * duration))
 
 
-def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
-    """The fit of a scenario along a path to a goal, by the method that it asks for."""
+def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> FitQuery:
+    """The fit of a scenario along a path to a goal, by the method that it asks for; perhaps near a motion."""
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
@@ -247,12 +247,13 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal) -> FitQuery:
         end_angular_velocity=end[0],
         end_joint_rates=end[1],
         horizon=goal.time,
+        near=near,
     )
 
 
-def fit(scenario: Scenario, path: Path, goal: Goal) -> Fit:
-    """The trajectory of a scenario along a path to a goal, fitted by itself."""
-    return fit_batch([wanted_fit(scenario, path, goal)])[0]
+def fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> Fit:
+    """The trajectory of a scenario along a path to a goal, fitted by itself; perhaps near a motion."""
+    return fit_batch([wanted_fit(scenario, path, goal, near)])[0]
 
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:

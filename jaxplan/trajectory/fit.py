@@ -74,6 +74,7 @@ class Fit:
     "end_angular_velocity deg/s",
     "end_joint_rates deg/s",
     "horizon s",
+    "near",
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitQuery:
@@ -92,6 +93,8 @@ class FitQuery:
         end_joint_rates: (2n,) rad/s.
         horizon: s, how long zones that move are followed: after a share of the motion's duration they are
             where they are after the same share of the horizon.
+        near: a motion whose breaks and way the shortest one is to keep, where its breaks are at switches;
+            None to look for the best.
     """
 
     path: Path
@@ -104,6 +107,7 @@ class FitQuery:
     end_angular_velocity: np.ndarray | None = None
     end_joint_rates: np.ndarray | None = None
     horizon: float = 0.0
+    near: Trajectory | None = None
 
 
 def checked(query: FitQuery) -> tuple[Path, np.ndarray]:

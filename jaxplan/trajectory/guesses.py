@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.trajectory.attempts import Attempt, first_curve
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
+from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
 from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
@@ -32,7 +32,50 @@ _EVEN_SHARE = 0.3  # of the breaks, which lie evenly; the others follow the jerk
 _LOOKS = 2048  # places at which the jerk is looked at
 _CLOSEST = 8.0  # times as close as evenly, at most; the programs lose digits where breaks are much closer
 _NEIGHBOURS = 61  # of these places, over which its size is averaged
+_ALIKE = 5e-3  # of the duration: breaks that differ by no more are the usual ones of a slightly other problem
+_FAR = 0.3  # rad, by which an end may have moved; beyond, another way may be the quickest
 _BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
+
+
+def near(problem: FitProblem) -> InitialGuess | None:
+    """The curve of the motion that a problem is near, on its breaks.
+
+    Args:
+        problem: what is fitted.
+
+    Returns:
+        The curve with the ends of the problem; None where there is no such motion, where the problem has a
+        given duration, a tube, or a rate at an end, and where the motion's breaks are the usual ones, which
+        follow the problem.
+    """
+    own = problem.near
+    if own is None or problem.radius < np.inf or problem.at_speed:
+        return None
+    breaks = own.breaks / own.duration
+    usual = problem.mesh(problem.quickest, np.inf, max(1, (len(breaks) - 1) // FINE), graded=True)
+    even = np.linspace(0, 1, len(breaks))
+    if any(_are_alike(breaks, others) for others in (usual.basis.breaks, even)):
+        return None
+    discrete = discretise(problem, _mesh(usual.places, Basis.on(breaks)), "shortest")
+    if discrete is None:
+        return None
+    space, size = discrete.space, discrete.space.basis.size
+    pieces = np.concatenate([own.coefficients, own.joint_coefficients], axis=2).reshape(
+        -1, len(space.fixed.T)
+    )
+    spline = np.linalg.lstsq(space.basis.pieces(np.eye(size)).reshape(-1, size), pieces, rcond=None)[0]
+    missing = discrete.nodes[[0, -1]] - spline[[0, -1]]
+    if np.max(np.abs(missing)) > _FAR:
+        return None
+    gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # coefficients of s
+    start = space.fixed + own.duration * space.by_time
+    moved = spline + (1 - gone) * missing[0] + gone * missing[1] - start
+    free = np.linalg.lstsq(space.free, moved, rcond=None)[0]
+    return InitialGuess(discrete=discrete, coefficients=start + space.free @ free, duration=own.duration)
+
+
+def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
+    return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
 
 
 def along(problem: FitProblem) -> InitialGuess | None:

@@ -201,6 +201,9 @@ class Stack:
         found: dict[int, list[np.ndarray]] = {}
         for numbers in alike.values():
             own, count = self.members[numbers[0]], len(numbers)
+            if count == 1:
+                found[numbers[0]] = _padded_call(kernel_of(own), own.places, curves[numbers[0]])
+                continue
             joined = np.concatenate([curves[number] for number in numbers], axis=1)
             told = _padded_call(kernel_of(own), np.tile(own.places, count), joined)
             parts = zip(*(np.split(array, count) for array in told), strict=True)

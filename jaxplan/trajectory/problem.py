@@ -20,7 +20,7 @@ from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.curve import CHART_REACH, Chart, farthest, fitting
+from jaxplan.trajectory.curve import CHART_REACH, Chart, Trajectory, farthest, fitting
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
@@ -75,6 +75,7 @@ class FitProblem:
         cones: the pointing constraints.
         settings: of step 3.
         horizon: s, when axes that move are taken to be where they are at the end.
+        near: a motion whose breaks at switches are kept; None for breaks of its own.
     """
 
     attitudes: np.ndarray
@@ -86,6 +87,7 @@ class FitProblem:
     cones: Constraints
     settings: TrajectorySettings
     horizon: float = 0.0
+    near: Trajectory | None = None
 
     @property
     def at_speed(self) -> bool:

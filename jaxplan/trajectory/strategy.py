@@ -117,6 +117,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         cones=tabulate((), (), spacecraft) if query.cones is None else query.cones,
         settings=query.settings,
         horizon=query.horizon,
+        near=query.near,
     )
     return problem, own
 
@@ -259,17 +260,21 @@ class Strategy:
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
-        Where the platform is not much quicker than the joints it is looked for from curves that are bent away
-        from the path; else along the path, and from such curves where there is something to gain. Where one
-        from rest to rest is far above the bound, it is perhaps one without limits, stretched.
+        Near a motion with breaks at switches it is looked for from that alone. Else, where the platform is
+        not much quicker than the joints, it is looked for from curves that are bent away from the path;
+        otherwise along the path, and from such curves where there is something to gain. Where one from rest
+        to rest is far above the bound, it is perhaps one without limits, stretched.
         """
+        near = {n: begin for n, one in problems.items() if (begin := guesses.near(one)) is not None}
+        found = {n: own for n, own in self._attempts(near, near.get).items() if own is not None and own.sound}
+        problems = {n: one for n, one in problems.items() if n not in found}
         leaving = {
             n: one
             for n, one in problems.items()
             if one.platform_binds and radius(one) == np.inf and not one.at_speed
         }
-        found = self._bent({n: guesses.along(one) for n, one in leaving.items()}, problems)
-        found = {n: own for n, own in found.items() if own is not None and own.sound}
+        bent = self._bent({n: guesses.along(one) for n, one in leaving.items()}, problems)
+        found |= {n: own for n, own in bent.items() if own is not None and own.sound}
         left = {n: one for n, one in problems.items() if n not in found}
         best = self._along(left, "shortest", radius)
         slow = {

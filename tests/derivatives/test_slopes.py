@@ -24,8 +24,7 @@ def within_lengths(own):
 
 
 def shortest(scenario):
-    """A scene along its path: from bent curves a plan made anew has its breaks elsewhere."""
-    return asking(scenario, duration="minimum", first_guesses=0)
+    return asking(scenario, duration="minimum")
 
 
 SCENES = {

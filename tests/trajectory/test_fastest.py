@@ -33,7 +33,12 @@ def agile(rate=3.0, acceleration=2.0):
 
 
 def shortest(slews, ends, **settings):
-    """Fits of slews (spacecraft, rotation vector), all together."""
+    """Durations of slews (spacecraft, rotation vector), fitted all together."""
+    return np.array([own.duration for own in motions(slews, ends, **settings)])
+
+
+def motions(slews, ends, near=None, **settings):
+    """Shortest motions of slews, perhaps each near another one."""
     asked = jp.TrajectorySettings(duration="minimum", end_acceleration=ends, **settings)
     paths = [
         Path(
@@ -44,12 +49,12 @@ def shortest(slews, ends, **settings):
         for _, turn in slews
     ]
     queries = [
-        FitQuery(path=path, spacecraft=craft, settings=asked)
-        for path, (craft, _) in zip(paths, slews, strict=True)
+        FitQuery(path=path, spacecraft=craft, settings=asked, near=other)
+        for path, (craft, _), other in zip(paths, slews, near or [None] * len(slews), strict=True)
     ]
     fits = fit_batch(queries)
     assert all(own.status is Status.OK for own in fits), [own.message for own in fits]
-    return np.array([own.trajectory.duration for own in fits])
+    return [own.trajectory for own in fits]
 
 
 def drawn(count):
@@ -89,3 +94,37 @@ def test_more_first_guesses_take_next_to_no_longer_than_the_path_alone_and_often
 def test_a_shortest_motion_is_the_same_in_every_call():
     slews = drawn(3)
     np.testing.assert_array_equal(shortest(slews, "zero"), shortest(slews, "zero"))
+
+
+def shares(motion):
+    """Breaks over the duration."""
+    return motion.breaks / motion.duration
+
+
+@pytest.mark.parametrize("ends", ["zero", "free"])
+def test_a_motion_near_another_one_keeps_its_breaks_at_switches(ends):
+    slews = drawn(4)
+    others = [(agile(3.003, 1.996), np.asarray(turn) * 1.001) for _, turn in slews]
+    near, anew = motions(slews, ends), shortest(others, ends)
+    found = motions(others, ends, near)
+    for own, other in zip(found, near, strict=True):
+        np.testing.assert_allclose(shares(own), shares(other), rtol=0, atol=1e-12)
+        assert np.ptp(np.diff(shares(own))) > 0.01  # uneven
+    assert_each(np.array([own.duration for own in found]), "<=", 1.003 * anew)  # on other breaks
+
+
+def test_a_motion_far_from_another_one_has_breaks_of_its_own():
+    slews = drawn(4)
+    others = [(craft, -np.asarray(turn)) for craft, turn in slews]
+    found, anew = motions(others, "zero", motions(slews, "zero")), motions(others, "zero")
+    for own, other in zip(found, anew, strict=True):
+        np.testing.assert_array_equal(own.breaks, other.breaks)
+
+
+def test_breaks_along_the_path_alone_follow_the_problem():
+    slews = drawn(4)
+    others = [(agile(2.9, 1.9), turn) for _, turn in slews]
+    near = motions(slews, "zero", first_guesses=0)
+    found = motions(others, "zero", near, first_guesses=0)
+    for own, other in zip(found, motions(others, "zero", first_guesses=0), strict=True):
+        np.testing.assert_array_equal(own.breaks, other.breaks)
