@@ -26,7 +26,7 @@ from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import LEAST_TIME, GivenState, Scenario, moves
+from jaxplan.model.scenario import LEAST_ROTATION, LEAST_TIME, GivenState, Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock
@@ -62,6 +62,8 @@ class Held:
         fit: of step 3.
         trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
         turns: whole turns of the yaw after which each mask of the spacecraft is met again.
+        criterion: of which the goal is an optimum. Among goals of least time are those of least rotation,
+            which may be the soonest and follow the scenario as such.
     """
 
     goal: Goal
@@ -73,6 +75,7 @@ class Held:
     fit: Any
     trajectory: Trajectory
     turns: Turns = field(default=(), metadata={"static": True})
+    criterion: str | None = field(default=None, metadata={"static": True})
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
@@ -139,7 +142,7 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
-    moves = _moves_of(plan.scenario, goal)
+    moves, criterion = _followed_by(plan.scenario, goal)
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
@@ -153,19 +156,20 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
         leads=leads_of(attitudes, joints, len(path.attitudes)),
         fit=origin.hold(nodes),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
+        criterion=criterion,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
 
 
-def _moves_of(scenario: Scenario, goal: Goal) -> tuple[MadeWay, ...]:
-    """How devices without a target made way at a goal.
+def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], str | None]:
+    """How devices without a target made way at a goal, and the criterion that it is an optimum of, if any.
 
     Raises:
         ValueError: if it is not the optimum that `differentiable_goal` takes it for, nor given as it is.
     """
     asked, craft, rows = scenario.asked, scenario.spacecraft, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
-        return ()
+        return (), None
     soonest = asked.criterion == LEAST_TIME
     targets, start = asked.at(goal.time), scenario.start
     problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
@@ -187,15 +191,19 @@ def _moves_of(scenario: Scenario, goal: Goal) -> tuple[MadeWay, ...]:
         why = "targets that move" if asked.moves else "wishes, or with devices that make way"
         raise ValueError(f'{refused}one of least time with {why}; set goal.criterion = "least_rotation"')
     if not soonest and not targets.prefer and not leaves_open(problem):
-        return moves
-    with jax.enable_x64(True):
-        optimum = _optimum_near(_place(goal), craft, start.attitude, targets, rows, start_joints=start.joints)
-    if not float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
-        what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
-        if soonest:
-            what = 'no smooth optimum of the time; set goal.criterion = "least_rotation"'
-        raise ValueError(f"{refused}it leans on {what}")
-    return moves
+        return moves, asked.criterion
+    for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
+        wanted = replace(targets, criterion=criterion)
+        with jax.enable_x64(True):
+            optimum = _optimum_near(
+                _place(goal), craft, start.attitude, wanted, rows, start_joints=start.joints
+            )
+        if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
+            return moves, criterion
+    what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
+    if soonest:
+        what = 'no smooth optimum of the time; set goal.criterion = "least_rotation"'
+    raise ValueError(f"{refused}it leans on {what}")
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -249,6 +257,7 @@ def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, An
     rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
         return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates
+    asked = replace(asked, criterion=held.criterion)
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
     if not asked.moves:

@@ -69,7 +69,8 @@ def differentiable_goal(
             equal to the joint's own, the derivative is by the joint's own. Instruments and drives meet their
             targets exactly here.
         cones: all constraints, for the devices of the spacecraft; axes of any length.
-        start_joints: (J,) rad, that devices without a target have; those of the goal unless told.
+        start_joints: (J,) rad, that devices without a target have, those of the goal unless told; from which
+            all others move to a goal of least time, zero unless told.
         moves: how devices without a target make way, of `free.settled`, so that they follow what they prefer
             and what is in their way; None where they stay as they are at the goal.
 
@@ -158,7 +159,8 @@ def _optimum(
         if equations.again:
             raise NotImplementedError("goals of least time are not followed in time: use least_rotation")
         unit = time_unit(spacecraft)
-        moving = pointers(spacecraft, state.aims, (), start, rest, unit)
+        began = jnp.zeros_like(rest) if start_joints is None else jnp.asarray(start_joints, rest.dtype)
+        moving = pointers(spacecraft, state.aims, (), start, began, unit)
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
         own = soonest.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)

@@ -137,14 +137,15 @@ class Attempts:
     Args:
         scenario: the problem and its settings.
         clock: takes the time of the steps, and is asked for what is left.
+        enough: s, a duration that is short enough, beyond which no shorter plan is looked for.
 
     Attributes:
         need: goals, a path, a trajectory or a certificate; None once the plan is settled.
         plan: the attempt that got furthest, None before the first; without its timings.
     """
 
-    def __init__(self, scenario: Scenario, clock: Clock) -> None:
-        self.scenario, self.clock = scenario, clock
+    def __init__(self, scenario: Scenario, clock: Clock, *, enough: float = 0.0) -> None:
+        self.scenario, self.clock, self._enough = scenario, clock, enough
         self._asked = scenario  # with the clearance that goals are to have
         self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
         self.plan: Plan | None = None
@@ -408,7 +409,7 @@ class Attempts:
             way.rungs = []
         if self._off_the_edges() is not None:  # which no other path to goals on them changes
             self._over = True
-        if is_improvable(attempt, self.clock.improve_for):
+        if is_improvable(attempt, self.clock.improve_for, self._enough):
             self._shorten(Shorter(attempt, way.scene, self.clock.left(), self.clock.improve_for))
         else:
             self._next_rung(way)

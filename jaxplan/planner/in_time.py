@@ -55,7 +55,8 @@ class InTime:
         over = self.attempts.need is None
         if self._asks_for_shortest and self._may_be_too_short():
             self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
-            self.attempts = Attempts(self._lasting(MINIMUM), self._clock)
+            enough = float(self.scenario.trajectory.duration)
+            self.attempts = Attempts(self._lasting(MINIMUM), self._clock, enough=enough)
         elif over and self._shortest is not None:
             self._tried(self.attempts.result())
         elif over and self.attempts is not self._first:

@@ -26,12 +26,13 @@ _MOST_BENT = 1000  # curves; with more nothing is found that fewer would not fin
 _BEND_EVERY = 4  # in longer improvements, after so many searches more curves are bent
 
 
-def is_improvable(plan: Plan, improve_for: float) -> bool:
+def is_improvable(plan: Plan, improve_for: float, enough: float = 0.0) -> bool:
     """Whether a shorter plan than one that was found is to be looked for.
 
     Args:
         plan: certified.
         improve_for: s, for which it is to be looked for at least.
+        enough: s, a duration that is short enough.
     """
     scenario, settings = plan.scenario, plan.scenario.trajectory
     if plan.status is not Status.OK or plan.trajectory is None or plan.path is None:
@@ -40,7 +41,7 @@ def is_improvable(plan: Plan, improve_for: float) -> bool:
     others = settings.first_guesses > 0 and plan.search is not None and plan.search.expansions > 0
     worthwhile = improve_for > 0 or others
     bound = plan.duration_bound
-    far = bound is not None and plan.trajectory.duration > NEAR_THE_BOUND * bound
+    far = bound is not None and plan.trajectory.duration > max(NEAR_THE_BOUND * bound, enough)
     return asked and worthwhile and far and not moves(scenario)
 
 

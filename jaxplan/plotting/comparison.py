@@ -281,7 +281,7 @@ def durations(
     Args:
         seconds: of each method, by the names of scenes; a scene without a value has no mark.
         bounds: s, no motion to the same goal is shorter, by the names of scenes (`Plan.duration_bound`);
-            another goal that meets the same targets may be met sooner.
+            they know no zones, and another goal that meets the same targets may be met sooner.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the methods beside the panel.
 
@@ -328,7 +328,7 @@ def durations(
     axes.set_xlabel("duration (s)", fontsize=TEXT)
     if legend:
         entries: Entries = [(Line2D([], [], **look), name) for name, look in zip(seconds, marks, strict=True)]
-        bound_line = (Line2D([], [], **_BOUND), "strict bound\nfor the goal")
+        bound_line = (Line2D([], [], **_BOUND), "strict bound\nfor the goal,\nwithout zones")
         legend_beside(axes, [*entries, bound_line, (Patch(**_AREA), "impossible")])
     return axes
 

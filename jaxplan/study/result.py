@@ -239,7 +239,7 @@ class Study:
 
         Args:
             column: of the table or the times, or "over_bound" for a duration over the least that the goal
-                allows.
+                allows, zones aside.
             every: whether scenes without a plan count, too.
         """
         chosen = [row for row in self.table if every or row["status"] == OK]

@@ -36,7 +36,7 @@ COLUMNS: Mapping[str, type] = {
     "length_steps": float,
     "interior_nodes": int,
     "duration_s": float,
-    "duration_bound_s": float,  # no motion to its goal is shorter
+    "duration_bound_s": float,  # no motion to its goal is shorter, zones aside
     "min_margin_deg": float,  # proved for all times and zones
     "worst_device": str,
     "worst_zone": str,

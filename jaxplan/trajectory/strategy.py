@@ -170,9 +170,12 @@ class Strategy:
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
         fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
-        # The shortest motion says whether there is one at all, and what to ask for.
+        # The shortest motion says whether there is one at all, and what to ask for. Where the bound says that
+        # there is none, the one along the path is enough for that.
         left = {n: one for n, one in problems.items() if n not in fits}
-        best = self.shortest(left, _no_tube)
+        best = self.shortest({n: one for n, one in left.items() if n in possible}, _no_tube)
+        hopeless = {n: one for n, one in left.items() if n not in possible}
+        best |= self._along(hopeless, "shortest", _no_tube)
         fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         for n, needed in self._needed(quickest, durations).items():

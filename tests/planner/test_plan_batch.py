@@ -59,6 +59,24 @@ def test_a_batch_agrees_with_one_by_one(batch):
         expect_agreement(together, jp.plan(scenario, throw=False))
 
 
+@pytest.mark.slow
+def test_a_batch_of_shortest_motions_agrees_with_one_by_one():
+    case = jp.paper_case(2)
+    asked = [
+        case,
+        jp.random_scenario(1, "hard_keep_out"),  # its platform is the slowest
+        jp.random_scenario(3, "held_links"),  # along the path of another search, where there is one
+        replace(case, goal=replace(case.goal, criterion="least_rotation")),
+        jp.random_scenario(3, "any_spacecraft"),
+    ]
+    asked = [
+        replace(one, trajectory=replace(one.trajectory, method="global", duration="minimum")) for one in asked
+    ]
+    for scenario, together in zip(asked, jp.plan_batch(asked), strict=True):
+        expect_agreement(together, jp.plan(scenario, throw=False))
+        assert together.ok
+
+
 def test_the_same_batch_gives_the_same_bytes(batch, tmp_path):
     for one, other in zip(batch, jp.plan_batch(scenarios()), strict=True):
         assert one.message == other.message

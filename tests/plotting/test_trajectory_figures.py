@@ -171,7 +171,7 @@ def test_durations_stand_at_their_values_with_their_excess_over_the_bound():
     assert len({(line.get_marker(), line.get_color()) for line in marks}) == 2
     assert texts(axes) == ["+300 %", "+1.0 %", "+25 %"]
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert legend == ["paper", "global", "strict bound\nfor the goal", "impossible"]
+    assert legend == ["paper", "global", "strict bound\nfor the goal,\nwithout zones", "impossible"]
     upright = {float(line.get_xdata()[0]) for line in axes.lines if len(set(line.get_xdata())) == 1}
     assert {20.0, 24.0} <= upright
     assert [label.get_text() for label in axes.get_yticklabels()] == ["case 1", "$b_2"]
