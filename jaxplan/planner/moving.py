@@ -166,11 +166,13 @@ class Meeting:
         self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
         self._known, self._what = known_until(scenario)
         self._asked = goal.time  # s, for which goals were asked last
-        self._late = np.inf  # s, the earliest goal so far that is there no sooner than the motion to it ends
-        self._early = 0.0  # s, the latest one before it that is there sooner
+        self._early = 0.0  # s, the latest goal that is there sooner than the motion to it ends
+        self._late: tuple[float, Goal, Path] | None = (
+            None  # the earliest one after it that is not, and the way
+        )
         self._rounds = 0  # fits so far
         self._settled = False  # duration and goal agree
-        self._needed = 0.0  # s, how long a manoeuvre takes at least, once it is settled or given up
+        self._needed = 0.0  # s, how long a manoeuvre takes at least, once it is settled
         self._slacks = list(_SLACKS)  # still to be tried
         self._timed = False  # the motion is fitted in a given time
 
@@ -212,11 +214,15 @@ class Meeting:
             return
         self._rounds += 1
         self._settled = abs(curve.duration - expected) <= _SETTLED * expected
-        if self._settled:
-            self._needed = curve.duration
-        else:
+        self._needed = curve.duration
+        if not self._settled:
             self._narrow(expected, curve.duration)
-        if self._settled or self._rounds == _ROUNDS:
+        if self._settled:
+            self._ask_for_slack()
+        elif self._late is not None and (self._rounds == _ROUNDS or self._is_narrow(self._late[0])):
+            self._wait_for_goal(*self._late)
+        elif self._rounds == _ROUNDS:
+            self._needed = max(expected, curve.duration)
             self._ask_for_slack()
         else:
             self._ask(self._next_time(curve.duration))
@@ -224,23 +230,29 @@ class Meeting:
     def _narrow(self, expected: float, duration: float) -> None:
         """Note whether the motion to a goal at a time ends before that.
 
-        Where goals jump as time goes on, no duration is that of the motion to the goal then. Between one that
-        is long enough and one that is too short is the least one that is.
+        Where goals jump as time goes on, no duration need be that of the motion to the goal then. The least
+        one that is long enough lies between one that is and one that is not.
         """
-        if duration <= expected:
-            self._late = min(self._late, expected)
-        elif expected < self._late:
-            self._early = max(self._early, expected)
-        if self._early >= self._late:
-            self._early = 0.0
-        self._settled = self._late - self._early <= _SETTLED * self._late
-        self._needed = self._late if np.isfinite(self._late) else max(expected, duration)
+        late = np.inf if self._late is None else self._late[0]
+        if duration <= expected < late:
+            self._late = expected, self.goal, self.path
+            self._early = self._early if self._early < expected else 0.0
+        elif duration > expected and self._early < expected < late:
+            self._early = expected
+
+    def _is_narrow(self, late: float) -> bool:
+        return late - self._early <= _SETTLED * late
 
     def _next_time(self, duration: float) -> float:
         """When to look for the goal next, s: at the end of the last motion, or between what is known."""
-        if self._early < duration < self._late or not np.isfinite(self._late):
+        if self._late is None or not self._early or self._early < duration < self._late[0]:
             return duration
-        return (self._early + self._late) / 2 if self._early else duration
+        return (self._early + self._late[0]) / 2
+
+    def _wait_for_goal(self, time: float, goal: Goal, path: Path) -> None:
+        """Ask for a motion that takes as long as its goal takes to be there, which is longer than it needs."""
+        self.goal, self.path, self._timed = goal, path, True
+        self.need = wanted_fit(_timed(self.scenario, time), path, goal)
 
     def _after_timed_fit(self, fit: Fit) -> None:
         """End with a motion that keeps its time; else ask for one with more slack."""
@@ -266,8 +278,7 @@ class Meeting:
             )
             return
         if self._asked > time:
-            self._needed = self._asked
-            self._settled = self._timed = True
+            self._needed, self._settled, self._timed = self._asked, True, True
         self.need = GoalQuery(self.scenario, self._asked)
 
     def _miss(self, message: str) -> None:
