@@ -250,7 +250,7 @@ class Meeting:
         return (self._early + self._late[0]) / 2
 
     def _wait_for_goal(self, time: float, goal: Goal, path: Path) -> None:
-        """Ask for a motion that takes as long as its goal takes to be there, which is longer than it needs."""
+        """Ask for a motion that takes longer than it needs, since its goal is not there sooner."""
         self.goal, self.path, self._timed = goal, path, True
         self.need = wanted_fit(_timed(self.scenario, time), path, goal)
 

@@ -15,6 +15,7 @@ from reference import (
     in_body,
     joints_of,
     seen,
+    stated_margins,
     unit,
 )
 from scipy.spatial.transform import Rotation
@@ -165,6 +166,6 @@ def test_a_field_that_is_reached_only_on_the_edge_of_a_zone_is_reached_just_off_
         )
     )
     assert breaches(plan) == []
-    assert 0 <= plan.certificate.min_margin < 1e-5  # the Sun on the panels, at the end
-    # the shortest motion goes along the edge in its last seconds
-    assert plan.certificate.worst_time == pytest.approx(plan.trajectory.duration, rel=2e-2)
+    assert 0 <= plan.certificate.min_margin
+    at_end = stated_margins(plan.scenario, plan.trajectory, np.array([plan.trajectory.duration]))
+    assert 0 <= min(float(np.min(own)) for own in at_end.values()) < 1e-5  # the Sun on the panels
