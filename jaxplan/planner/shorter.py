@@ -52,7 +52,7 @@ class Shorter:
         plan: to begin with, certified.
         scene: of its search.
         left: s, of the scenario's time limit.
-        improve_for: s, to go on for, beyond as many searches as the settings ask for.
+        improve_for: s, to go on for, beyond that limit and as many searches as the settings ask for.
 
     Attributes:
         plan: the shortest so far.
@@ -62,7 +62,7 @@ class Shorter:
     def __init__(self, plan: Plan, scene: Scene, left: float, improve_for: float) -> None:
         self.plan, self._scene = plan, scene
         now = time.monotonic()
-        self._limit, self._until = now + left, now + improve_for
+        self._limit, self._until = now + max(left, improve_for), now + improve_for
         self._searches, self._bent = 0, plan.scenario.trajectory.first_guesses
         self._so_far = plan
         self._rough = False  # whether the fit under way only tells whether a better one is worth it
