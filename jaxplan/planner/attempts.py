@@ -295,7 +295,7 @@ class Attempts:
                     found = goals_unwished(scenario, barrier.device)
                 self._ways += self._ways_to(found, share)
         elif closed is not None:
-            message = messages.closed(scenario, closed)
+            message = messages.closed(scenario, closed, goal.time)
             with self.clock.step("decompose"):
                 others = other_turns(scenario, goal, closed.device)
                 if closed.device not in self._reach:
@@ -310,7 +310,7 @@ class Attempts:
             if not turned and not ended:
                 return _Way(goal, scene, LADDER)
             self._ways = [*turned, *self._ways, *ended]
-            message = messages.closed(scenario, parted)
+            message = messages.closed(scenario, parted, goal.time)
             failed = Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal)
             self._nearest = self._nearest or failed
             return _Way(goal, scene, ())

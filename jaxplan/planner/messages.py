@@ -91,14 +91,15 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
     )
 
 
-def closed(scenario: Scenario, barrier: JointBarrier) -> str:
-    """Why the joints of a device cannot get to where they are at the goal."""
+def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
+    """Why the joints of a device cannot get to where they are at the goal, which is there at a time, s."""
     device, names = _closing(scenario, barrier)
     what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
     lies = "lies" if len(barrier.zones) == 1 else "lie"
     return (
         f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
-        f"{names} {lies} between the two: make it smaller, widen the range, or change the goal"
+        f"{names} {lies} between the two{when(scenario, time)}: make it smaller, widen the range, or "
+        "change the goal"
     )
 
 
