@@ -25,7 +25,7 @@ INERTIA = np.array([[120.0, 5, -3], [5, 80, 2], [-3, 2, 150]])
 
 
 def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duration=60.0):
-    """Random polynomials on two pieces, with jumps between them."""
+    """Random polynomials on two pieces, with jumps between them, of terminals mounted in any way."""
     rng = RNG(seed)
     decay = 1 / (1 + np.arange(degree + 1))[:, None]
     breaks = np.array([0, 0.4, 1]) * duration
@@ -36,7 +36,7 @@ def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duratio
         chart_attitude=Rotation.random(2, random_state=seed).as_matrix(),
         chart_start=breaks[:-1],
         chart_rate=rng.normal(size=(2, 3)) / duration,
-        mountings=mounted(rng.normal(size=terminals)),
+        mountings=Mountings(axes=Rotation.random(terminals, random_state=seed).as_matrix(), tilts=np.zeros(0)),
         fixed_boresights=fixed / np.linalg.norm(fixed, axis=1, keepdims=True),
     )
 
