@@ -32,7 +32,8 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import jaxplan as jp
-from jaxplan.model.scenario import GivenState, Scenario, TrajectorySettings
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import KeepOut
 

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from jaxplan.goal.start import point
     from jaxplan.gradients import differentiable
     from jaxplan.model.directions import DirectionPath
+    from jaxplan.model.goals import GivenState, Targets, Wish
     from jaxplan.model.hidden import Hidden
-    from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, Targets, TrajectorySettings, Wish
+    from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
     from jaxplan.model.status import Status
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
@@ -44,7 +45,7 @@ _HOMES = {
     "DirectionPath": "jaxplan.model.directions",
     "Drive": "jaxplan.model.spacecraft",
     "FixedVector": "jaxplan.model.zones",
-    "GivenState": "jaxplan.model.scenario",
+    "GivenState": "jaxplan.model.goals",
     "Hidden": "jaxplan.model.hidden",
     "Instrument": "jaxplan.model.spacecraft",
     "JointBound": "jaxplan.model.zones",
@@ -62,12 +63,12 @@ _HOMES = {
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
-    "Targets": "jaxplan.model.scenario",
+    "Targets": "jaxplan.model.goals",
     "Terminal": "jaxplan.model.spacecraft",
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
-    "Wish": "jaxplan.model.scenario",
+    "Wish": "jaxplan.model.goals",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.cache",

@@ -24,9 +24,10 @@ from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState
 from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import LEAST_ROTATION, LEAST_TIME, GivenState, Scenario, moves
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.attempts import Clock

@@ -12,7 +12,8 @@ import jax
 import numpy as np
 
 from jaxplan.gradients import differentiable
-from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
 from jaxplan.planner.ahead import every_task

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from jaxplan.certificate import Certificate
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import Gimbals
+from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut

@@ -19,7 +19,7 @@ from reference import (
 )
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.scenario import GivenState
+from jaxplan.model.goals import GivenState
 
 SHARE = 1 + 1e-6  # of a limit
 ALLOWANCE = 1e-9  # rad, the certificate's

@@ -10,7 +10,8 @@ from kinds import pair_margins_of
 from reference import direction, random_units
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone
 

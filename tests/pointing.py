@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 

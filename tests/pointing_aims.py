@@ -16,7 +16,7 @@ from reference import angle, direction, random_units, unit
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Drive, Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut, tabulate
 

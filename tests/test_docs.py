@@ -202,9 +202,10 @@ def test_the_names_beside_the_symbols_exist(rows):
     from jaxplan import so3, trajectory
     from jaxplan.geometry import vectors
     from jaxplan.model import spacecraft, zones
+    from jaxplan.model.goals import Targets
     from jaxplan.model.path import Goal as PathGoal
     from jaxplan.model.path import Path as Way
-    from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
+    from jaxplan.model.scenario import SearchSettings, TrajectorySettings
     from jaxplan.trajectory import Samples
 
     homes = {

@@ -31,7 +31,7 @@ from jaxplan.cases.random_starts import (
 from jaxplan.geometry.vectors import pointing
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.scenario import GivenState
+from jaxplan.model.goals import GivenState
 from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone, tabulate
 

@@ -71,7 +71,8 @@ from jaxplan.cases.random_starts import (
     starts,
     straight_motion,
 )
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.zones import KeepIn, KeepOut, Zone
 
 

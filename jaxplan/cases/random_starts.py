@@ -18,8 +18,8 @@ from jaxplan import so3
 from jaxplan.cases.paper import paper_case
 from jaxplan.goal import decompose
 from jaxplan.model.gimbals import angles_along
+from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.path import Goal, motion
-from jaxplan.model.scenario import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit

@@ -27,7 +27,8 @@ from jaxplan.cli.common import (
     try_folder_of,
     writable_folder,
 )
-from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, moves
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import masks
 from jaxplan.planner import Plan

@@ -27,7 +27,8 @@ from jaxplan.constellation.links import WHEN, Surroundings, checked_topology, de
 from jaxplan.constellation.shell import Shell, out_of_range
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
-from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft, Terminal
 from jaxplan.model.zones import KeepOut, tabulate
 from jaxplan.runtime.arguments import as_floats, expect, several

@@ -29,8 +29,8 @@ from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.goal.wishes import with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
+from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import LEAST_TIME, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit

@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.directions import Sights
 from jaxplan.model.gimbals import TURN, Gimbals, angles_toward, frame_of, in_range, stacked
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 AZIMUTH, ELEVATION = 0, 1

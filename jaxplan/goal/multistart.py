@@ -26,7 +26,7 @@ from jaxplan.goal.aims import pointed
 from jaxplan.goal.caps import Caps, assemble, group_excess
 from jaxplan.goal.descent import CLEAR, LANES, Minima, descend, descent_ends
 from jaxplan.goal.problem import GoalProblem
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import quick_jit
 

@@ -13,7 +13,7 @@ from jaxplan.goal.pairs import Pairs, open_pairs, pairs_at_goal
 from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.model.directions import Sights, as_path
 from jaxplan.model.gimbals import in_range
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import tabulate
 

@@ -8,8 +8,8 @@ the shortest ``omega`` is taken, so that nothing turns about a boresight that ne
 
 import numpy as np
 
+from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 _ALIKE = 1e-9  # share of the largest singular value below which an equation says nothing of its own

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import separation
 from jaxplan.goal.aims import AZIMUTH, goal_ranges
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 _AS_BAD = 0.5  # share of the worst excess from which on others are told, too: at best several are as bad

@@ -36,8 +36,8 @@ from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights, as_path
 from jaxplan.model.gimbals import TURN
+from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import LEAST_TIME, Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 

@@ -19,8 +19,9 @@ from jaxplan.goal.rates import least_rates
 from jaxplan.goal.reasons import apart, off
 from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario, Targets, Wish
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 from jaxplan.schema.reading import take_in

@@ -7,18 +7,15 @@ Numbers that may be tuned are leaves; counts, names and choices are static.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
-from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
+from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.hidden import after_hidden
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.sameness import same
@@ -31,8 +28,6 @@ from jaxplan.runtime.once import made_once
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
-LEAST_TIME, LEAST_ROTATION = "least_time", "least_rotation"
-CRITERIA = (LEAST_TIME, LEAST_ROTATION)
 _STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
@@ -45,188 +40,6 @@ class Word(str):
 
 STRETCHED = Word("stretched")
 MINIMUM = Word("minimum")
-
-
-# Rates that are left out: zeros once a scenario is planned, when it is known how many.
-_AT_REST: Any = None
-_SPIN = key("angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity")
-_JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
-
-
-@shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GivenState:
-    """An attitude with joint angles: the start, or a goal that is given.
-
-    Attributes:
-        rotation_vector: (3,) rad; the attitude, body to inertial, is its exponential.
-        joints: (2n + d,) rad, all yaws, all pitches, all drives.
-        angular_velocity: (3,) rad/s, body axes; zero if left out.
-        joint_rates: (2n + d,) rad/s; zero if left out.
-    """
-
-    rotation_vector: np.ndarray = field(
-        metadata=key("attitude", "rotation vector, rad, body to inertial", kind="rotation vector")
-    )
-    joints: np.ndarray = field(metadata=key("", kind="joints"))
-    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
-    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
-
-    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # as of targets: nothing that it points at moves
-    moves: ClassVar[bool] = False
-
-    @property
-    @made_once
-    def attitude(self) -> np.ndarray:
-        """(3, 3), body to inertial."""
-        attitude: np.ndarray = so3.exp(self.rotation_vector)
-        return attitude
-
-
-@shown("device", "direction")
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wish:
-    """A direction that a device without a target shall come near to at the goal.
-
-    Attributes:
-        device: its name.
-        direction: (3,) inertial unit vector, or its path, of one that moves; where it is at the goal counts.
-    """
-
-    device: str = field(metadata=key("device", "without a target", kind="device", static=True))
-    direction: np.ndarray | DirectionPath = field(
-        metadata=key("direction", "that it shall come near to, inertial", kind="aim")
-    )
-
-
-@shown(
-    "directions",
-    "devices",
-    "prefer",
-    "hold",
-    "criterion",
-    "yaw_limit deg",
-    "pitch_limit deg",
-    "tolerance deg",
-    "clearance deg",
-    "angular_velocity deg/s",
-    "joint_rates deg/s",
-)
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Targets:
-    """A goal given as directions: step 1 finds attitude and joints.
-
-    Attributes:
-        directions: (k, 3) inertial unit vectors, one a device; where some move a tuple of what each is, a
-            vector (3,) or its path. These are met where they are at the end, and at their rates.
-        devices: names of the devices that point along them; empty for the terminals, all of them in order.
-        prefer: what devices without a target shall come near to, the first before the second: of the goals
-            that meet all targets the one is taken that comes nearest.
-        hold: names of devices that keep their joints; others without a target move where a zone asks for it.
-        criterion: of all attitudes that meet targets and wishes, which is taken: with `LEAST_ROTATION` (equal
-            to "least_rotation") the one nearest to the start, with `LEAST_TIME` (equal to "least_time") the
-            one for which the slowest of platform and joints takes the least time from rest to rest. None for
-            the least time where the duration is `MINIMUM` and nothing moves, else the least rotation.
-        yaw_limit: rad, tighter than the joints' own at the goal; None for those.
-        pitch_limit: likewise.
-        tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.
-        clearance: rad by which the goal keeps clear of zones where its attitude can; a zone gives up to half
-            of the room that it leaves, and no more than what the targets themselves have.
-        angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
-        joint_rates: (2n + d,) rad/s at the goal; likewise.
-    """
-
-    devices: tuple[str, ...] = field(default=(), metadata=key("", kind="target devices", static=True))
-    directions: Any = field(
-        metadata=key(
-            "targets",
-            "where devices point, inertial: an array of one a terminal, or a table by names of devices; "
-            "one that moves as { direction_samples, times_s }, or "
-            "a name: of a satellite or ground point of [sky], a body, nadir, zenith, ram, orbit_normal",
-            kind="targets",
-        )
-    )
-    prefer: tuple[Wish, ...] = keyed((), "prefer", "what devices without a target shall come near to")
-    hold: tuple[str, ...] = keyed(
-        (), "hold", "devices without a target that keep their joints", kind="devices", static=True
-    )
-    criterion: str | None = keyed(
-        None,
-        "criterion",
-        "what is least among goals that meet all targets; "
-        'if absent time where trajectory.duration_s is "minimum", or too short otherwise, else rotation',
-        options=CRITERIA,
-        static=True,
-    )
-    yaw_limit: float | None = keyed(
-        None, "yaw_limit_deg", "tighter than the joints' own, at the goal", "(0, 180]"
-    )
-    pitch_limit: float | None = keyed(
-        None, "pitch_limit_deg", "tighter than the joints' own, at the goal", "(0, 90)"
-    )
-    tolerance: float = keyed(
-        math.radians(1e-6), "tolerance_deg", "to which instruments and drives meet targets", "[1e-8, 1]"
-    )
-    clearance: float = keyed(0.0, "clearance_deg", "that the goal keeps from the edges of zones", "[0, 45]")
-    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
-    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
-
-    @classmethod
-    def of(cls, targets: Mapping[str, Any], **more: Any) -> Self:
-        """Targets by names of devices.
-
-        Args:
-            targets: of each device by name an inertial unit vector (3,), or its path.
-            more: other attributes.
-
-        Example:
-            >>> jp.Targets.of({"telescope": [1.0, 0.0, 0.0]}, hold=("antenna",))
-        """
-        each = tuple(targets.values())
-        moving = any(isinstance(direction, DirectionPath) for direction in each)
-        return cls(
-            directions=each if moving else np.array(each, float).reshape(-1, 3),
-            devices=tuple(targets),
-            **more,
-        )
-
-    def names(self, craft: Spacecraft) -> tuple[str, ...]:
-        """Names of the devices that have the targets, in their order."""
-        return self.devices or tuple(terminal.name for terminal in craft.terminals)
-
-    def numbers(self, craft: Spacecraft) -> tuple[int, ...]:
-        """Numbers of these devices, as of `Spacecraft.device_names`."""
-        return tuple(craft.device_names.index(name) for name in self.names(craft))
-
-    @property
-    def paths(self) -> tuple[DirectionPath, ...]:
-        """The directions over time."""
-        return tuple(as_path(direction) for direction in self.directions)
-
-    @property
-    def moves(self) -> bool:
-        """Whether any moves."""
-        each = list(self.directions) if isinstance(self.directions, list | tuple) else []
-        each += [wish.direction for wish in self.prefer]
-        return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
-
-    def at(self, time: ArrayLike) -> Self:
-        """The targets as they are at an instant, s; at rest if any moves."""
-        if not self.moves:
-            return self
-        each = [path.at(time) for path in self.paths]
-        wishes = tuple(replace(wish, direction=as_path(wish.direction).at(time)) for wish in self.prefer)
-        return replace(
-            self, directions=array_module(*each).stack(each) if each else np.zeros((0, 3)), prefer=wishes
-        )
-
-    def rates(self, time: ArrayLike) -> AnyArray:
-        """(k, 3) 1/s, how fast the directions turn at an instant, s."""
-        each = [path.rate(time) for path in self.paths]
-        return array_module(*each).stack(each) if each else np.zeros((0, 3))
 
 
 @shown()

@@ -24,8 +24,9 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.certificate import MARGIN_ALLOWANCE, Certificate
+from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal, halve
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, moves
+from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept

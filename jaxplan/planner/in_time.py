@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.model.scenario import LEAST_TIME, MINIMUM, GivenState, Scenario, moves
+from jaxplan.model.goals import LEAST_TIME, GivenState
+from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.attempts import Attempts, Clock

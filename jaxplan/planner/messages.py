@@ -9,16 +9,9 @@ from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.goal import Decomposition
 from jaxplan.goal.reasons import apart, off
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import (
-    LEAST_TIME,
-    GivenState,
-    Scenario,
-    Targets,
-    known_until,
-    moves,
-    seen_from,
-)
+from jaxplan.model.scenario import Scenario, known_until, moves, seen_from
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan

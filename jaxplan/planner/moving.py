@@ -22,10 +22,11 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import GivenState
 from jaxplan.model.least_time import duration_bound
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import MINIMUM, GivenState, Scenario, known_until, moves, seen_from
+from jaxplan.model.scenario import MINIMUM, Scenario, known_until, moves, seen_from
 from jaxplan.model.status import Status
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit

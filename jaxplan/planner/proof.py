@@ -14,8 +14,9 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
+from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario, known_until, moves
+from jaxplan.model.scenario import Scenario, known_until, moves
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import hidden_targets
 from jaxplan.runtime.arguments import expect

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.goals import GivenState
 from jaxplan.model.least_time import DurationBound, duration_bound, excess
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import GivenState, Scenario, moves
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner.files import read_plan, save_plan
 from jaxplan.runtime.display import as_table, shown

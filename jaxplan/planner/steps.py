@@ -14,9 +14,10 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, tracking_rates
 from jaxplan.goal.rates import least_rates
+from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import LEAST_TIME, GivenState, Scenario, SearchSettings, Targets, moves
+from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates

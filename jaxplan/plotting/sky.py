@@ -14,8 +14,9 @@ from matplotlib.patches import Circle, Rectangle
 
 from jaxplan import so3
 from jaxplan.model.directions import as_path
+from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Path
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.joint_map import field_outlines

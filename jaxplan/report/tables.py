@@ -16,9 +16,10 @@ from jaxplan.certificate import Certificate, ProvedMargin
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, separation
 from jaxplan.model.directions import as_path
+from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.least_time import excess
 from jaxplan.model.limits import limits
-from jaxplan.model.scenario import GivenState, Scenario, Targets, paths
+from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan

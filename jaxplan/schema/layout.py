@@ -9,8 +9,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from jaxplan.model.goals import GivenState
 from jaxplan.model.outlines import FORWARD
-from jaxplan.model.scenario import GivenState, Scenario, SearchSettings, TrajectorySettings
+from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.geometry.vectors import array_module
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario
 from jaxplan.schema.arrays import Array, PerAxis, range_of
 from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest

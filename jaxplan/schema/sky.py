@@ -14,8 +14,9 @@ import numpy as np
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import Targets
 from jaxplan.model.keys import key, keyed
-from jaxplan.model.scenario import Scenario, Targets
+from jaxplan.model.scenario import Scenario
 from jaxplan.schema.checks import placed
 from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.kinds import Epoch, shortest_degrees

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.model.scenario import GivenState, Targets, Wish
+from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.runtime.display import shown
 from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
 from jaxplan.schema.checks import check_targets

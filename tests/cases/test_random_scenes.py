@@ -23,7 +23,8 @@ from jaxplan.cases import (
     random_starts,
 )
 from jaxplan.goal import decompose
-from jaxplan.model.scenario import SearchSettings, Targets, TrajectorySettings
+from jaxplan.model.goals import Targets
+from jaxplan.model.scenario import SearchSettings, TrajectorySettings
 from jaxplan.model.zones import KeepIn, tabulate
 from jaxplan.schema import dump_scenario, parse_scenario
 

@@ -36,7 +36,9 @@ def random_motion(seed, terminals=2, instruments=1, degree=12, size=0.3, duratio
         chart_attitude=Rotation.random(2, random_state=seed).as_matrix(),
         chart_start=breaks[:-1],
         chart_rate=rng.normal(size=(2, 3)) / duration,
-        mountings=Mountings(axes=Rotation.random(terminals, random_state=seed).as_matrix(), tilts=np.zeros(0)),
+        mountings=Mountings(
+            axes=Rotation.random(terminals, random_state=seed).as_matrix(), tilts=np.zeros(0)
+        ),
         fixed_boresights=fixed / np.linalg.norm(fixed, axis=1, keepdims=True),
     )
 

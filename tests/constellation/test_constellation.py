@@ -15,7 +15,7 @@ from jaxplan.constellation.links import CLEARANCE, waiting_directions
 from jaxplan.constellation.switch import nominal_attitudes
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.zones import tabulate
 from jaxplan.sky import orbits
 

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Targets, known_until
+from jaxplan.model.scenario import known_until
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.moving import Meeting, always, swept
 from jaxplan.planner.proof import certify, check_margins

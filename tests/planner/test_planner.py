@@ -14,7 +14,8 @@ import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import SKY_KINDS
 from jaxplan.certificate import Certificate
-from jaxplan.model.scenario import STRETCHED, GivenState, Scenario, Targets
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.scenario import STRETCHED, Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
 from jaxplan.planner.attempts import LADDER, Attempts, Clock, SearchQuery

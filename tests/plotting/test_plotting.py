@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.model import constraints
 from jaxplan.model import path as motions
-from jaxplan.model.scenario import GivenState, Scenario, Targets
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan

@@ -9,7 +9,7 @@ from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.scenario import Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.zones import KeepOut
 from jaxplan.schema import ScenarioError
 

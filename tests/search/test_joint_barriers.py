@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import GivenState, Scenario
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import make_scene

@@ -16,7 +16,7 @@ from reference import assert_each, attitudes_of, boresights_of, joints_of
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.model.scenario import GivenState
+from jaxplan.model.goals import GivenState
 from jaxplan.schema import dump_scenario, parse_scenario
 from trust.mixed import mixed_scenario, shape_of
 from trust.tally import Tally, tally

@@ -9,15 +9,8 @@ import numpy as np
 from reference import boresights
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.scenario import (
-    MINIMUM,
-    STRETCHED,
-    GivenState,
-    Scenario,
-    SearchSettings,
-    Targets,
-    TrajectorySettings,
-)
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
 from jaxplan.model.zones import KeepIn, KeepOut
 
