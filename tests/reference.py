@@ -161,20 +161,20 @@ def boresights_of(trajectory, craft, time):
 
 def spin_of(trajectory, time):
     """Angular velocity, acceleration and jerk (3, k, 3), body axes, by differences of attitudes."""
+    # of the narrowest piece, but no smaller than what leaves rounding alone
+    step = max(0.005 * np.diff(trajectory.breaks).min(), 5e-5 * np.ptp(trajectory.breaks))
     piece = holding(trajectory.breaks, time)
-    step = 0.02 * np.diff(trajectory.breaks)[piece]  # in narrow pieces a smaller one leaves rounding alone
     stencil = np.stack([attitudes_of(trajectory, time + i * step, piece) for i in range(-8, 9)])
-    turning = ((2, 1), (0, 2), (1, 0))
 
-    def antisymmetric(weights, per):
+    def antisymmetric(weights):
         """Of R^T R' and R^T R'': the angular velocity and its derivative, at -4 h ... 4 h."""
         slopes = np.stack([np.tensordot(weights, stencil[i : i + 9], 1) for i in range(9)])
         m = np.swapaxes(stencil[4:-4], -1, -2) @ slopes
-        return np.stack([m[..., i, j] - m[..., j, i] for i, j in turning], axis=-1) / (2 * per[:, None])
+        return np.stack([m[..., i, j] - m[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
 
-    acceleration = antisymmetric(SECOND, step**2)
-    jerk = np.tensordot(FIRST, acceleration, 1) / step[:, None]
-    return np.stack([antisymmetric(FIRST, step)[4], acceleration[4], jerk])
+    acceleration = antisymmetric(SECOND / step**2)
+    jerk = np.tensordot(FIRST / step, acceleration, 1)
+    return np.stack([antisymmetric(FIRST / step)[4], acceleration[4], jerk])
 
 
 # Zones.
