@@ -51,7 +51,7 @@ class InTime:
         self._durations: list[float] = []  # s, in which it is still to be tried to go along the shortest
         self._answer: Plan | None = None
 
-    def goes_on(self) -> bool:
+    def advance(self) -> bool:
         """Begin with the next attempts where those under way are over; False once the plan is settled."""
         over = self.attempts.need is None
         if self._asks_for_shortest and self._may_be_too_short():

@@ -42,7 +42,7 @@ def plan_in_rounds(
         The plans in the same order, failed ones with their status and message.
     """
     every = [InTime(*one) for one in zip(scenarios, clocks, strict=True)]
-    open_ = [one for one in every if one.goes_on()]
+    open_ = [one for one in every if one.advance()]
     settled(len(every) - len(open_))
     with ahead(usual_tasks([one.scenario for one in open_])):
         while open_:
@@ -52,7 +52,7 @@ def plan_in_rounds(
             _search_paths(under_way)
             _fit_trajectories(under_way)
             _prove_certificates(under_way)
-            left = [one for one in open_ if one.goes_on()]
+            left = [one for one in open_ if one.advance()]
             settled(len(open_) - len(left))
             open_ = left
     return [one.result() for one in every]
