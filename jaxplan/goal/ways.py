@@ -1,7 +1,7 @@
 """Distances that platform and joints go from the start, with two derivatives, for goals of least time.
 
 A *way* is such a distance: of a joint its change of angle, rad, taken with either sign; of the platform the
-angle of its turn, rad, or a length of it by `jaxplan.model.turn_table`, s. Along ``E exp(d^)`` a way ``w``
+angle of its turn, rad, or a length of it by `jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w``
 has the first derivatives, or *slopes*, ``dw / dd`` and the second ones, *bends*, ``d^2 w / dd^2``, both at
 ``d = 0``. They are written out here: with those of nested derivatives of JAX the descents took five times as
 long to compile. An angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by
