@@ -21,7 +21,7 @@ from jaxplan.trajectory import Trajectory
 
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
+    """Angular velocity (3,), body axes, and joint rates (2n + d,), rad/s, at the end of a manoeuvre."""
     if not scenario.goal.moves:
         return scenario.goal.angular_velocity, scenario.goal.joint_rates
     if goal.angular_velocity is None or goal.joint_rates is None:
@@ -139,7 +139,7 @@ class Plan:
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
-        """What the plan is, as (label, value) rows for a table; times are left out."""
+        """The plan as (label, value) rows for a table; timings are left out."""
         rows = [("status", self.status.name)]
         if self.message:
             rows.append(("", self.message))
@@ -170,7 +170,7 @@ class Plan:
         return rows
 
     def summary(self) -> dict[str, Any]:
-        """What the plan is, in the units of files, for machines; times included."""
+        """The plan as a dict in the units of files, for machines; timings included."""
         trajectory = self.trajectory
         return {
             "name": self.scenario.name,
