@@ -245,6 +245,7 @@ class Attempts:
 
     @property
     def _climbed(self) -> "_Ladder":
+        """The ladder under way; raises RuntimeError before the first goal."""
         if self._ladder is None:
             raise RuntimeError("no goal has been found yet")
         return self._ladder

@@ -123,6 +123,7 @@ class Plan:
 
     @cached_property
     def _bound(self) -> DurationBound | None:
+        """Strict lower bound of the duration between the path's ends; None without a path."""
         if self.path is None or self.goal is None:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]

@@ -71,6 +71,7 @@ class Shorter:
 
     @property
     def _scenario(self) -> Scenario:
+        """The scenario of the plans."""
         return self.plan.scenario
 
     def accept_path(self, result: SearchResult) -> None:
