@@ -211,7 +211,7 @@ class Bindings:
         number = np.diff(on.begins)[self.layout.owner]
         clause = np.repeat(np.arange(len(number)), number)
         interval = on.begins[self.layout.owner][clause] + places(number)
-        # First a cap around where it is at mid-interval, as wide as it may move: that settles nearly all.
+        # First a cap around the direction at mid-interval, as wide as it may move: that settles nearly all.
         pair, where = self._rows_of(clause, interval)
         lower, met = self.layout.fold(pair, self.margin(self._caps(evidence, pair, where), pair))
         minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equals the first
@@ -275,7 +275,10 @@ class Bindings:
         )
 
     def deciding(self, clause: int, time: float, motion: Motion) -> int:
-        """The pair whose margin is that of a clause at a time, s: the worst one of the best entry."""
+        """Number of the pair whose margin is that of a clause, by number, at a time, s.
+
+        It is the worst one of the best entry; `motion` is that of all trajectories.
+        """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
             on = motion.between(np.array([time, time]), self.layout.owner[clause])

@@ -142,7 +142,7 @@ class Way:
 
 
 def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
-    """Series (orders, n) of ``(least - Q)^(-1/2)``, ``Q`` the majorant without its constant term."""
+    """Series (orders, n) of ``(least - Q)^(-1/2)``, ``Q`` the majorant (orders, n) without constant term."""
     result = np.empty_like(majorant)
     result[0] = least**-0.5
     for k in range(1, len(majorant)):

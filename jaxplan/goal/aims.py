@@ -78,7 +78,7 @@ def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
     given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
     most = stacked([*[given[0]] * n, *[given[1]] * n, *[np.inf] * drives])
     xp, own, most = arrays(craft.joint_ranges, most)
-    # a comparison keeps the joint's own where both are the same, and with it the derivative
+    # where both are equal the comparison takes the joint's own limit, and its derivative
     low = xp.where(-most > own[:, 0], -most, own[:, 0])
     high = xp.where(most < own[:, 1], most, own[:, 1])
     return xp.stack([low, high], axis=-1)

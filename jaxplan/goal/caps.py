@@ -198,9 +198,9 @@ def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
 
 
 def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
-    """Yield for each cap pair of a row its members: one, or two of which one is enough.
+    """Yield for each pair of a row, by number, that is a cap its members: one, or two of which one is enough.
 
-    A bound of a yaw is met on an arc from there to the end of the joint's range.
+    A bound of a yaw is met on the arc from the bound to the end of the joint's range.
     """
     rows, pairs, aims = problem.rows, problem.pairs, problem.aims
     of_yaw = single_yaws(rows)[row]
@@ -253,7 +253,7 @@ def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
 
 def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
     """Yield the groups of a constraint; `asked` has the members of each pair of each entry."""
-    if len(asked) == 1:  # each of its pairs must hold, so those with two ways are groups by themselves
+    if len(asked) == 1:  # each of its pairs must hold, so those with two members are groups by themselves
         (entry,) = asked
         plain = [cap for ways in entry if len(ways) == 1 for cap in ways[0]]
         yield from [[plain]] if plain else []
@@ -264,7 +264,7 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
         few = 2 ** sum(len(ways) > 1 for ways in entry) <= ALTERNATIVES
         kept = entry if few else [ways for ways in entry if len(ways) == 1]
         if not kept:
-            return  # holds, or may hold
+            return  # no cap can break this entry
         group += [list(chain.from_iterable(choice)) for choice in product(*kept)]
     if group:
         yield group
@@ -340,7 +340,7 @@ def deepest_row(
     asked, possible = np.isin(rows.group, rows.group[some]), np.isin(rows.entry, rows.entry[some])
     margins = np.where(capped, problem.margins(attitude, joints), np.inf)
     worst = np.min(margins, axis=-1)
-    worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that what is settled rules out
+    worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that a settled pair breaks
     of_constraint = best_entries(rows, worst)
     leader = int(np.argmin(of_constraint))
     of_entry = np.where(rows.entry == chosen_entries(rows, worst)[leader], worst, np.inf)

@@ -39,7 +39,7 @@ class Wished(NamedTuple):
 
     @classmethod
     def all_of(cls, craft: Spacecraft, targets: Targets, ranges: np.ndarray) -> list[Self]:
-        """All wishes of targets in their order, as they are at an instant."""
+        """All wishes of targets at an instant, in order; `ranges` (J, 2) rad are the joints' at the goal."""
         found = []
         for wish in targets.prefer:
             number = craft.device_names.index(wish.device)

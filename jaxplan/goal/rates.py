@@ -38,7 +38,7 @@ def least_rates(
     by_joints = {}
     for number, rate in zip(numbers, turned, strict=True):
         beam = boresights[number]
-        across = np.linalg.svd(beam[None])[2][1:]  # (2, 3), what a direction can do
+        across = np.linalg.svd(beam[None])[2][1:]  # (2, 3), how a direction can change
         if number < gimbals.count:
             axes = np.concatenate(gimbals.axes(azimuth[[number]], np.array([number])))
             axes = axes[: 2 if number < gimbals.terminals else 1]

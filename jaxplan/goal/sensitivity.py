@@ -184,7 +184,7 @@ def _optimum(
     if moves is not None:
         joints = _made_way(state, spacecraft, targets, moves, attitude, joints, start_joints)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
-    return Goal(**arrays)  # for once of jax's arrays
+    return Goal(**arrays)  # typed as numpy's, here JAX arrays
 
 
 def _made_way(
@@ -260,7 +260,7 @@ class _State(NamedTuple):
         parts |= {
             name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")
         }
-        rows = replace(cones, **parts)  # for once of jax's arrays
+        rows = replace(cones, **parts)  # typed as numpy's, here JAX arrays
         boresights = _unit(jnp.asarray(spacecraft.fixed_boresights, dtype))
         gimbals = jax.tree.map(lambda part: jnp.asarray(part, dtype), spacecraft.gimbals)
         return cls(aims=aims, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
@@ -415,7 +415,7 @@ def _matter(attitude: Array, state: _State) -> Array:
     chosen = chosen_entries(rows, jnp.min(margins, axis=-1, initial=jnp.inf))
     capped = pairs_at_goal(rows, state.sights, state.known, state.rest).capped
     capped = capped & (rows.entry == chosen)[:, None]
-    if rows.inner:  # a yaw more than a quarter turn off its bound is on the other side of that's plane
+    if rows.inner:  # a yaw more than a quarter turn off its bound may be on the other side of its plane
         capped = capped & ~(single_yaws(rows)[:, None] & (margins > jnp.pi / 2))
     of_rows = capped[:, state.columns]
     return jnp.concatenate([upper.T.ravel(), lower.T.ravel(), of_rows.ravel(), jnp.zeros(1, bool)])

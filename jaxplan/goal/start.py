@@ -86,7 +86,7 @@ def point(
     assert isinstance(goal, Targets)
     if joints is None:
         return pointing_state(scenario, goal, attitude=attitude)
-    # Devices whose angles are told have these, whatever stands in the way.
+    # Devices whose angles are given keep these, whatever is in their way.
     asked_for = (*goal.names(craft), *(wish.device for wish in goal.prefer))
     told = tuple(name for name in craft.device_names[: craft.gimbals.count] if name not in asked_for)
     return pointing_state(scenario, replace(goal, hold=told), attitude=attitude, joints=scenario.start.joints)

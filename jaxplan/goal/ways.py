@@ -25,7 +25,7 @@ from jaxplan.model.gimbals import in_range
 _ABOVE = 1e-9  # least square of the cosine of an elevation; at zero the azimuth has no derivative
 _NO_TURN = 1e-16  # rad^2, square of the turn's angle below which its derivatives are taken as zero
 _NOWHERE = -1.0  # rad, way of a joint that there is not: no constraint, since it is below any reach
-_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # axes in the order of each face, its own first
+_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # row f: the axes, that of the largest ``q_f`` first
 _SINGLE = np.eye(3, dtype=int)
 _ORDERS = [np.zeros(3, int), *_SINGLE, *(_SINGLE[a] + _SINGLE[b] for a in range(3) for b in range(a, 3))]
 """Orders of the derivative by each of three places, of the value and of its first and second derivatives."""
@@ -250,7 +250,7 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
         terms.append(jnp.stack(legendre(places[:, number], count)))  # (count, f, b, K)
         once = _derivative(count)
         orders = np.stack([np.eye(count), once, once @ once]).astype(coefficients.dtype)
-        # The axis of this place goes, and comes back last with that of the orders before it.
+        # The axis of this place's coefficients becomes two, at the end: order of the derivative, coefficient.
         every = jnp.tensordot(every, orders, axes=(2, 1))
     chosen = jnp.stack([every[:, :, first, :, other, :, third] for first, other, third in _ORDERS])
     basis = jnp.einsum("ifbk,jfbk,lfbk->bfijlk", *terms)

@@ -110,7 +110,7 @@ class _Way:
             return np.asarray(self.rest_time)
         first, last = self.speeds
         found = shortest_time(self.distance, first, last, self.top, self.growth)
-        # along a length speeds are no less than zero: too short a one is no way to change pace
+        # speeds along a length are at least zero: on too short a one they cannot change within the growth
         short = 2 * self.growth * np.abs(self.distance) < np.abs(first**2 - last**2)
         return np.where(short & (not self.signed), np.abs(first - last) / self.growth, found)
 

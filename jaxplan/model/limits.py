@@ -135,7 +135,7 @@ def _ranges(craft: Spacecraft, which: int) -> AnyArray:
 
 
 def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
-    """The quantity of a kind of joint angle, see `_ranges`."""
+    """The quantity of a kind of joint angle, `which` as of `_ranges`, the others as of `Quantity`."""
     return Quantity(
         name=name,
         word=word,

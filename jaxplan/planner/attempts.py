@@ -60,7 +60,7 @@ from jaxplan.trajectory import Fit, FitQuery
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
 # often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
-# rad by which goals are kept off the edges of zones, once motions to some that lie there swung over these.
+# rad by which goals are kept off the edges of zones, once the motion to one on an edge has crossed it.
 EDGE = 1e-6
 # The same without clearance, where no path is found with the wanted one, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
@@ -76,7 +76,7 @@ _TELLING = (
     Status.LIMITS_TOO_TIGHT,
     Status.OK,
 )
-# Another path to the same goal is not tried then.
+# Outcomes after which no other path to the same goal is tried.
 _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 
@@ -155,15 +155,15 @@ class Attempts:
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
         self._goals_left: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
-        self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
-        self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
+        self._instead: set[bytes] = set()  # goals that are tried since devices cannot reach an earlier one
+        self._reach: dict[int, np.ndarray] = {}  # rad, joint ranges that devices can reach where barriers are
         self._paths: set[bytes] = set()  # along which fits were asked for
-        self._unwished = False  # whether goals were looked for that are not as devices wish
-        self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
+        self._unwished = False  # whether goals without the wish of a device were looked for
+        self._nearest: Plan | None = None  # the failed plan to the nearest goal, once others are tried
         self._ladder: _Ladder | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
         self._shorter: Shorter | None = None  # than the plan that was found, under way
-        self._over = False  # there is no use in another attempt
+        self._over = False  # whether no other attempt is of use
         broken = start_breaches(scenario)
         if broken:
             message = "; ".join(broken)
@@ -199,8 +199,8 @@ class Attempts:
             self.plan = self.plan or found
             self._next_time()
         else:
-            self.plan = None  # that there was no goal at another time says nothing any more
-            # Where there is no path beside all that moving zones sweep, there may be one past them in time.
+            self.plan = None  # that there was no goal at another time no longer matters
+            # Where no path avoids all that moving zones sweep, one may still avoid them at each instant.
             shares = (1.0, 0.0) if moves(self.scenario) else (1.0,)
             self._goals_left = [(goal, share) for goal in found for share in shares]
             self._next_goal()
@@ -317,7 +317,7 @@ class Attempts:
                     others += goals_within(scenario, self._reach)
             self._goals_left[:0] = self._untried(others, share)
         elif parted is not None:
-            # No proof, as the device may end elsewhere: beside what is in its way, where no goal is better.
+            # No proof, as the device may end elsewhere: before the barrier, where no other goal is better.
             turned = self._untried(other_turns(scenario, goal, parted.device), share)
             nearer = other_ends(scenario, goal, parted.device, short_of(scene, parted.device))
             ended = self._untried(nearer, share)
@@ -386,7 +386,7 @@ class Attempts:
         for _ in range(ladder.halvings):
             path = halve(path)
         own = np.concatenate([path.attitudes.ravel(), path.joints.ravel()]).tobytes()
-        if own in self._paths:  # it would fare no better
+        if own in self._paths:  # the fit would be the same
             self._next_rung(ladder)
             return
         self._paths.add(own)

@@ -77,7 +77,13 @@ _SECONDS = Number(Interval("[0, 1e12]"))
 
 
 def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
-    """A table whose keys are those of the model, all of which must be there."""
+    """A table whose keys are attributes of the model, each with its kind, all of which must be there.
+
+    Args:
+        model: class of what the table is read to.
+        make: function that makes that from the table's values and its place; None for the class.
+        kinds: of the values, by key.
+    """
     return Table(model, [Field(key, kind, key, required=True) for key, kind in kinds.items()], make=make)
 
 
@@ -415,7 +421,7 @@ def _read(path: FilePath, kind: str) -> dict[str, Any]:
         raise ValueError(f"{word} is not allowed")
 
     try:
-        with path.open("rb") as file:  # what a device or pipe will give, its size does not tell
+        with path.open("rb") as file:  # the size of a device or pipe is unknown before it is read
             text = file.read(LARGEST_FILE + 1)
     except OSError as error:
         raise PlanFileError(f"{path}: cannot be read: {error.strerror}") from error

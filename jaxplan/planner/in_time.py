@@ -48,7 +48,7 @@ class InTime:
         self.attempts = self._first = Attempts(scenario, clock)
         self._asks_for_shortest = scenario.trajectory.timed and not moves(scenario)
         self._shortest: Plan | None = None
-        self._durations: list[float] = []  # s, in which it is still to be tried to go along the shortest
+        self._durations: list[float] = []  # s, of fits along the shortest manoeuvre still to be tried
         self._answer: Plan | None = None
 
     def advance(self) -> bool:

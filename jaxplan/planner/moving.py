@@ -37,7 +37,7 @@ _SMALLEST = (
 )
 _ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
-_ROUNDS = 8  # fits, each to the goal where the one before ends, after which duration and goal should agree
+_ROUNDS = 8  # most fits, each to the goal at the end of the one before, until duration and goal agree
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
 _SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
 _DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
@@ -167,9 +167,9 @@ class Meeting:
         self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
         self._known, self._what = known_until(scenario)
         self._asked = goal.time  # s, for which goals were asked last
-        self._early = 0.0  # s, the latest goal that is there sooner than the motion to it ends
+        self._early = 0.0  # s, latest end time known to be too short for the motion to its goal
         self._late: tuple[float, Goal, Path] | None = (
-            None  # the earliest one after it that is not, and the way
+            None  # s, earliest end time known to be long enough, its goal and the path
         )
         self._rounds = 0  # fits so far
         self._settled = False  # duration and goal agree
@@ -299,7 +299,7 @@ def _timed(scenario: Scenario, time: float) -> Scenario:
 
 
 def _at_first(scenario: Scenario) -> Scenario:
-    """The scenario with its targets where they are at first, and no zones."""
+    """The scenario with its targets where they are at time zero, and no zones."""
     asked = scenario.goal
     goal = asked if isinstance(asked, GivenState) else asked.at(0.0)
     return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())

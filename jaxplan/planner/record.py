@@ -25,7 +25,7 @@ def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     if not scenario.goal.moves:
         return scenario.goal.angular_velocity, scenario.goal.joint_rates
     if goal.angular_velocity is None or goal.joint_rates is None:
-        return np.zeros(3), np.zeros(len(goal.joints))  # which no certificate lets pass
+        return np.zeros(3), np.zeros(len(goal.joints))  # such a goal is never certified
     return goal.angular_velocity, goal.joint_rates
 
 
