@@ -3,7 +3,7 @@
     >>> trajectory = jp.differentiable(plan)
     >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
 
-It is `replan` of what `hold` returns (`jaxplan.derivatives`), by compiled kernels kept on disk where plain
+It is `replan` of what `hold` returns (`jaxplan.derivatives`), by compiled kernels of its own where plain
 numbers are differentiated, and as any other function of JAX within `jax.jit`.
 
 All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set

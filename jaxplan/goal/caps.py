@@ -222,9 +222,9 @@ def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
 
 
 def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
-    """The members that keep an azimuth within `low` to `high` rad, of one of which the caps must hold.
+    """The members that keep an azimuth within `low` to `high` rad, of which one is enough.
 
-    None where any azimuth is within.
+    There is none where the two span a whole turn.
 
     Args:
         low: rad, the least azimuth.
